@@ -1,0 +1,1 @@
+"""What produces measurements of a pendulum: physics, recordings, excitation and backends."""

@@ -1,0 +1,12 @@
+"""Array aliases used in signatures: the rank is in the comment where a shape is born."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ArrayLike = float | Array
+Mask = NDArray[np.bool_]
+Index = NDArray[np.intp]
+JSON = dict[str, Any]

@@ -1,0 +1,130 @@
+"""Which column of a file is which quantity, and in which unit: told by its name alone, case-insensitive.
+
+A name is an alias (`q`, `tau`, ...), perhaps decorated (`q_meas`, `actual_position`), perhaps followed by a unit
+(`q [rad]`, `pos_deg`, `time_ms`). Names with an unknown unit (`position [counts]`) are no match, rather than a guess.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from pendulum_env.recording.record import RecordingError
+
+HEADER = "time,position,torque"  # the plain header, in s, rad and N m; velocity [rad/s] is optional
+
+ALIASES = {
+    "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec",
+    "position": "position pos q theta θ angle ang phi φ angularposition jointposition jointangle jointpos "
+    "motorposition motorangle motorpos",
+    "velocity": "velocity vel speed omega ω dq qd qdot dqdt dtheta thetadot thetad v angularvelocity angvel "
+    "jointvelocity jointvel motorvelocity motorvel",
+    "torque": "torque tau τ effort trq tq moment jointtorque motortorque appliedtorque",
+}
+MEASURED = ("meas", "measured", "actual", "act")  # before or after an alias
+COMMANDED = ("cmd", "command", "commanded", "des", "desired", "ref", "setpoint")  # torque only, if no other is found
+
+UNITS = {  # factor to SI by the unit's letters
+    "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0}
+    | dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 1e-3)
+    | dict.fromkeys(("us", "usec", "µs", "μs", "micros", "microseconds"), 1e-6)
+    | dict.fromkeys(("ns", "nsec", "nanoseconds"), 1e-9),
+    "position": {"rad": 1.0, "radian": 1.0, "radians": 1.0}
+    | dict.fromkeys(("deg", "degs", "degree", "degrees"), math.pi / 180)
+    | dict.fromkeys(("mrad", "millirad"), 1e-3)
+    | dict.fromkeys(("rev", "revs", "turns"), math.tau),
+    "velocity": dict.fromkeys(("rads", "rads1", "radsec", "radpersec", "radianspersecond", "radps"), 1.0)
+    | dict.fromkeys(("degs", "degs1", "degsec", "degpersec", "degreespersecond", "dps"), math.pi / 180)
+    | dict.fromkeys(("rpm", "revmin", "minrev"), math.tau / 60)
+    | {"revs": math.tau, "rps": math.tau},
+    "torque": {"nm": 1.0, "newtonmeter": 1.0, "newtonmeters": 1.0, "newtonmetre": 1.0, "newtonmetres": 1.0}
+    | dict.fromkeys(("mnm", "millinewtonmeter"), 1e-3)
+    | {"ncm": 1e-2},
+}
+SI = {"time": "s", "position": "rad", "velocity": "rad/s", "torque": "N m"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a file that was recognised."""
+
+    quantity: str  # time, position, velocity or torque
+    header: str  # its name in the file
+    index: int  # its place in the file, from 0
+    unit: str | None  # letters of the unit in its name, None if it names none
+    commanded: bool  # its name says commanded rather than measured
+
+    @property
+    def scale(self) -> float:
+        """Factor from the column's unit to SI."""
+        return 1.0 if self.unit is None else UNITS[self.quantity][self.unit]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know about how this column was read."""
+        notes = []
+        if self.scale != 1.0:
+            notes.append(f"{self.quantity} converted to {SI[self.quantity]} from column {self.header!r}")
+        if self.commanded and _letters(self.header) != "u":  # which never means anything else
+            notes.append(f"torque is the commanded one, from column {self.header!r}")
+        return tuple(notes)
+
+
+def find_columns(headers: Sequence[str]) -> dict[str, Column]:
+    """Column by quantity: time, position, torque, and velocity if there is one.
+
+    Raises:
+        RecordingError: if one is missing, or if two fit the same quantity.
+    """
+    found: dict[str, list[Column]] = {quantity: [] for quantity in ALIASES}
+    for index, header in enumerate(headers):
+        if match := NAMES.get(_letters(header)):
+            quantity, unit, commanded = match
+            found[quantity].append(Column(quantity, header.strip(), index, unit, commanded))
+    columns = {}
+    for quantity, candidates in found.items():
+        candidates = [c for c in candidates if not c.commanded] or candidates
+        if len(candidates) > 1:
+            names = " and ".join(_shown(c.header) for c in candidates)
+            raise RecordingError(
+                f"columns {names} could both be {quantity}: keep one of them, or rename those that are not {quantity}"
+            )
+        if candidates:
+            columns[quantity] = candidates[0]
+    missing = [quantity for quantity in ("time", "position", "torque") if quantity not in columns]
+    if missing:
+        listed = ", ".join(_shown(header) for header in headers[:12]) + (", ..." if len(headers) > 12 else "")
+        raise RecordingError(
+            f"no column for {', '.join(missing)} among {listed or 'no columns at all'}: "
+            f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s)"
+        )
+    return columns
+
+
+def _letters(header: str) -> str:
+    """The name without case, spacing and brackets: `Pos [°]` becomes `posdeg`. Other signs stay, and match nothing."""
+    return re.sub(r"[\s_\-./·⋅*^()\[\]{}:,]+", "", header.lower().replace("°", "deg"))
+
+
+def _shown(header: str) -> str:
+    return repr(header.strip() if len(header) <= 40 else header.strip()[:37] + "...")
+
+
+def _names() -> Iterator[tuple[str, tuple[str, str | None, bool]]]:
+    """Every name that is understood, as letters, with its quantity, unit and whether it means a command."""
+    for quantity, aliases in ALIASES.items():
+        stems: dict[str, bool] = {}
+        for alias in aliases.split():
+            stems |= {alias: False}
+            stems |= {stem: False for word in MEASURED for stem in (alias + word, word + alias)}
+            if quantity == "torque":
+                stems |= {stem: True for word in COMMANDED for stem in (alias + word, word + alias)}
+        if quantity == "torque":
+            stems |= {"u": True}  # control engineers' input
+        for stem, commanded in stems.items():
+            yield stem, (quantity, None, commanded)
+            for unit in UNITS[quantity]:
+                yield stem + unit, (quantity, unit, commanded)
+
+
+NAMES = dict(_names())

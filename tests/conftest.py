@@ -1,0 +1,23 @@
+"""What several tests share."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from pendulum_env.recording import Recording
+
+
+@pytest.fixture(scope="session")
+def swing() -> Recording:
+    """4 s of a driven pendulum at 500 Hz, several radians wide, integrated without any code of this project."""
+    time = np.arange(2000) / 500.0
+
+    def torque(t: float) -> float:
+        return 3 * np.sin(12.07 * t) + 3 * np.sin(2.25 * t + 1)
+
+    def slope(t: float, state: np.ndarray) -> list[float]:
+        q, v = state
+        return [v, (torque(t) - 2.0 * np.sin(q) - 0.3 * v - 0.3 * np.tanh(v / 0.01)) / 0.08]
+
+    position, velocity = solve_ivp(slope, (0, time[-1]), [0, 0], t_eval=time, rtol=1e-7, max_step=0.01).y
+    return Recording("swing", time, position, torque(time), velocity)
