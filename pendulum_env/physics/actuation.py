@@ -1,0 +1,138 @@
+"""What lies between the torque command and the torque at the joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.signal import lfilter
+
+from pendulum_env._typing import Array
+from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
+
+
+@dataclass(frozen=True)
+class TorqueOffset(Term):
+    """Constant bias of the torque channel: the joint receives tau - c."""
+
+    id = "torque_offset"
+    law = "c"
+    kind = "actuation"
+    reveal = "motion in both directions"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column("torque_offset", "N m", force=lambda x: np.ones_like(x.position)),)
+
+
+@dataclass(frozen=True)
+class TorqueRipple(Term):
+    """Motor gain that varies over a turn: the joint receives tau (1 - s sin Nq - c cos Nq)."""
+
+    order: float = 6.0
+
+    id = "torque_ripple"
+    law = "s tau sin Nq + c tau cos Nq"
+    kind = "actuation"
+    reveal = "full turns under high torque"
+    shapes = (Shape("order", "1", 1, 200, integer=True),)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        n = self.order
+        return (
+            Column("torque_ripple.sin", "1", force=lambda x: x.torque * np.sin(n * x.position)),
+            Column("torque_ripple.cos", "1", force=lambda x: x.torque * np.cos(n * x.position)),
+        )
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        return [cls(float(order)) for order in range(1, 61)]
+
+
+@dataclass(frozen=True)
+class TorqueSaturation(Term):
+    """Soft loss of gain at high torque: the joint receives limit tanh(tau / limit)."""
+
+    limit: float = 10.0
+
+    id = "torque_saturation"
+    law = "tau - L tanh(tau / L)"
+    kind = "actuation"
+    reveal = "torque peaks well above the usual ones"
+    shapes = (Shape("limit", "N m", 1e-3, 1e4),)
+
+    @property
+    def fixed(self) -> tuple[Column, ...]:
+        limit = self.limit
+        return (Column("torque_saturation", "1", force=lambda x: x.torque - limit * np.tanh(x.torque / limit)),)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        peak = float(np.percentile(np.abs(x.torque), 99))
+        return [cls(float(limit)) for limit in geometric(0.5 * peak, 12 * peak, 14)] if peak > 0 else []
+
+
+@dataclass(frozen=True)
+class ActuatorLag(Term):
+    """First-order lag of the torque, T tau_a' = tau - tau_a: current loop, amplifier or filter."""
+
+    time_constant: float = 0.01
+
+    id = "actuator_lag"
+    law = "tau - tau_a with T tau_a' = tau - tau_a"
+    kind = "actuation"
+    reveal = "fast changes of torque"
+    shapes = (Shape("time_constant", "s", 1e-4, 2.0),)
+
+    @property
+    def fixed(self) -> tuple[Column, ...]:
+        return (Column("actuator_lag", "1", force=lambda x: x.torque - x.memory["actuator_lag"][0]),)
+
+    def start(self, x: Samples) -> Memory:
+        return (np.asarray(x.torque + 0.0 * x.position),)
+
+    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+        return (x.torque + (memory[0] - x.torque) * np.exp(-duration / self.time_constant),)
+
+    def trace(self, x: Samples, command: Array, period: float) -> Memory:
+        keep = np.exp(-period / self.time_constant)  # tau_a[k + 1] = keep tau_a[k] + (1 - keep) tau[k]
+        lagged, _ = lfilter([0.0, 1.0 - keep], [1.0, -keep], command, zi=[keep * command[0]])
+        lagged[0] = command[0]
+        return (lagged,)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        return [cls(float(t)) for t in geometric(1e-3, 0.2, 12)]
+
+
+@dataclass(frozen=True)
+class DeadTime(Term):
+    """Pure delay of the torque: the joint receives tau(t - d)."""
+
+    dead_time: float = 0.005
+
+    id = "dead_time"
+    law = "tau(t) - tau(t - d)"
+    kind = "actuation"
+    reveal = "steps of torque"
+    shapes = (Shape("dead_time", "s", 1e-4, 1.0),)
+
+    @property
+    def fixed(self) -> tuple[Column, ...]:
+        # A simulation delays the command itself, so that there is nothing left to take off here.
+        return (Column("dead_time", "1", force=lambda x: x.torque - x.memory.get("dead_time", (x.torque,))[0]),)
+
+    @property
+    def delay(self) -> float:
+        return self.dead_time
+
+    def trace(self, x: Samples, command: Array, period: float) -> Memory:
+        # torque at an instant is the mean of the commands around it; that mean, delayed
+        return (np.interp(x.time - self.dead_time, x.time, x.torque),)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        return [cls(float(t)) for t in geometric(1e-3, 0.2, 14)]

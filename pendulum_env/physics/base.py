@@ -1,0 +1,68 @@
+"""The four terms of the paper's pendulum: tau = I q'' + mgl sin q + b q' + fc sgn q'."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pendulum_env.physics.term import Column, Term
+
+
+@dataclass(frozen=True)
+class Inertia(Term):
+    """Moment of inertia about the pivot, I q''; stores I q'^2 / 2."""
+
+    id = "inertia"
+    law = "I q''"
+    kind = "inertial"
+    reveal = "faster reversals"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column("inertia", "kg m^2", mass=lambda x: np.ones_like(x.velocity)),)
+
+
+@dataclass(frozen=True)
+class Gravity(Term):
+    """Weight on its lever arm, mgl sin q; stores mgl (1 - cos q)."""
+
+    id = "gravity"
+    law = "mgl sin q"
+    kind = "potential"
+    reveal = "swings beyond 30 degrees"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (
+            Column("gravity", "N m", force=lambda x: np.sin(x.position), potential=lambda x: 1.0 - np.cos(x.position)),
+        )
+
+
+@dataclass(frozen=True)
+class Viscous(Term):
+    """Viscous friction b q', b >= 0; dissipates b q'^2."""
+
+    id = "viscous"
+    law = "b q'"
+    kind = "dissipative"
+    reveal = "a range of speeds"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column("viscous", "N m s/rad", force=lambda x: x.velocity),)
+
+
+@dataclass(frozen=True)
+class Coulomb(Term):
+    """Dry friction fc sgn q', set-valued at rest (|friction| <= fc); dissipates fc |q'|."""
+
+    id = "coulomb"
+    law = "fc sgn q'"
+    kind = "dissipative"
+    reveal = "motion in both directions"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column("coulomb", "N m", dry=lambda x: np.ones_like(x.velocity)),)
+
+
+BASE: tuple[Term, ...] = (Inertia(), Gravity(), Viscous(), Coulomb())

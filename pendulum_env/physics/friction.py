@@ -1,0 +1,172 @@
+"""Friction beyond viscous and Coulomb."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
+
+
+@dataclass(frozen=True)
+class CoulombAsymmetry(Term):
+    """Dry friction that differs by direction: fc + d forwards, fc - d backwards, hence the constant d.
+
+    A set-valued law shifted by d: in one recording it is the same as a torque offset of -d.
+    """
+
+    id = "coulomb_asymmetry"
+    law = "d |sgn q'|"
+    kind = "dissipative"
+    reveal = "the motor mounted the other way round: an offset of the command changes sign, friction does not"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column("coulomb_asymmetry", "N m", force=lambda x: np.ones_like(x.velocity)),)
+
+
+@dataclass(frozen=True)
+class ViscousAsymmetry(Term):
+    """Viscous friction that differs by direction: b + d forwards, b - d backwards."""
+
+    id = "viscous_asymmetry"
+    law = "d |q'|"
+    kind = "dissipative"
+    reveal = "fast motion in both directions"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column("viscous_asymmetry", "N m s/rad", force=lambda x: np.abs(x.velocity)),)
+
+
+@dataclass(frozen=True)
+class Stribeck(Term):
+    """Extra dry friction at low speed that fades with the Stribeck velocity vs.
+
+    Source: Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994.
+    """
+
+    stribeck_velocity: float = 0.5
+
+    id = "stribeck"
+    law = "fs exp(-(q'/vs)^2) sgn q'"
+    kind = "dissipative"
+    reveal = "slow motion, around and below the Stribeck velocity"
+    shapes = (Shape("stribeck_velocity", "rad/s", 0.02, 20.0),)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column("stribeck", "N m", dry=lambda x: np.exp(-((x.velocity / self.stribeck_velocity) ** 2))),)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        fast = float(np.percentile(np.abs(x.velocity), 95))
+        return [cls(float(vs)) for vs in geometric(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
+
+
+@dataclass(frozen=True)
+class QuadraticDrag(Term):
+    """Air drag on the bob, c q'|q'|, c >= 0; dissipates c |q'|^3.
+
+    Hard to tell from viscous friction while |q'| hardly varies.
+    Source: Nelson and Olsson, American Journal of Physics 54(2), 1986.
+    """
+
+    id = "quadratic_drag"
+    law = "c q' |q'|"
+    kind = "dissipative"
+    reveal = "a wide range of speeds"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity)),)
+
+
+@dataclass(frozen=True)
+class LoadDependentFriction(Term):
+    """Dry friction that grows with the transmitted torque, as in gears: mu |tau| sgn q'."""
+
+    id = "load_dependent_friction"
+    law = "mu |tau| sgn q'"
+    kind = "dissipative"
+    reveal = "the same speeds under different torques"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column("load_dependent_friction", "1", dry=lambda x: np.abs(x.torque)),)
+
+
+@dataclass(frozen=True)
+class PositionDependentFriction(Term):
+    """Dry friction that varies over a turn, as from a misaligned bearing: (fs sin q + fc cos q) sgn q'."""
+
+    id = "position_dependent_friction"
+    law = "(s sin q + c cos q) sgn q'"
+    kind = "dissipative"
+    reveal = "full turns in both directions"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (
+            Column("position_dependent_friction.sin", "N m", dry=lambda x: np.sin(x.position)),
+            Column("position_dependent_friction.cos", "N m", dry=lambda x: np.cos(x.position)),
+        )
+
+
+@dataclass(frozen=True)
+class Presliding(Term):
+    """Dry friction that acts as a stiff spring before it slips: f z instead of f sgn q', with d z' = q' - |q'| z.
+
+    The state z runs from -1 to 1 over a few presliding displacements d; f is the part of the dry friction that behaves
+    so, usually all of it. Stiffness at reversal: f / d.
+    Source: Dahl, Aerospace Corporation report TOR-0158, 1968.
+    """
+
+    displacement: float = 0.02
+
+    id = "presliding"
+    law = "f (z - sgn q') with d z' = q' - |q'| z"
+    kind = "dissipative"
+    reveal = "many small reversals"
+    shapes = (Shape("displacement", "rad", 1e-5, 1.0),)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (
+            Column(
+                "presliding",
+                "N m",
+                force=lambda x: x.memory["presliding"][0],
+                dry=lambda x: -np.ones_like(x.velocity),
+            ),
+        )
+
+    def start(self, x: Samples) -> Memory:
+        return (np.sign(x.velocity) + 0.0 * x.position,)
+
+    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+        # exact for a constant direction: z - sgn q' decays with the distance travelled
+        direction = np.sign(x.velocity)
+        return (direction + (memory[0] - direction) * np.exp(-np.abs(x.velocity) * duration / self.displacement),)
+
+    def trace(self, x: Samples, command: Array, period: float) -> Memory:
+        # From one reversal to the next the state decays with the distance travelled since.
+        position = np.asarray(x.position)
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(position))) != 0) + 1
+        state, value = np.empty_like(position), 0.0
+        for first, last in zip(np.r_[0, turns], np.r_[turns, len(position) - 1], strict=True):
+            run = position[first : last + 1]
+            direction = np.sign(run[-1] - run[0])
+            state[first : last + 1] = direction + (value - direction) * np.exp(
+                -np.abs(run - run[0]) / self.displacement
+            )
+            value = state[last]
+        return (state,)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        return [cls(float(d)) for d in geometric(5e-4, 0.2, 12)]

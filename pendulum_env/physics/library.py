@@ -1,0 +1,97 @@
+"""The library of effects: built-in ones, users' own, and those that installed packages offer."""
+
+from __future__ import annotations
+
+import difflib
+from functools import cache
+from importlib.metadata import entry_points
+
+from pendulum_env.physics.actuation import ActuatorLag, DeadTime, TorqueOffset, TorqueRipple, TorqueSaturation
+from pendulum_env.physics.base import BASE
+from pendulum_env.physics.friction import (
+    CoulombAsymmetry,
+    LoadDependentFriction,
+    PositionDependentFriction,
+    Presliding,
+    QuadraticDrag,
+    Stribeck,
+    ViscousAsymmetry,
+)
+from pendulum_env.physics.potential import Cogging, GravityTilt, HardStop, Spring
+from pendulum_env.physics.sensor import EncoderEccentricity
+from pendulum_env.physics.term import Term
+from pendulum_env.physics.time_varying import FrictionDrift, PayloadChange, PeriodicDisturbance
+from pendulum_env.physics.transmission import Backlash, JointFlexibility
+
+ENTRY_POINTS = "pendulum_ident.effects"
+
+BUILT_IN: tuple[type[Term], ...] = (
+    TorqueOffset,
+    GravityTilt,
+    CoulombAsymmetry,
+    ViscousAsymmetry,
+    Stribeck,
+    QuadraticDrag,
+    LoadDependentFriction,
+    PositionDependentFriction,
+    Cogging,
+    TorqueRipple,
+    Spring,
+    ActuatorLag,
+    DeadTime,
+    TorqueSaturation,
+    FrictionDrift,
+    PayloadChange,
+    PeriodicDisturbance,
+    Backlash,
+    JointFlexibility,
+    Presliding,
+    EncoderEccentricity,
+    HardStop,
+)
+
+_registered: dict[str, type[Term]] = {}
+
+
+def register(effect: type[Term]) -> type[Term]:
+    """Add an effect to the library for this process; usable as a class decorator.
+
+    Raises:
+        ValueError: if its id is taken by another effect or by a base term.
+    """
+    taken = {term.id for term in BASE} | {built_in.id for built_in in BUILT_IN}
+    if effect.id in taken or _registered.get(effect.id, effect) is not effect:
+        raise ValueError(f"effect id '{effect.id}' is taken: choose another id for {effect.__name__}")
+    _registered[effect.id] = effect
+    return effect
+
+
+@cache
+def _installed() -> tuple[type[Term], ...]:
+    loaded: list[type[Term]] = [point.load() for point in entry_points(group=ENTRY_POINTS)]
+    return tuple(loaded)
+
+
+def effects() -> dict[str, type[Term]]:
+    """All known effects by id, built-in ones first."""
+    return {effect.id: effect for effect in (*BUILT_IN, *_installed(), *_registered.values())}
+
+
+def effect(id: str) -> type[Term]:
+    """Effect of that id.
+
+    Raises:
+        ValueError: if there is none; the message names the nearest and all that exist.
+    """
+    known = effects()
+    if id not in known:
+        near = difflib.get_close_matches(id, known, n=1)
+        hint = f" did you mean {near[0]}?" if near else ""
+        raise ValueError(f"unknown effect '{id}':{hint} Known: {', '.join(sorted(known))}")
+    return known[id]
+
+
+def term(id: str) -> type[Term]:
+    """Base term or effect of that id; raises ValueError like `effect`."""
+    base = {item.id: type(item) for item in BASE}
+    return base[id] if id in base else effect(id)

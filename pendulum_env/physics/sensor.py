@@ -1,0 +1,51 @@
+"""Errors of the position sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.physics.term import Column, Samples, Shape, Term
+
+
+@dataclass(frozen=True)
+class EncoderEccentricity(Term):
+    """Encoder disc off centre: it reads q + e sin(q + phase), written as e (cos phase sin q + sin phase cos q).
+
+    The equation of motion holds for the true angle, q - s sin q - c cos q in terms of the reading q. To first order in
+    e that adds, per unit of s, -(I d^2/dt^2 + mgl cos q + b d/dt) sin q, and the same of cos q per unit of c; inertia,
+    gravity and viscous friction follow the model's own.
+    """
+
+    inertia: float = 0.09
+    gravity: float = 2.0
+    viscous: float = 0.36
+
+    id = "encoder_eccentricity"
+    law = "-(I d^2/dt^2 + mgl cos q + b d/dt)(s sin q + c cos q)"
+    kind = "sensor"
+    reveal = "full turns at high speed"
+    shapes = (
+        Shape("inertia", "kg m^2", 1e-9, 1e9, follows="inertia"),
+        Shape("gravity", "N m", -1e9, 1e9, follows="gravity"),
+        Shape("viscous", "N m s/rad", -1e9, 1e9, follows="viscous"),
+    )
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        inertia, gravity, viscous = self.inertia, self.gravity, self.viscous
+
+        def sine(x: Samples) -> Array:
+            s, c, v = np.sin(x.position), np.cos(x.position), x.velocity
+            return inertia * s * v**2 - gravity * c * s - viscous * c * v
+
+        def cosine(x: Samples) -> Array:
+            s, c, v = np.sin(x.position), np.cos(x.position), x.velocity
+            return inertia * c * v**2 - gravity * c * c + viscous * s * v
+
+        return (
+            Column("encoder_eccentricity.sin", "rad", mass=lambda x: -inertia * np.cos(x.position), force=sine),
+            Column("encoder_eccentricity.cos", "rad", mass=lambda x: inertia * np.sin(x.position), force=cosine),
+        )

@@ -1,0 +1,172 @@
+"""Batched simulation of pendulums with set-valued dry friction.
+
+Each step is the explicit midpoint rule with the direction of friction held, as long as the joint keeps its direction.
+When the velocity reaches zero inside a step, the step is cut there: the joint sticks if dry friction can balance the
+rest, and otherwise leaves in the direction of the net torque for the time that remains. Second order in the step, where
+the implicit step of Moreau (v = 0 if |v*| <= h fc / I, else v* - h fc sgn v* / I) is first order; both share its exact
+stick. Source of the set-valued law: Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.physics.term import Law, Memory, Samples, Term, zero
+
+LONGEST_STEP = 1e-3  # [s], of the integrator; a recording with a longer period is simulated in substeps
+UNBOUNDED = 1e6  # [rad/s]; a simulation faster than this has diverged and is held there, so that no NaN comes out
+
+
+class Trajectory(NamedTuple):
+    """Simulated motion at the start of every period and at the end of the last one."""
+
+    position: Array  # (N + 1, B) [rad]
+    velocity: Array  # (N + 1, B) [rad/s]
+
+
+class Balance:
+    """Torque balance of a batch of pendulums: the columns with their coefficients, sorted by how they enter."""
+
+    def __init__(self, terms: Sequence[Term], theta: Array) -> None:
+        """Take the terms and theta (P,) or one column for each pendulum (P, B), in the order of the terms' columns."""
+        self._remembering = [term for term in terms if type(term).advance is not Term.advance]
+        weighted = list(zip([column for term in terms for column in term.columns], theta, strict=True))
+        weighted += [(column, np.float64(1.0)) for term in terms for column in term.fixed]
+        self._mass = [(coefficient, column.mass) for column, coefficient in weighted if column.mass is not zero]
+        self._force = [(coefficient, column.force) for column, coefficient in weighted if column.force is not zero]
+        self._dry = [(coefficient, column.dry) for column, coefficient in weighted if column.dry is not zero]
+
+    def start(self, x: Samples) -> dict[str, Memory]:
+        """State variables of all terms that have any, for a joint that has been as in `x` for long."""
+        return {term.id: term.start(x) for term in self._remembering}
+
+    def advance(self, x: Samples, duration: float) -> Mapping[str, Memory]:
+        """State variables of all terms `duration` [s] later."""
+        if not self._remembering:
+            return x.memory
+        return {term.id: term.advance(x.memory[term.id], x, duration) for term in self._remembering}
+
+    @staticmethod
+    def _sum(parts: list[tuple[ArrayLike, Law]], x: Samples) -> ArrayLike:
+        total: ArrayLike = 0.0
+        for coefficient, law in parts:
+            total = total + coefficient * law(x)
+        return total
+
+    def net(self, x: Samples) -> ArrayLike:
+        """Torque left for acceleration and dry friction [N m]."""
+        return x.torque - self._sum(self._force, x)
+
+    def mass(self, x: Samples) -> ArrayLike:
+        """Moment of inertia [kg m^2], kept positive: a fit may propose otherwise."""
+        return np.maximum(self._sum(self._mass, x), 1e-9)
+
+    def dry(self, x: Samples) -> ArrayLike:
+        """Magnitude of dry friction [N m], never negative."""
+        return np.maximum(self._sum(self._dry, x), 0.0)
+
+
+def _directed(net: ArrayLike, dry: ArrayLike, direction: ArrayLike) -> ArrayLike:
+    """Torque that accelerates: friction opposes the direction of motion, or holds a joint at rest if it can."""
+    at_rest = np.sign(net) * np.maximum(np.abs(net) - dry, 0.0)
+    return np.where(direction == 0, at_rest, net - dry * direction)
+
+
+def step(balance: Balance, x: Samples, duration: float) -> Samples:
+    """Advance time, position, velocity and memory by `duration` [s] under constant commanded torque; all (B,)."""
+    q, v, h = np.asarray(x.position), np.asarray(x.velocity), duration
+    direction = np.sign(v)
+    start = _directed(balance.net(x), balance.dry(x), direction)
+    direction = np.where(direction == 0, np.sign(start), direction)
+    inertia = balance.mass(x)
+    middle_v = v + 0.5 * h * start / inertia
+    middle_v = np.where(middle_v * direction < 0, 0.0, middle_v)
+    half_way = balance.advance(replace(x, velocity=0.5 * (v + middle_v)), 0.5 * h)
+    middle = Samples(x.time + 0.5 * h, q + 0.5 * h * v, middle_v, x.torque, half_way)
+    inertia = balance.mass(middle)
+    torque = np.where(direction == 0, 0.0, balance.net(middle) - balance.dry(middle) * direction)
+    a = torque / inertia
+    new_q, new_v = q + h * v + 0.5 * h * h * a, v + h * a
+
+    stops = new_v * direction < 0
+    if np.any(stops):
+        # v + a t = 0 inside the step: stop there, then stick or leave with what is left of the step
+        elapsed = np.where(stops, np.clip(-v / np.where(stops, a, 1.0), 0.0, h), h)
+        stop_q = q + v * elapsed + 0.5 * a * elapsed**2
+        rest = Samples(x.time + elapsed, stop_q, np.zeros_like(new_v), x.torque, half_way)
+        leave = _directed(balance.net(rest), balance.dry(rest), np.zeros_like(new_v)) / inertia
+        left = h - elapsed
+        new_q = np.where(stops, stop_q + 0.5 * leave * left**2, new_q)
+        new_v = np.where(stops, leave * left, new_v)
+    memory = balance.advance(replace(middle, velocity=0.5 * (middle_v + new_v)), 0.5 * h)
+    new_q, new_v = (np.clip(np.nan_to_num(part), -UNBOUNDED, UNBOUNDED) for part in (new_q, new_v))
+    return Samples(x.time + h, new_q, new_v, x.torque, memory)
+
+
+def delayed(torque: Array, before: Array, periods: float) -> Array:
+    """Held command (N, B) that arrives `periods` late; `before` holds what was commanded before it, oldest first."""
+    whole = int(np.floor(periods))
+    share = periods - whole
+    missing = max(0, whole + 1 - len(before))
+    oldest = before[:1] if len(before) else np.zeros_like(torque[:1])
+    line = np.concatenate([np.repeat(oldest, missing, axis=0), before, torque])
+    first = len(line) - len(torque) - whole
+    return (1 - share) * line[first : first + len(torque)] + share * line[first - 1 : first - 1 + len(torque)]
+
+
+def simulate(
+    terms: Sequence[Term],
+    theta: Array,
+    period: float,
+    torque: Array,
+    position: ArrayLike,
+    velocity: ArrayLike,
+    start: ArrayLike = 0.0,
+    *,
+    before: Array | None = None,
+    memory: Mapping[str, Memory] | None = None,
+    longest_step: float = LONGEST_STEP,
+) -> Trajectory:
+    """Simulate B pendulums in free run under a torque command that is held over each period.
+
+    Args:
+        terms: terms of the model, with P linear parameters in all.
+        theta: linear parameters, (P,) for all pendulums or (P, B).
+        period: time between commands [s].
+        torque: command, (N,) for all pendulums or (N, B) [N m].
+        position: initial position, scalar or (B,) [rad].
+        velocity: initial velocity, scalar or (B,) [rad/s].
+        start: time of the first command, scalar or (B,) [s].
+        before: commands before the first, (M,) or (M, B), for terms that delay the torque; zero where unknown.
+        memory: initial state variables of terms with memory, where they are known; else those of long rest.
+        longest_step: longest integration step [s].
+    """
+    torque = np.asarray(torque, dtype=float)
+    torque = torque[:, None] if torque.ndim == 1 else torque
+    batch = np.broadcast_shapes(
+        np.shape(position), np.shape(velocity), np.shape(start), torque.shape[1:], np.shape(theta)[1:], (1,)
+    )
+    balance = Balance(terms, np.asarray(theta, dtype=float))
+    substeps = max(1, int(np.ceil(period / longest_step - 1e-9)))
+    h = period / substeps
+    commands = np.repeat(torque, substeps, axis=0)
+    delay = sum(term.delay for term in terms)
+    if delay > 0:
+        earlier = np.zeros((0, *torque.shape[1:])) if before is None else np.asarray(before, dtype=float)
+        earlier = earlier[:, None] if earlier.ndim == 1 else earlier
+        commands = delayed(commands, np.repeat(earlier, substeps, axis=0), delay / h)
+    q, v, t = (np.broadcast_to(np.asarray(a, dtype=float), batch).copy() for a in (position, velocity, start))
+    x = Samples(t, q, v, commands[0] if len(commands) else np.zeros(1))
+    x = replace(x, memory={**balance.start(x), **(memory or {})})
+    positions, velocities = np.empty((2, len(torque) + 1, *batch))
+    positions[0], velocities[0] = q, v
+    for k, command in enumerate(commands):
+        x = step(balance, replace(x, torque=command), h)
+        if (k + 1) % substeps == 0:
+            positions[(k + 1) // substeps], velocities[(k + 1) // substeps] = x.position, x.velocity
+    return Trajectory(positions, velocities)

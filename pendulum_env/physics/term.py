@@ -1,0 +1,193 @@
+"""What a physical term offers: one definition serves regressors, simulation and report.
+
+The torque balance is linear in the parameters theta once the shape parameters (a Stribeck velocity, a cogging order)
+are fixed:
+
+    torque = sum_k theta_k (mass_k q'' + force_k + dry_k sgn q')
+
+A `Column` is the bracket behind one theta_k, a `Term` is one physical effect: its columns, its law in words, and the
+shape parameters it is built with.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+
+from pendulum_env._typing import Array, ArrayLike
+
+Memory = tuple[Array, ...]  # state variables of a term: each a scalar per pendulum, or a series of N of them
+Kind = Literal["inertial", "potential", "dissipative", "actuation", "time-varying", "transmission", "sensor"]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What a term may depend on; scalars, N samples in time order, or a batch of pendulums (all four broadcast)."""
+
+    time: Array  # [s]
+    position: Array  # [rad], unwrapped, 0 hangs down
+    velocity: Array  # [rad/s]
+    torque: Array  # [N m], commanded
+    memory: Mapping[str, Memory] = field(default_factory=dict)  # states of the terms that have any, by term id
+
+
+Law = Callable[[Samples], ArrayLike]
+
+
+def zero(x: Samples) -> ArrayLike:
+    """Contribute nothing: the default of a column's parts."""
+    return 0.0
+
+
+@dataclass(frozen=True)
+class Column:
+    """What one linear parameter multiplies on the left-hand side: mass q'' + force + dry sgn q' [N m per unit].
+
+    Attributes:
+        name: name of the parameter, `effect` or `effect.part`.
+        unit: unit of the parameter.
+        mass: weight of the acceleration; momentum is mass q', kinetic energy mass q'^2 / 2.
+        force: torque that is a smooth function of time, position, velocity and commanded torque.
+        dry: magnitude of set-valued dry friction; at rest it balances anything up to this.
+        potential: stored energy U with force = dU/dq, where there is one; without it the force's work is dissipated.
+    """
+
+    name: str
+    unit: str
+    mass: Law = zero
+    force: Law = zero
+    dry: Law = zero
+    potential: Law | None = None
+
+    def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
+        """Torque per unit of the parameter; at rest sgn is taken as 0, so mask samples in stick."""
+        return self.mass(x) * acceleration + self.force(x) + self.dry(x) * np.sign(x.velocity)
+
+    def power(self, x: Samples) -> ArrayLike:
+        """Power per unit of the parameter that does not go into stored energy: q' force + dry |q'|."""
+        force = self.force(x) if self.potential is None else 0.0
+        return force * x.velocity + self.dry(x) * np.abs(x.velocity)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A parameter that enters nonlinearly: it is searched for, not solved for."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    integer: bool = False
+    follows: str = ""  # name of a linear parameter of another term that this one is to equal
+
+
+@dataclass(frozen=True)
+class Term:
+    """One physical effect; its dataclass fields are its shape parameters.
+
+    This is the one base class of the physics: it holds the defaults that most effects share, so that a user's own
+    effect is an id, a law and its columns. Overridden are `columns`, and where needed `fixed` and `grid`; a term whose
+    torque depends on the past overrides `start` and `advance` too, and finds its state in `Samples.memory`.
+    """
+
+    id: ClassVar[str]
+    law: ClassVar[str]  # added to the left-hand side
+    kind: ClassVar[Kind]
+    reveal: ClassVar[str] = "a richer excitation"  # the experiment that shows the effect
+    shapes: ClassVar[tuple[Shape, ...]] = ()
+    rugged: ClassVar[bool] = False  # whether the error has many local minima over the shape parameters
+    forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of the linear parameters."""
+        return ()
+
+    @property
+    def fixed(self) -> tuple[Column, ...]:
+        """Columns whose coefficient is one: laws without a linear parameter of their own."""
+        return ()
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        """Variants over the shape parameters from which a search starts.
+
+        Args:
+            x: N samples of the motion that was recorded.
+            residual: torque that the model so far leaves unexplained there, (N,) [N m].
+        """
+        return [cls()]
+
+    @property
+    def delay(self) -> float:
+        """Time by which the torque command reaches the joint late [s]."""
+        return 0.0
+
+    def start(self, x: Samples) -> Memory:
+        """State variables of a joint that has been as in `x` for long; empty for a term without memory."""
+        return ()
+
+    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+        """State variables `duration` [s] later, position and velocity moving on as in `x`, the command held."""
+        return memory
+
+    def trace(self, x: Samples, command: Array, period: float) -> Memory:
+        """State variables along N recorded samples; see `trace`."""
+        return trace([self], x, command, period)[0]
+
+    @property
+    def shape(self) -> dict[str, float]:
+        """Values of the shape parameters by name."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+
+def trace(variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:
+    """State variables of V variants of one effect, driven along N recorded samples of the motion.
+
+    All variants advance together: their shape parameters are stacked into arrays (V,).
+
+    Args:
+        variants: terms of one class.
+        x: samples of the motion (N,).
+        command: torque held from each sample to the next (N,) [N m].
+        period: between samples [s].
+
+    Returns:
+        For each variant its state variables, each (N,), at the samples.
+    """
+    fields = {name: np.array([variant.shape[name] for variant in variants]) for name in variants[0].shape}
+    stacked = type(variants[0])(**{name: values[:, None] for name, values in fields.items()})
+    count = len(command)
+    lead = count if np.isinf(stacked.forgets) else int(np.ceil(stacked.forgets / period))
+    # Stretches of the recording run side by side; each is led in from a little before, long enough to forget.
+    length = max(lead, int(np.ceil(count / 64))) if lead < count else count
+    begins = np.arange(0, count, length)
+    steps = length if len(begins) == 1 else length + lead
+    at = np.clip(begins + np.arange(-(steps - length), length)[:, None], 0, count - 1)  # (steps, stretches)
+    time, position, velocity = (np.asarray(series)[at] for series in (x.time, x.position, x.velocity))
+    commands = command[at]
+    half = 0.5 * (velocity[1:] + velocity[:-1])  # carries each sample to the next
+    resting = np.diff(at, axis=0) == 0  # led in from before the first sample: nothing moves
+    shape = (len(variants), len(begins))
+    first = Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), commands[0])
+    memory = stacked.start(first)
+    history = np.empty((len(memory), steps, *shape))
+    for k in range(steps):
+        history[:, k] = memory
+        if k < steps - 1:
+            moved = stacked.advance(memory, Samples(time[k], position[k], half[k], commands[k]), period)
+            if resting[k].any():
+                moved = tuple(np.where(resting[k], old, new) for old, new in zip(memory, moved, strict=True))
+            memory = moved
+    kept = np.moveaxis(history[:, steps - length :], 1, -1)  # (states, V, stretches, length)
+    series = kept.reshape(len(memory), len(variants), -1)[:, :, :count]
+    return [tuple(series[:, v]) for v in range(len(variants))]
+
+
+def geometric(low: float, high: float, count: int) -> Array:
+    """Grid of `count` values with equal ratios, ends included."""
+    return np.geomspace(low, high, count)

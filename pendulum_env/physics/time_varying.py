@@ -1,0 +1,104 @@
+"""Effects that change with time; time counts from the start of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.physics.term import Column, Samples, Shape, Term, geometric
+
+
+@dataclass(frozen=True)
+class FrictionDrift(Term):
+    """Friction that decays as the joint warms up: viscous and dry parts each have a share that fades with exp(-t/T)."""
+
+    warm_up: float = 10.0
+
+    id = "friction_drift"
+    law = "(b1 q' + f1 sgn q') exp(-t/T)"
+    kind = "time-varying"
+    reveal = "a recording from cold that lasts several warm-up times"
+    shapes = (Shape("warm_up", "s", 0.2, 1e4),)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        warm_up = self.warm_up
+        return (
+            Column("friction_drift.viscous", "N m s/rad", force=lambda x: x.velocity * np.exp(-x.time / warm_up)),
+            Column("friction_drift.coulomb", "N m", dry=lambda x: np.exp(-x.time / warm_up) * np.ones_like(x.velocity)),
+        )
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        span = float(np.max(x.time))
+        return [cls(float(warm_up)) for warm_up in geometric(span / 20, span * 1.5, 8)]
+
+
+@dataclass(frozen=True)
+class PayloadChange(Term):
+    """Inertia and gravity that jump at an unknown time, the speed being continuous: a payload picked up or lost."""
+
+    moment: float = 10.0
+
+    id = "payload_change"
+    law = "(dI q'' + dmgl sin q) for t > t0"
+    kind = "time-varying"
+    reveal = "a recording that spans the change"
+    shapes = (Shape("moment", "s", 0.0, 1e6),)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (
+            Column("payload_change.inertia", "kg m^2", mass=lambda x: self._after(x) * np.ones_like(x.velocity)),
+            Column("payload_change.gravity", "N m", force=lambda x: self._after(x) * np.sin(x.position)),
+        )
+
+    def _after(self, x: Samples) -> np.ndarray:
+        return np.asarray(x.time >= self.moment, dtype=float)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        start, stop = float(np.min(x.time)), float(np.max(x.time))
+        return [cls(float(moment)) for moment in start + (stop - start) * np.arange(0.04, 0.97, 0.02)]
+
+
+@dataclass(frozen=True)
+class PeriodicDisturbance(Term):
+    """External torque that is periodic in time, s sin wt + c cos wt, of unknown frequency w."""
+
+    frequency: float = 10.0
+
+    id = "periodic_disturbance"
+    law = "s sin wt + c cos wt"
+    kind = "time-varying"
+    reveal = "a recording of many periods"
+    shapes = (Shape("frequency", "rad/s", 0.05, 2e3),)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        w = self.frequency
+        return (
+            Column("periodic_disturbance.sin", "N m", force=lambda x: np.sin(w * x.time) * np.ones_like(x.velocity)),
+            Column("periodic_disturbance.cos", "N m", force=lambda x: np.cos(w * x.time) * np.ones_like(x.velocity)),
+        )
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        # Peaks of the residual's periodogram; the bins are fine enough that no peak falls between two of them.
+        time = np.asarray(x.time)
+        gaps = np.diff(time)
+        step = float(np.median(gaps[gaps > 0])) / 2
+        bins = np.round(time / step).astype(int)
+        signal = np.bincount(bins - bins.min(), weights=residual)
+        length = int(2 ** np.ceil(np.log2(4 * len(signal))))
+        power = np.abs(np.fft.rfft(signal, length)) ** 2
+        omega = 2 * np.pi * np.fft.rfftfreq(length, step)
+        span = float(time.max() - time.min())
+        usable = (omega > 2 * np.pi / span) & (omega < 0.4 * np.pi / (2 * step))
+        peaks = np.flatnonzero(usable[1:-1] & (power[1:-1] >= power[2:]) & (power[1:-1] >= power[:-2])) + 1
+        highest = peaks[np.argsort(power[peaks])[::-1][:8]]
+        return [cls(float(w)) for w in omega[highest]]

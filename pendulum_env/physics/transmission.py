@@ -1,0 +1,191 @@
+"""Elastic or loose transmission between motor and link.
+
+The encoder and the friction sit at the motor; the link, of inertia J and weight mgl, hangs on the transmission:
+
+    (I - J) q'' + friction + T = tau          J ql'' + mgl sin ql = T
+
+so that, beside the rigid model, J (ql'' - q'') + mgl (sin ql - sin q) appears on the left-hand side. The link's own
+motion follows from the measured motion of the motor: with w^2 = k / J, damping c = d / J and g = mgl / J,
+
+    ql'' = a(q - ql, q' - ql') - g sin ql,     a = w^2 s + c s'
+
+where s is the stretch of the transmission. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.linalg import solve_banded
+
+from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
+
+SUBSTEP = 5e-4  # [s], longest step of the link's motion
+
+
+def _coupling(
+    twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike, gap: ArrayLike
+) -> ArrayLike:
+    """Acceleration that the transmission gives the link [rad/s^2]; `gap` is the play on either side [rad]."""
+    stretch = twist - np.clip(twist, -gap, gap)
+    return stiffness * stretch + damping * speed * (stretch != 0)
+
+
+@dataclass(frozen=True)
+class JointFlexibility(Term):
+    """Elastic transmission: the link swings against the motor at its own resonance."""
+
+    resonance: float = 50.0
+    damping: float = 1.0
+    gravity: float = 25.0
+
+    id = "joint_flexibility"
+    law = "J (ql'' - q'') + mgl (sin ql - sin q)"
+    kind = "transmission"
+    reveal = "excitation around the resonance"
+    shapes = (
+        Shape("resonance", "rad/s", 1.0, 2e3),
+        Shape("damping", "1/s", 1e-2, 1e3),
+        Shape("gravity", "1/s^2", 0.1, 1e4),
+    )
+
+    def _pull(self, x: Samples) -> ArrayLike:
+        position, velocity = x.memory[self.id]
+        return _coupling(x.position - position, x.velocity - velocity, self.resonance**2, self.damping, 0.0)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return _link(self.id, self._pull, self.gravity)
+
+    def start(self, x: Samples) -> Memory:
+        return _hang(x, self.resonance**2, self.gravity, 0.0)
+
+    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+        return _swing(memory, x, duration, self.resonance**2, self.damping, self.gravity, 0.0)
+
+    def trace(self, x: Samples, command: Array, period: float) -> Memory:
+        # ql'' + c ql' + w^2 ql + g sin ql = w^2 q + c q' in central differences, all samples at once by Newton's
+        # method: each turn solves a banded triangular system.
+        stiffness = min(self.resonance, 1.5 / period) ** 2
+        drive = stiffness * np.asarray(x.position) + self.damping * np.asarray(x.velocity)
+        ahead, behind = 1 / period**2 + 0.5 * self.damping / period, 1 / period**2 - 0.5 * self.damping / period
+        first = Samples(x.time[0], x.position[0], x.velocity[0], x.torque[0])
+        q0, v0 = _hang(first, stiffness, self.gravity, 0.0)
+        q = np.asarray(x.position) + (q0 - x.position[0])
+        q[:2] = q0, q0 + period * v0
+        for _ in range(12):
+            known = drive[1:-1] - self.gravity * np.sin(q[1:-1]) - stiffness * q[1:-1]
+            balance = known - (ahead * q[2:] - 2 * q[1:-1] / period**2 + behind * q[:-2])
+            bands = np.zeros((3, len(balance)))
+            bands[0] = ahead
+            bands[1, :-1] = -2 / period**2 + stiffness + self.gravity * np.cos(q[2:-1])
+            bands[2] = behind
+            change = solve_banded((2, 0), bands, balance)
+            q[2:] += change
+            if np.abs(change).max() < 1e-9:
+                break
+        return q, np.gradient(q, period)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        return [
+            cls(float(w), float(c), g)
+            for w in geometric(6.0, 300.0, 34)
+            for c in (0.3, 3.0)
+            for g in (12.0, 25.0, 50.0)
+        ]
+
+
+@dataclass(frozen=True)
+class Backlash(Term):
+    """Play between motor and link: no torque passes within the gap on either side, a stiff contact beyond it."""
+
+    gap: float = 0.01
+    resonance: float = 100.0
+    damping: float = 15.0
+    gravity: float = 25.0
+
+    id = "backlash"
+    law = "J (ql'' - q'') + mgl (sin ql - sin q) with play"
+    kind = "transmission"
+    reveal = "many reversals under changing load"
+    forgets = 2.0
+    rugged = True
+    shapes = (
+        Shape("gap", "rad", 1e-4, 0.5),
+        Shape("resonance", "rad/s", 10.0, 5e3),
+        Shape("damping", "1/s", 1e-2, 1e4),
+        Shape("gravity", "1/s^2", 0.1, 1e4),
+    )
+
+    def _pull(self, x: Samples) -> ArrayLike:
+        position, velocity = x.memory[self.id]
+        return _coupling(x.position - position, x.velocity - velocity, self.resonance**2, self.damping, self.gap)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return _link(self.id, self._pull, self.gravity)
+
+    def start(self, x: Samples) -> Memory:
+        return _hang(x, self.resonance**2, self.gravity, self.gap)
+
+    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+        return _swing(memory, x, duration, self.resonance**2, self.damping, self.gravity, self.gap)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        return [
+            cls(float(gap), float(w), c, g)
+            for gap in geometric(2e-3, 0.08, 6)
+            for w in (50.0, 90.0, 160.0)
+            for c in (8.0, 20.0)
+            for g in (15.0, 30.0)
+        ]
+
+
+def _link(id: str, pull: object, gravity: ArrayLike) -> tuple[Column, ...]:
+    """Column of the link's inertia J: T - J q'' - mgl sin q, per unit of J."""
+    return (
+        Column(
+            id,
+            "kg m^2",
+            mass=lambda x: -np.ones_like(x.velocity),
+            force=lambda x: pull(x) - gravity * np.sin(x.position),  # type: ignore[operator]
+        ),
+    )
+
+
+def _hang(x: Samples, stiffness: ArrayLike, gravity: ArrayLike, gap: ArrayLike) -> Memory:
+    """Link at the stretch that carries its weight, moving with the motor."""
+    weight = gravity * np.sin(x.position)
+    return x.position - weight / stiffness - gap * np.sign(weight), x.velocity + 0.0 * weight
+
+
+def _swing(
+    memory: Memory,
+    x: Samples,
+    duration: float,
+    stiffness: ArrayLike,
+    damping: ArrayLike,
+    gravity: ArrayLike,
+    gap: ArrayLike,
+) -> Memory:
+    """Motion of the link while the motor moves on at constant speed: velocity Verlet in short steps."""
+    position, velocity = memory
+    steps = max(1, int(np.ceil(duration / SUBSTEP - 1e-9)))
+    h = duration / steps
+
+    def acceleration(elapsed: float, position: ArrayLike, velocity: ArrayLike) -> ArrayLike:
+        motor = x.position + elapsed * x.velocity
+        return _coupling(motor - position, x.velocity - velocity, stiffness, damping, gap) - gravity * np.sin(position)
+
+    for k in range(steps):
+        middle_q = position + 0.5 * h * velocity
+        middle_v = velocity + 0.5 * h * acceleration(k * h, position, velocity)
+        velocity = velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v)
+        position = position + h * middle_v
+    return position, velocity
