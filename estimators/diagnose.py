@@ -1,0 +1,329 @@
+"""Diagnosis: which physical effects does the model lack?
+
+A search over the library in four moves, each on data that the move before has not used up:
+
+1. add: the effect that best predicts blocks of the training data it was not fitted to;
+2. confirm: it must lower the error on held-out recordings, in torque and in free-running simulation;
+3. swap and prune: once all are in, each is challenged by every other effect and by its own absence;
+4. compare: effects that fit as well as a selected one, without being more complex, are reported together with it.
+
+It stops when nothing that is left lowers the errors by more than chance and by more than a few per cent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from estimators.diagnosis import Candidate, Diagnosis, Step, Verdict
+from estimators.evidence import Errors, Evidence, fit_terms
+from estimators.regions import profiles, stand_out
+from estimators.screen import Screen, Trial
+from pendulum_env.physics import BASE, Model, Term, effects
+from pendulum_env.recording import Recording
+
+MATERIAL = 0.97  # an effect has to lower the cross-validated torque error to this share of it
+HELD_OUT = 0.985  # and the held-out torque error to this
+SURPRISE = 10.0  # and to be this many nats likelier than its absence, besides the number of variants tried
+TIE = 5.0  # nats within which two effects count as equally likely
+TEMPER = 10.0  # likelihood ratios are flattened by this: model errors are not white noise
+LOOSE = 6.0  # times the noise floor: transmissions leave more than this, and take long to search
+MOST = 6  # effects in one model
+HOLDOUT_SHARE = 0.3  # end of each recording that is held out when no recording is
+
+Progress = Callable[[str, float], None]  # what is being done, share of the work that is done
+
+
+def no_progress(what: str, share: float) -> None:
+    """Show nothing."""
+
+
+@dataclass
+class Search:
+    """Training and held-out evidence with the trials made on them."""
+
+    train: Evidence
+    holdout: Evidence
+    progress: Progress = no_progress
+
+    def __post_init__(self) -> None:
+        self.screen = Screen(self.train.data)
+        self.library = effects()
+        inertia = fit_terms(self.train, BASE)[0].theta[0]
+        self.floor = self.train.data.noise(abs(float(inertia)))
+
+    def nats(self, better: Trial, worse: Trial) -> float:
+        """Log likelihood ratio of two trials from their cross-validated errors."""
+        count = len(self.train.data.weights)
+        return count * float(np.log(max(worse.predicted_rms, 1e-12) / max(better.predicted_rms, 1e-12)))
+
+    def alternatives(self, terms: Sequence[Term], barred: Sequence[str] = ()) -> list[Trial]:
+        """The best variant of every effect that the terms lack, best prediction first; ties to the simpler effect."""
+        present = {term.id for term in terms} | set(barred)
+        missing = [effect for id, effect in self.library.items() if id not in present]
+        missing.sort(key=lambda effect: effect.kind == "transmission")  # last: they take long to search
+        least = self.screen.trial(terms).predicted_rms
+        trials: list[Trial] = []
+        for done, effect in enumerate(missing):
+            if effect.kind == "transmission" and least < LOOSE * self.floor:
+                continue  # there is nothing of their size left to explain, or something simpler explains it
+            self.progress(f"screening {effect.id}", done / len(missing))
+            trial = self.screen.best(terms, effect)
+            if trial is not None:
+                trials.append(trial)
+                least = min(least, trial.predicted_rms)
+        trials.sort(key=lambda trial: trial.predicted_rms)
+        return self._simplest_first(trials)
+
+    def _simplest_first(self, trials: list[Trial]) -> list[Trial]:
+        if not trials:
+            return []
+        ties = [trial for trial in trials if self.nats(trials[0], trial) < TIE]
+        ties.sort(key=lambda trial: complexity(trial.terms[-1]))
+        return ties + trials[len(ties) :]
+
+    def is_material(self, after: Trial, before: Trial) -> bool:
+        """Whether the last term of `after` lowers the predicted error by more than chance and by more than a trifle."""
+        variants = 1 + sum(1 for _ in after.terms[-1].grid(self.train.samples, self.screen.residual(before.terms)))
+        enough = SURPRISE + 2 * np.log(variants)
+        return self.nats(after, before) > enough and after.predicted_rms < MATERIAL * before.predicted_rms
+
+    def step(self, added: str | None, terms: Sequence[Term]) -> Step:
+        """Fit the terms to the training data and take the errors."""
+        model, _ = fit_terms(self.train, terms)
+        return Step(added, model, {"train": self.train.errors(model), "holdout": self.holdout.errors(model)})
+
+    def is_confirmed(self, after: Step, before: Step) -> bool:
+        """Whether held-out errors fall, both of them."""
+        new, old = after.errors["holdout"], before.errors["holdout"]
+        return new.torque_rms < HELD_OUT * old.torque_rms and new.position_rms < old.position_rms
+
+    def settle(self, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """Search every shape parameter again, now that all terms are in."""
+        trial = self.screen.trial(terms)
+        for term in terms:
+            if any(not shape.integer for shape in term.shapes):
+                trial = self.screen.refine(trial, term.id)
+        return trial.terms
+
+    def grow(self, base: tuple[Term, ...]) -> list[Step]:
+        """Add effects one at a time while they help."""
+        steps = [self.step(None, base)]
+        while len(steps) <= MOST:
+            terms = steps[-1].model.terms
+            before = self.screen.trial(terms)
+            for trial in self.alternatives(terms)[:3]:
+                if not self.is_material(trial, before):
+                    continue
+                self.progress(f"confirming {trial.terms[-1].id}", 0.9)
+                candidate = self.step(trial.terms[-1].id, self.settle(trial.terms))
+                if self.is_confirmed(candidate, steps[-1]):
+                    steps.append(candidate)
+                    break
+            else:
+                break
+        return steps
+
+    def challenge(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> tuple[Term, ...]:
+        """Swap added effects for others that do clearly better in their place, and drop those that are not needed."""
+        for _ in range(MOST):
+            current = self.screen.trial(terms)
+            changed = False
+            for term in terms[len(base) :]:
+                others = tuple(t for t in terms if t is not term)
+                without = self.screen.trial(others)
+                if not self.is_material(replace(current, terms=(*others, term)), without):
+                    terms, changed = others, True
+                    break
+                if len(others) > len(base):
+                    rivals = self.alternatives(others, barred=[term.id])
+                    if rivals and self.nats(rivals[0], current) > SURPRISE:
+                        terms, changed = self.settle(rivals[0].terms), True
+                        break
+            if not changed:
+                break
+        return terms
+
+    def ladder(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> list[Step]:
+        """Steps from the base to the final terms, at each the one that helps most; stops where one is not confirmed."""
+        steps, left = [self.step(None, base)], list(terms[len(base) :])
+        while left:
+            present = steps[-1].model.terms
+            trials = [self.screen.trial((*present, term)) for term in left]
+            best = min(trials, key=lambda trial: trial.predicted_rms).terms[-1]
+            left.remove(best)
+            step = self.step(best.id, (*present, best))
+            steps.append(step)
+        return steps
+
+
+def complexity(term: Term) -> int:
+    """Number of parameters of a term."""
+    return len(term.columns) + len(term.shapes)
+
+
+def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    """Hold out the end of each recording."""
+    parts = [recording.split(1 - HOLDOUT_SHARE) for recording in recordings]
+    return [part[0] for part in parts], [part[1] for part in parts]
+
+
+def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = ()) -> tuple[Evidence, Evidence]:
+    """Training and held-out evidence; without held-out recordings, the end of each recording is held out.
+
+    Raises:
+        IdentificationError: if a part holds too little motion.
+    """
+    training, testing = (list(recordings), list(holdout)) if holdout else split(recordings)
+    return Evidence.of(training), Evidence.of(testing)
+
+
+def diagnose(
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording] = (),
+    base: Sequence[Term] = BASE,
+    progress: Progress = no_progress,
+) -> Diagnosis:
+    """Find the effects that the base model lacks.
+
+    Args:
+        recordings: fitted jointly.
+        holdout: recordings to confirm on; without them the last 30 % of each recording is held out.
+        base: terms of the model to start from, at least one; a loaded model's terms will do.
+        progress: called with what is being done and the share that is done.
+
+    Raises:
+        IdentificationError: if the recordings hold too little motion.
+    """
+    progress("reading the motion", 0.0)
+    train, test = gather(recordings, holdout)
+    search = Search(train, test, progress)
+    base = search.settle(base)
+    steps = search.grow(base)
+    terms = steps[-1].model.terms
+    final = search.challenge(base, terms)
+    if len(final) != len(base):
+        final = search.settle(final)
+    if {t.id for t in final} != {t.id for t in terms} or len(final) > len(base) + 1:
+        steps = search.ladder(base, final)
+    candidates, groups = judge(search, base, steps)
+    model, fit = fit_terms(train, steps[-1].model.terms)
+    floor = train.data.noise(abs(float(model.theta[0])))
+    left = fit.residual
+    unexplained = stand_out(profiles(train.samples, left, floor)) if is_structured(left, floor) else []
+    advice = tuple(
+        f"{' and '.join(group)} look the same in these data; {search.library[group[-1]].reveal} would separate them"
+        for group in groups
+    )
+    progress("done", 1.0)
+    return Diagnosis(tuple(steps), tuple(candidates), tuple(groups), tuple(unexplained), floor, advice)
+
+
+def is_structured(residual: np.ndarray, floor: float) -> bool:
+    """Whether a residual is above the noise floor and correlated from window to window."""
+    excess = float(np.sqrt(np.mean(residual**2))) / floor
+    centred = residual - residual.mean()
+    correlation = float(centred[1:] @ centred[:-1] / max(centred @ centred, 1e-300))
+    return excess > 2.0 or (excess > 1.3 and correlation > 0.3)
+
+
+def judge(search: Search, base: Sequence[Term], steps: Sequence[Step]) -> tuple[list[Candidate], list[tuple[str, ...]]]:
+    """Verdict on every effect, and the groups that cannot be told apart."""
+    final = search.screen.trial(steps[-1].model.terms)
+    verdicts: dict[str, Candidate] = {}
+    groups: list[tuple[str, ...]] = []
+    near_floor = final.predicted_rms < LOOSE * search.floor  # then nothing as large as a transmission is in question
+    settled = [id for id, effect in search.library.items() if effect.kind == "transmission" and near_floor]
+    for before, after in pairwise(steps):
+        term = next(t for t in final.terms if t.id == after.added)
+        others = tuple(t for t in final.terms if t is not term)
+        rivals = search.alternatives(others, barred=[term.id, *settled])
+        odds = {rival.terms[-1].id: np.exp(-search.nats(final, rival) / TEMPER) for rival in rivals}
+        total = 1.0 + sum(odds.values())
+        group = [
+            rival.terms[-1].id
+            for rival in rivals
+            if search.nats(final, rival) < TIE and complexity(rival.terms[-1]) <= complexity(term)
+        ]
+        if group:
+            groups.append((term.id, *group))
+        ratio = after.errors["holdout"].torque_rms / before.errors["holdout"].torque_rms
+        verdicts[term.id] = Candidate(
+            term.id,
+            float(1.0 / total),
+            Verdict.SELECTED,
+            ratio,
+            f"lowers the held-out errors: torque {_fall(before, after, 'torque_rms')} N m, "
+            f"free-running position {_fall(before, after, 'position_rms')} rad",
+        )
+        for id in group:
+            verdicts[id] = Candidate(
+                id, float(odds[id] / total), Verdict.AMBIGUOUS, ratio, f"fits as well as {term.id} in these data"
+            )
+    for trial in search.alternatives(final.terms):
+        term = trial.terms[-1]
+        if term.id in verdicts:
+            continue
+        ratio, excited = _held_out_ratio(search, final.terms, term)
+        score = float(np.clip(1 - np.exp(-max(0.0, search.nats(trial, final)) / (TEMPER * SURPRISE)), 0, 1)) * 0.5
+        if excited:
+            verdict, reason = Verdict.REJECTED, _why_rejected(ratio, len(steps) > 1)
+        else:
+            verdict, reason = Verdict.NOT_EXCITED, f"these data hardly depend on it; it needs {term.reveal}"
+        verdicts[term.id] = Candidate(term.id, score, verdict, ratio, reason)
+    order = {Verdict.SELECTED: 0, Verdict.AMBIGUOUS: 1, Verdict.REJECTED: 2, Verdict.NOT_EXCITED: 3}
+    return sorted(verdicts.values(), key=lambda c: (order[c.verdict], -c.score)), groups
+
+
+def _held_out_ratio(search: Search, terms: Sequence[Term], term: Term) -> tuple[float, bool]:
+    """Held-out torque error with the term over that without, and whether the data depend on the term at all."""
+    without = fit_terms(search.train, terms)[0]
+    with_term = fit_terms(search.train, (*terms, term))[0]
+    rms = [float(np.sqrt(np.mean(search.holdout.residual(m.terms, m.theta) ** 2))) for m in (with_term, without)]
+    columns, fixed = search.screen.columns([term])[0]
+    phi, _ = search.screen.shared(terms)
+    own = np.column_stack([columns, fixed])
+    own = own[:, np.linalg.norm(own, axis=0) > 0]
+    if own.shape[1] == 0:
+        return rms[0] / rms[1], False
+    left = own - phi @ np.linalg.lstsq(phi, own, rcond=1e-10)[0]
+    excited = float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(own, axis=0))) > 1e-3
+    return rms[0] / rms[1], excited
+
+
+def _fall(before: Step, after: Step, error: str) -> str:
+    old, new = (getattr(step.errors["holdout"], error) for step in (before, after))
+    return f"{old:.3g} -> {new:.3g}"
+
+
+def _why_rejected(ratio: float, something_found: bool) -> str:
+    where = "once the selected effects are in" if something_found else "beside the base model"
+    change = 100 * (ratio - 1)
+    if change >= 0:
+        return f"does not lower the held-out torque error {where} ({change:+.1f} %)"
+    return f"lowers the held-out torque error by {-change:.1f} % only {where}: no more than chance would"
+
+
+def add(model: Model, id: str, recordings: Sequence[Recording], holdout: Sequence[Recording] = ()) -> tuple[Step, Step]:
+    """Refit a model's terms, then with one more effect; returns both steps with their errors.
+
+    Raises:
+        ValueError: if the effect is unknown.
+        ModelError: if the model has it already.
+        IdentificationError: if the recordings hold too little motion.
+    """
+    from pendulum_env.physics import effect
+
+    kind = effect(id)
+    model.add(kind())  # raises if it is there already
+    search = Search(*gather(recordings, holdout))
+    before = search.step(None, search.settle(model.terms))
+    trial = search.screen.best(before.model.terms, kind)
+    terms = search.settle(trial.terms) if trial else (*before.model.terms, kind())
+    return before, search.step(id, terms)
+
+
+__all__ = ["Errors", "Progress", "add", "diagnose", "gather", "split"]

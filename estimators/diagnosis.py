@@ -1,0 +1,121 @@
+"""The result of a diagnosis: what is missing in the model, how sure that is, and what the errors were on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from estimators.evidence import Errors
+from estimators.regions import Region
+from pendulum_env._typing import JSON
+from pendulum_env.physics import Model
+
+SCHEMA = "pendulum-ident/diagnosis@1"
+
+
+class Verdict(StrEnum):
+    """What became of a candidate effect."""
+
+    SELECTED = "selected"
+    AMBIGUOUS = "ambiguous"
+    REJECTED = "rejected"
+    NOT_EXCITED = "not_excited"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect of the library as the data judge it.
+
+    Attributes:
+        effect: its id.
+        score: probability, between 0 and 1, that it is what the data call for at its place among the alternatives.
+        verdict: what became of it.
+        error_ratio: torque error on held-out data with the effect, over the error without it.
+        reason: why, in words.
+    """
+
+    effect: str
+    score: float
+    verdict: Verdict
+    error_ratio: float
+    reason: str
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "effect": self.effect,
+            "score": self.score,
+            "verdict": str(self.verdict),
+            "error_ratio": self.error_ratio,
+            "reason": self.reason,
+        }
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the ladder: the effect that was added (None: the base model) and the errors after the refit."""
+
+    added: str | None
+    model: Model
+    errors: Mapping[str, Errors]  # "train", "holdout"
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "added": self.added,
+            "theta": {name: estimate.json() for name, estimate in self.model.estimates.items()},
+            "errors": {part: errors.json() for part, errors in self.errors.items()},
+        }
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a diagnosis found.
+
+    Attributes:
+        steps: the base model, then one entry for each effect added.
+        candidates: every effect of the library, selected ones first.
+        ambiguous: groups of effects that these data cannot tell apart.
+        unexplained: regions whose residual no candidate explains, empty when the noise floor is reached.
+        noise_floor: torque error that measurement noise alone gives [N m].
+        advice: experiments that would settle what is open, in words.
+    """
+
+    steps: tuple[Step, ...]
+    candidates: tuple[Candidate, ...]
+    ambiguous: tuple[tuple[str, ...], ...]
+    unexplained: tuple[Region, ...]
+    noise_floor: float
+    advice: tuple[str, ...]
+
+    @property
+    def model(self) -> Model:
+        """The final model."""
+        return self.steps[-1].model
+
+    @property
+    def selected(self) -> tuple[str, ...]:
+        """Ids of the effects found to be missing, in the order in which they were added."""
+        return tuple(step.added for step in self.steps if step.added is not None)
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON, as the design of the command line fixes it."""
+        base = self.steps[0].model
+        return {
+            "schema": SCHEMA,
+            "base": {
+                "terms": [term.id for term in base.terms],
+                "theta": {name: estimate.json() for name, estimate in base.estimates.items()},
+            },
+            "selected": list(self.selected),
+            "steps": [step.json() for step in self.steps],
+            "candidates": [candidate.json() for candidate in self.candidates],
+            "ambiguous": [list(group) for group in self.ambiguous],
+            "unexplained": {
+                "present": bool(self.unexplained),
+                "where": "; ".join(region.text for region in self.unexplained) or None,
+            },
+            "noise_floor": {"torque_rms": self.noise_floor},
+            "advice": list(self.advice),
+        }

@@ -1,0 +1,94 @@
+"""One body of evidence: recordings as windowed equations for fitting and as flights for simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.free_running import Flights, position_rms, take_off
+from estimators.least_squares import Fit, solve
+from estimators.windows import Dataset, prepare
+from pendulum_env._typing import JSON, Array
+from pendulum_env.physics import Model, Samples, Term
+from pendulum_env.recording import Recording
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far a model is from a recording.
+
+    Attributes:
+        torque_rms: the paper's norm (10) of measured minus modelled torque over the windows used [N m].
+        position_rms: free-running simulation against measured position over one-second windows [rad].
+    """
+
+    torque_rms: float
+    position_rms: float
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {"torque_rms": self.torque_rms, "position_rms": self.position_rms}
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Recordings, ready to be compared with models."""
+
+    data: Dataset
+    flights: tuple[Flights, ...]
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], half_widths: Sequence[float] | None = None) -> Evidence:
+        """Prepare recordings; raises IdentificationError if they hold too little motion."""
+        data = prepare(recordings, half_widths)
+        return cls(data, tuple(take_off(w) for w in data.windows))
+
+    @property
+    def samples(self) -> Samples:
+        """Samples at the windows' centres, (R,) each."""
+        return self.data.samples
+
+    def residual(self, terms: Sequence[Term], theta: Array) -> Array:
+        """Measured minus modelled torque in every window (R,) [N m]."""
+        equations = self.data.equations(terms)
+        return equations.y - equations.phi @ theta
+
+    def errors(self, model: Model) -> Errors:
+        """Errors of a model, in torque and in free-running position."""
+        residual = self.residual(model.terms, model.theta)
+        return Errors(float(np.sqrt(np.mean(residual**2))), position_rms(self.flights, model.terms, model.theta))
+
+
+def fit_terms(evidence: Evidence, terms: Sequence[Term]) -> tuple[Model, Fit]:
+    """Fit the linear parameters of the terms; standard errors count the search over shape parameters too."""
+    equations = evidence.data.equations(terms)
+    weights, clusters = evidence.data.weights, evidence.data.clusters
+    first = solve(equations, weights, clusters)
+    jacobian, names = _shape_jacobian(evidence.data, terms, first.theta)
+    fit = solve(equations, weights, clusters, jacobian) if names else first
+    count = len(fit.theta)
+    model = Model.build(terms, fit.theta, fit.std[:count], **dict(zip(names, fit.std[count:].tolist(), strict=True)))
+    return model, fit
+
+
+def _shape_jacobian(data: Dataset, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
+    """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names."""
+    derivatives, names, first = [np.empty((len(data.weights), 0))], [], 0
+    for term in terms:
+        own = theta[first : first + len(term.columns)]
+        first += len(term.columns)
+        for shape in term.shapes:
+            if shape.integer or shape.follows:
+                continue
+            value = term.shape[shape.name]
+            # symmetric difference over a step that is small against the value and safe against rounding
+            step = 1e-3 * max(abs(value), 1e-6)
+            ends = [
+                linear @ own + fixed
+                for linear, fixed in data.columns([replace(term, **{shape.name: value + d}) for d in (step, -step)])
+            ]
+            derivatives.append(((ends[0] - ends[1]) / (2 * step))[:, None])
+            names.append(f"{term.id}.{shape.name}")
+    return np.column_stack(derivatives), names

@@ -1,0 +1,93 @@
+"""Free-running simulation against the measured position, in many short windows at once.
+
+A one-second window started from the measured state is long enough for a wrong torque to show as a wrong motion, and
+short enough that the errors of an unstable upright pendulum do not swamp everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import distance_transform_cdt
+
+from estimators.windows import Windows
+from pendulum_env._typing import Array, Index
+from pendulum_env.physics import Term, simulate
+
+SECONDS = 1.0  # length of a window
+
+
+@dataclass(frozen=True)
+class Flights:
+    """Windows of one recording that a simulation has to follow: N periods, B windows.
+
+    Attributes:
+        windows: the recording they are cut from.
+        first: index of the first sample of each window (B,).
+        torque: held command in each period (N, B) [N m].
+        position: measured (N + 1, B) [rad].
+        velocity: measured at the start (B,) [rad/s].
+    """
+
+    windows: Windows
+    first: Index
+    torque: Array
+    position: Array
+    velocity: Array
+
+
+def take_off(windows: Windows, seconds: float = SECONDS) -> Flights:
+    """Cut a recording into flights that start where the velocity is known best, away from reversals."""
+    recording = windows.recording
+    length = min(round(seconds * recording.rate), len(recording) - 1)
+    clear = distance_transform_cdt(np.r_[False, np.diff(np.sign(windows.samples.velocity)) == 0] & windows.moving)
+    clear = np.minimum(clear, len(windows.kernel))
+    reach = round(0.2 * seconds * recording.rate)
+    first = []
+    for nominal in range(0, len(recording) - length, length):
+        low, high = max(0, nominal - reach // 2), min(len(recording) - length - 1, nominal + reach)
+        first.append(low + int(np.argmax(clear[low : high + 1])))
+    starts = np.array(first or [0])
+    index = starts + np.arange(length + 1)[:, None]
+    return Flights(
+        windows=windows,
+        first=starts,
+        torque=recording.torque[index[:-1]],
+        position=np.vstack([windows.samples.position[starts], recording.position[index[1:]]]),
+        velocity=windows.samples.velocity[starts],
+    )
+
+
+def follow(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
+    """Simulated minus measured position in every flight, (N + 1, B) [rad].
+
+    Terms with memory start from the state that the measured motion up to then has left them in.
+    """
+    recording, first = flights.windows.recording, flights.first
+    memory = {}
+    for term in terms:
+        (x,) = flights.windows.trace([term])
+        memory.update({id: tuple(series[first] for series in state) for id, state in x.memory.items()})
+    longest = max((term.delay for term in terms), default=0.0)
+    reach = np.arange(-int(np.ceil(longest * recording.rate)) - 1, 0)[:, None] + first
+    before = np.where(reach >= 0, recording.torque[np.maximum(reach, 0)], 0.0)
+    path = simulate(
+        terms,
+        theta,
+        1.0 / recording.rate,
+        flights.torque,
+        flights.position[0],
+        flights.velocity,
+        recording.time[first],
+        before=before,
+        memory={id: state for id, state in memory.items() if id != "dead_time"},
+    )
+    return path.position - flights.position
+
+
+def position_rms(flights: Sequence[Flights], terms: Sequence[Term], theta: Array) -> float:
+    """Root mean square of the position error over all flights [rad]."""
+    errors = [follow(flight, terms, theta)[1:].ravel() for flight in flights]
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))

@@ -1,0 +1,105 @@
+"""Least squares with block cross-validation and standard errors that hold under correlated residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.windows import Equations
+from pendulum_env._typing import Array, Index
+
+RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Solution of a regression.
+
+    Attributes:
+        theta: parameters (P,).
+        covariance: of theta (P, P), from clusters of residuals.
+        residual: y - phi theta (R,) [N m].
+        worst_direction: unit vector (P,) in scaled parameters that the data say least about.
+        condition: condition number of the regressor with columns scaled to equal length.
+    """
+
+    theta: Array
+    covariance: Array
+    residual: Array
+    worst_direction: Array
+    condition: float
+
+    @property
+    def std(self) -> Array:
+        """Standard errors (P,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square residual, the paper's norm (10) [N m]."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+
+def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array | None = None) -> Fit:
+    """Weighted least squares; standard errors from the sandwich with one score per cluster of equations.
+
+    Args:
+        equations: R equations in P unknowns.
+        weights: relative weight of each equation (R,).
+        clusters: stretch of time of each equation (R,); residuals may be correlated within one.
+        jacobian: further columns (R, S), derivatives with respect to shape parameters that were searched for: they
+            widen the standard errors (and appear after theta in the covariance), but are not solved for.
+    """
+    phi, y = equations.phi * weights[:, None], equations.y * weights
+    scale = np.linalg.norm(phi, axis=0)
+    scale[scale == 0] = 1.0
+    _, singular, directions = np.linalg.svd(phi / scale, full_matrices=False)
+    theta = np.linalg.lstsq(phi / scale, y, rcond=1e-10)[0] / scale
+    residual = equations.y - equations.phi @ theta
+    full = phi if jacobian is None else np.column_stack([phi, jacobian * weights[:, None]])
+    size = np.linalg.norm(full, axis=0)
+    size[size == 0] = 1.0
+    bread = np.linalg.pinv((full / size).T @ (full / size), rcond=1e-12, hermitian=True) / np.outer(size, size)
+    scores = np.zeros((int(clusters.max()) + 1, full.shape[1]))
+    np.add.at(scores, clusters, full * (residual * weights)[:, None])
+    count = len(scores)
+    correction = count / max(1, count - full.shape[1])
+    covariance = correction * bread @ (scores.T @ scores) @ bread
+    condition = float(singular[0] / max(singular[-1], 1e-300)) if len(singular) else 1.0
+    return Fit(theta, covariance, residual, directions[-1], condition)
+
+
+def block_grams(columns: Array, blocks: Index) -> Array:
+    """Gram matrices of each block, (B, V, C, C), from columns (V, R, C) of V alternatives."""
+    count = int(blocks.max()) + 1
+    return np.stack(
+        [np.swapaxes(columns[:, rows], 1, 2) @ columns[:, rows] for rows in (blocks == b for b in range(count))]
+    )
+
+
+def cross_validate(grams: Array) -> tuple[Array, Array]:
+    """Residual sums of squares, fitted and cross-validated, of V alternatives whose last column is y.
+
+    Args:
+        grams: Gram matrices of each block, (B, V, C, C).
+
+    Returns:
+        Sum of squared residuals of the fit to all blocks (V,), and of predictions of each block from the others (V,).
+    """
+    total = grams.sum(axis=0)
+    scale = np.sqrt(np.maximum(np.diagonal(total, axis1=1, axis2=2), 1e-300))  # (V, C)
+    grams = grams / (scale[:, :, None] * scale[:, None, :])
+    total = grams.sum(axis=0)
+    parameters = total.shape[-1] - 1
+    ridge = RIDGE * np.eye(parameters)
+
+    def errors(training: Array, testing: Array) -> Array:
+        theta = np.linalg.solve(training[..., :-1, :-1] + ridge, training[..., :-1, -1:])
+        cross = np.swapaxes(testing[..., :-1, -1:], -1, -2) @ theta
+        square = np.swapaxes(theta, -1, -2) @ testing[..., :-1, :-1] @ theta
+        return testing[..., -1, -1] - 2 * cross[..., 0, 0] + square[..., 0, 0]
+
+    fitted = errors(total, total) * scale[:, -1] ** 2
+    predicted = errors(total - grams, grams).sum(axis=0) * scale[:, -1] ** 2
+    return np.maximum(fitted, 0.0), np.maximum(predicted, 0.0)

@@ -1,0 +1,88 @@
+"""Search over the shape parameters of one term, the linear parameters following along (variable projection).
+
+The searches meet the data only through functions that judge a whole batch of variants at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.physics import Shape, Term
+
+TURNS = 20  # of Gauss-Newton at most
+STEPS = (1.0, 0.4, 0.1, 0.02)  # shares of a Gauss-Newton step that are tried
+DIFFERENCE = 1e-3  # relative, for derivatives
+ROUNDS, DRAWS, ELITE = 6, 48, 8  # of the cross-entropy search
+
+Residuals = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
+Errors = Callable[[Sequence[Term]], list[float]]  # root mean square of the same
+
+
+def moved(term: Term, shapes: Sequence[Shape], values: Array) -> Term:
+    """The term with new values of some shape parameters, kept inside their limits."""
+    return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(shapes, values, strict=True)})
+
+
+def continuous(term: Term | type[Term]) -> list[Shape]:
+    """Shape parameters that a search may move: those that are no integers and follow no other parameter."""
+    return [shape for shape in term.shapes if not shape.integer and not shape.follows]
+
+
+def gauss_newton(term: Term, residuals: Residuals) -> Term:
+    """Variant with the least squared residual near `term`.
+
+    The derivative of the projected residual is taken by differences; all differences of a turn, as well as all step
+    lengths, are judged as one batch. Parameters with a positive lower limit move by factors.
+    Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
+    """
+    shapes = continuous(term)
+    if not shapes:
+        return term
+    factor = np.array([shape.low > 0 for shape in shapes])
+    (current,) = residuals([term])
+    for _ in range(TURNS):
+        values = np.array([term.shape[shape.name] for shape in shapes])
+        unit = np.where(factor, np.abs(values), np.maximum(np.abs(values), 0.1))
+        nearby = [moved(term, shapes, values + DIFFERENCE * unit * direction) for direction in np.eye(len(shapes))]
+        slopes = np.column_stack([(residual - current) / DIFFERENCE for residual in residuals(nearby)])  # (R, S)
+        # slopes step = -current, lightly damped, and no longer than a factor of two
+        damping = np.diag(1e-6 * np.linalg.norm(slopes, axis=0))
+        target = np.concatenate([-current, np.zeros(len(shapes))])
+        step = np.linalg.lstsq(np.vstack([slopes, damping]), target, rcond=None)[0]
+        step = step / max(1.0, float(np.abs(step).max()) / 0.7)
+        tried = [
+            moved(term, shapes, np.where(factor, values * np.exp(share * step), values + share * step * unit))
+            for share in STEPS
+        ]
+        outcomes = residuals(tried)
+        squares = [float(outcome @ outcome) for outcome in outcomes]
+        best, before = int(np.argmin(squares)), float(current @ current)
+        if squares[best] >= before * (1 - 1e-7):
+            break
+        term, current = tried[best], outcomes[best]
+        if squares[best] > before * (1 - 1e-4):
+            break
+    return term
+
+
+def cross_entropy(variants: Sequence[Term], errors: Errors) -> Term:
+    """Best variant by repeated draws around the best ones so far; for errors with many local minima.
+
+    Works on the logarithms of the shape parameters, which have to be positive.
+    Source: Rubinstein and Kroese, The Cross-Entropy Method, 2004.
+    """
+    rng = np.random.default_rng(0)  # the same data give the same answer
+    shapes = variants[0].shapes
+    ranked = sorted(zip(errors(variants), variants, strict=True), key=lambda pair: pair[0])[:ELITE]
+    for _ in range(ROUNDS):
+        elite = np.log([[term.shape[shape.name] for shape in shapes] for _, term in ranked])
+        spread = 1.2 * elite.std(axis=0) + 0.02
+        draws = np.exp(elite.mean(axis=0) + spread * rng.standard_normal((DRAWS, len(shapes))))
+        drawn = [moved(variants[0], shapes, draw) for draw in draws]
+        ranked += zip(errors(drawn), drawn, strict=True)
+        ranked = sorted(ranked, key=lambda pair: pair[0])[:ELITE]
+    return ranked[0][1]
