@@ -1,0 +1,214 @@
+"""The independent simulator against DOP853 with event detection, and against identities of physics."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from benchmarks import independent_plant
+from benchmarks.excitation import EXCITATIONS
+from benchmarks.independent_plant import EFFECTS, LIBRARY, Experiment, Plant, effect_share, random_case, simulate
+
+EXACT = {"counts": None, "torque_noise": 0.0}
+SIZES = {
+    "stribeck": {"strib_d": 0.45, "strib_v": 0.5},
+    "quadratic_drag": {"drag": 0.05},
+    "cogging": {"cog_n": 14.0, "cog_s": 0.15, "cog_c": 0.1},
+    "torque_offset": {"offset": -0.2},
+    "gravity_tilt": {"tilt_cos": 0.2},
+    "load_dependent_friction": {"load_mu": 0.1},
+    "periodic_disturbance": {"dist_a": 0.2, "dist_w": 20.0, "dist_ph": 1.0},
+    "coulomb_asymmetry": {"asym_c": 0.2},
+}
+
+
+def shooting(plant: Plant, rate: float, command: np.ndarray) -> np.ndarray:
+    """Position by DOP853: every sample restarts it, an event ends it where the sliding stops; rigid joint only."""
+    p = plant.parameters
+
+    def dry(q: float, v: float, u: float) -> float:
+        return p["coulomb"] + p["strib_d"] * np.exp(-((v / p["strib_v"]) ** 2)) + p["load_mu"] * abs(u)
+
+    def drive(t: float, q: float, v: float, u: float) -> float:
+        motor = u + p["offset"] + p["cog_s"] * np.sin(p["cog_n"] * q) + p["cog_c"] * np.cos(p["cog_n"] * q)
+        motor += p["dist_a"] * np.sin(p["dist_w"] * t + p["dist_ph"])
+        weight = p["gravity"] * np.sin(q) + p["tilt_cos"] * np.cos(q)
+        return motor - weight - p["viscous"] * v - p["drag"] * v * abs(v) - p["asym_c"]
+
+    def slide(t: float, y: np.ndarray, u: float, s: int) -> list[float]:
+        return [y[1], (drive(t, *y, u) - s * dry(*y, u)) / p["inertia"]]
+
+    q, v, s, path = 0.0, 0.0, 0, []
+    for k, u in enumerate(command.tolist()):
+        path.append(q)
+        t, end = k / rate, (k + 1) / rate
+        while t < end - 1e-12:
+            if s == 0:
+                push = drive(t, q, 0.0, u)
+                s = int(np.sign(push)) if abs(push) > dry(q, 0.0, u) else 0
+            if s == 0:
+                t += 1e-5 if p["dist_a"] else 1 / rate  # only a time-varying torque frees the joint within a sample
+                continue
+            stop = lambda t, y, u, s: s * y[1]  # noqa: E731
+            stop.terminal, stop.direction = True, -1
+            run = solve_ivp(slide, (t, end), [q, v], "DOP853", events=stop, args=(u, s), rtol=1e-9, atol=1e-11)
+            t, (q, v) = run.t[-1], run.y[:, -1]
+            if run.status == 1:
+                v, s = 0.0, 0
+    return np.array(path)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (),
+        ("stribeck", "quadratic_drag"),
+        ("cogging", "torque_offset", "gravity_tilt"),
+        ("load_dependent_friction", "coulomb_asymmetry"),
+        ("periodic_disturbance",),
+    ],
+    ids="+".join,
+)
+def test_position_agrees_with_dop853_through_stops_and_sticks(effects: tuple[str, ...]) -> None:
+    plant = Plant(effects={effect: SIZES[effect] for effect in effects})
+    (run,) = simulate([(plant, Experiment(rate=200, seconds=3, scale=0.7, seed=3, **EXACT))])
+    assert 0.001 < np.mean(~run.sliding) < 0.3
+    np.testing.assert_allclose(run.position, shooting(plant, 200, run.command), atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("friction_side", ["motor", "link"])
+def test_two_masses_with_play_agree_with_dop853(friction_side: str) -> None:
+    play = {"Jm": 0.02, "bl_gap": 0.02, "bl_k": 400.0, "bl_d": 0.0}  # undamped: the torque is continuous
+    plant = Plant(coulomb=0.0, effects={"backlash": play}, friction_side=friction_side, encoder_side="link")
+    (run,) = simulate([(plant, Experiment(rate=200, seconds=0.6, seed=3, **EXACT))])  # later it is chaotic
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        q, v, angle, speed = y
+        torque = play["bl_k"] * np.sign(angle - q) * max(abs(angle - q) - play["bl_gap"], 0)
+        drag = 0.35 * (speed if friction_side == "motor" else v)
+        u = run.command[min(int(t * 200 + 1e-9), len(run.command) - 1)]
+        on_motor, on_link = (drag, 0.0) if friction_side == "motor" else (0.0, drag)
+        return [v, (torque - 2 * np.sin(q) - on_link) / 0.07, speed, (u - torque - on_motor) / 0.02]
+
+    y, path = np.zeros(4), []
+    for t in run.time:
+        path.append(y[0])
+        y = solve_ivp(rate, (t + 1e-12, t + 1 / 200 - 1e-12), y, "DOP853", rtol=1e-8, atol=1e-10, max_step=2e-3).y[
+            :, -1
+        ]
+    np.testing.assert_allclose(run.position, path, atol=1e-5, rtol=0)
+
+
+def test_halving_the_inner_step_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    effects = ("presliding", "joint_flexibility", "actuator_lag", "hard_stop", "torque_ripple", "friction_drift")
+    cases = [random_case(np.random.default_rng(5), [e], excitation="two_tone", seconds=1.0, **EXACT) for e in effects]
+    coarse = simulate([(case.plant, case.train) for case in cases])
+    for step in ("MAX_STEP", "STIFF_STEP", "CONTACT_STEP"):
+        monkeypatch.setattr(independent_plant, step, getattr(independent_plant, step) / 2)
+    fine = simulate([(case.plant, case.train) for case in cases])
+    for effect, one, other in zip(effects, coarse, fine, strict=True):
+        np.testing.assert_allclose(one.position, other.position, atol=1e-6, rtol=0, err_msg=effect)
+
+
+def test_free_swing_without_friction_keeps_its_energy() -> None:
+    plant = Plant(viscous=0.0, coulomb=0.0, effects={"spring": {"spring_k": 0.3, "spring_q0": 0.2}})
+    (run,) = simulate([(plant, Experiment(seconds=5, start=(2.5, 1.0), **EXACT))], [np.zeros(5000)])
+    q, v = run.position, run.velocity
+    energy = 0.5 * plant.inertia * v**2 - plant.gravity * np.cos(q) + 0.15 * (q - 0.2) ** 2
+    assert np.ptp(energy) < 1e-7
+
+
+def test_lost_energy_is_the_work_of_friction() -> None:
+    plant = Plant(viscous=0.1, coulomb=0.2)
+    (run,) = simulate([(plant, Experiment(rate=2000, seconds=5, start=(2.5, 0.0), **EXACT))], [np.zeros(10_000)])
+    v = run.velocity
+    energy = 0.5 * plant.inertia * v**2 - plant.gravity * np.cos(run.position)
+    work = np.trapezoid(plant.viscous * v**2 + plant.coulomb * np.abs(v), run.time)
+    assert energy[0] - energy[-1] == pytest.approx(work, rel=1e-4)
+    assert not run.sliding[-1] and plant.gravity * abs(np.sin(run.position[-1])) < plant.coulomb
+
+
+def test_joint_sticks_until_the_torque_exceeds_dry_friction() -> None:
+    plant = Plant(coulomb=0.8, effects={"stribeck": {"strib_d": 0.4, "strib_v": 0.5}})
+    ramp = np.arange(2000) / 1000  # N m
+    (run,) = simulate([(plant, Experiment(seconds=2, **EXACT))], [ramp])
+    freed = int(np.argmax(run.sliding))
+    assert ramp[freed] == pytest.approx(1.2, abs=2e-3)  # fc + strib_d
+    assert np.all(run.position[: freed + 1] == 0) and run.position[-1] > 0.5
+
+
+def test_arm_held_by_friction_does_not_creep() -> None:
+    (run,) = simulate([(Plant(), Experiment(seconds=2, start=(0.3, 0.0), **EXACT))], [np.full(2000, 0.1)])
+    assert np.ptp(run.position) == 0 and not run.sliding.any()
+
+
+def test_encoder_counts_and_torque_noise_are_as_stated() -> None:
+    experiment = Experiment(seconds=4, counts=8192, torque_noise=0.05, seed=4)
+    noisy, real, exact = simulate(
+        [(Plant(), e) for e in (experiment, replace(experiment, noise_in_plant=True), replace(experiment, **EXACT))]
+    )
+    count = 2 * np.pi / 8192
+    np.testing.assert_allclose(noisy.position / count, np.round(noisy.position / count), atol=1e-6)
+    assert np.abs(noisy.position - exact.position).max() <= count / 2 * (1 + 1e-9)  # noise is only recorded
+    assert np.abs(real.position - exact.position).max() > count
+    assert np.std(noisy.torque - noisy.command) == pytest.approx(0.05, rel=0.03)
+
+
+def test_a_recording_does_not_depend_on_its_batch() -> None:
+    rng = np.random.default_rng(8)
+    rates, effects = (200, 500, 1000, 2000), (*LIBRARY, "knocks", "random_walk_torque")
+    cases = [random_case(rng, [e], rate=rates[j % 4], seconds=0.2 + 0.05 * (j % 3)) for j, e in enumerate(effects)]
+    runs = [(case.plant, case.train) for case in cases]
+    for together, run in zip(simulate(runs), runs, strict=True):
+        (alone,) = simulate([run])
+        np.testing.assert_allclose(together.position, alone.position, atol=1e-9, err_msg=str(run[0].effects))
+        assert len(alone.time) == run[1].samples
+
+
+def test_dead_time_delays_the_command() -> None:
+    command = 3 * np.sin(2 * np.arange(3000) / 1000)
+    late = np.concatenate([np.zeros(12), command[:-12]])
+    delayed = Plant(effects={"dead_time": {"dead_n": 12.0}})
+    experiment = Experiment(seconds=3, **EXACT)
+    one, other = simulate([(delayed, experiment), (Plant(), experiment)], [command, late])
+    np.testing.assert_allclose(one.position, other.position, atol=1e-12)
+
+
+def test_every_effect_has_a_share_and_nothing_hidden_has_none() -> None:
+    def case(effect: str) -> tuple[Plant, Experiment]:
+        drawn = random_case(np.random.default_rng(2), [effect], excitation="two_tone", rate=200.0, seconds=3)
+        return drawn.plant, drawn.train
+
+    plain, *hidden = simulate([(Plant(), Experiment(seconds=4)), *map(case, EFFECTS)])
+    assert effect_share(plain).with_true_parameters < 1e-9
+    for effect, run in zip(EFFECTS, hidden, strict=True):
+        share = effect_share(run)
+        assert 0.002 < share.after_refit <= share.with_true_parameters, effect
+
+
+def test_every_excitation_moves_the_arm() -> None:
+    runs = simulate([(Plant(), Experiment(excitation=e, rate=200.0, seconds=10, seed=1)) for e in EXCITATIONS])
+    for excitation, run in zip(EXCITATIONS, runs, strict=True):
+        assert np.ptp(run.position) > 0.3 and np.abs(run.command).max() < 12, excitation
+
+
+def test_wrong_names_are_answered_with_the_nearest() -> None:
+    with pytest.raises(ValueError, match="did you mean stribeck"):
+        Plant(effects={"stribek": {}})
+    with pytest.raises(ValueError, match="did you mean two_tone"):
+        Experiment(excitation="two_tones")
+
+
+def test_blind_set_is_written_with_its_truth(tmp_path: Path) -> None:
+    arguments = [str(tmp_path), "--n", "4", "--nulls", "1", "--pairs", "1", "--outside", "1", "--seconds", "1"]
+    assert independent_plant.main([*arguments, "--workers", "1"]) == 0
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    assert sorted(len(case["hidden"]) for case in truth.values()) == [0, 1, 1, 2]
+    for name, case in truth.items():
+        t, q, u = np.loadtxt(tmp_path / f"{name}.train.csv.gz", delimiter=",", skiprows=1).T
+        assert len(t) == case["rate_hz"] and np.isfinite([t, q, u]).all()
