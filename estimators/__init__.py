@@ -1,0 +1,26 @@
+"""What learns from measurements: six schemes, recursive least squares, comparison and diagnosis."""
+
+from estimators.compare import Comparison, compare
+from estimators.diagnose import add, diagnose
+from estimators.diagnosis import Diagnosis, Verdict
+from estimators.evidence import Errors, Evidence, fit_terms
+from estimators.identify import Identification, identify
+from estimators.schemes import SCHEMES, scheme
+from estimators.windows import IdentificationError
+
+__all__ = [
+    "SCHEMES",
+    "Comparison",
+    "Diagnosis",
+    "Errors",
+    "Evidence",
+    "Identification",
+    "IdentificationError",
+    "Verdict",
+    "add",
+    "compare",
+    "diagnose",
+    "fit_terms",
+    "identify",
+    "scheme",
+]

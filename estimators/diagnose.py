@@ -29,6 +29,7 @@ MATERIAL = 0.97  # an effect has to lower the cross-validated torque error to th
 HELD_OUT = 0.985  # and the held-out torque error to this
 SURPRISE = 10.0  # and to be this many nats likelier than its absence, besides the number of variants tried
 TIE = 5.0  # nats within which two effects count as equally likely
+ALIKE = 1.15  # and ratio of held-out errors within which they do
 TEMPER = 10.0  # likelihood ratios are flattened by this: model errors are not white noise
 LOOSE = 6.0  # times the noise floor: transmissions leave more than this, and take long to search
 MOST = 6  # effects in one model
@@ -51,6 +52,7 @@ class Search:
 
     def __post_init__(self) -> None:
         self.screen = Screen(self.train.data)
+        self.held_out = Screen(self.holdout.data)
         self.library = effects()
         inertia = fit_terms(self.train, BASE)[0].theta[0]
         self.floor = self.train.data.noise(abs(float(inertia)))
@@ -64,6 +66,8 @@ class Search:
         """The best variant of every effect that the terms lack, best prediction first; ties to the simpler effect."""
         present = {term.id for term in terms} | set(barred)
         missing = [effect for id, effect in self.library.items() if id not in present]
+        if any(term.kind == "transmission" for term in terms):  # a joint has one
+            missing = [effect for effect in missing if effect.kind != "transmission"]
         missing.sort(key=lambda effect: effect.kind == "transmission")  # last: they take long to search
         least = self.screen.trial(terms).predicted_rms
         trials: list[Trial] = []
@@ -92,14 +96,32 @@ class Search:
         return self.nats(after, before) > enough and after.predicted_rms < MATERIAL * before.predicted_rms
 
     def step(self, added: str | None, terms: Sequence[Term]) -> Step:
-        """Fit the terms to the training data and take the errors."""
-        model, _ = fit_terms(self.train, terms)
+        """Fit the terms to the training data and take the errors; without standard errors, which take longer."""
+        _, theta = self.screen.project(*self.screen.shared(terms))
+        return self._with_errors(added, Model.build(terms, theta))
+
+    def report(self, added: str | None, terms: Sequence[Term]) -> Step:
+        """The same with standard errors."""
+        return self._with_errors(added, fit_terms(self.train, terms)[0])
+
+    def _with_errors(self, added: str | None, model: Model) -> Step:
         return Step(added, model, {"train": self.train.errors(model), "holdout": self.holdout.errors(model)})
+
+    def held_out_rms(self, terms: Sequence[Term]) -> float:
+        """Torque error on the held-out data of the terms fitted to the training data [N m]."""
+        _, theta = self.screen.project(*self.screen.shared(terms))
+        phi, y = self.held_out.shared(terms)
+        return float(np.sqrt(np.mean((y - phi @ theta) ** 2)))
 
     def is_confirmed(self, after: Step, before: Step) -> bool:
         """Whether held-out errors fall, both of them."""
         new, old = after.errors["holdout"], before.errors["holdout"]
         return new.torque_rms < HELD_OUT * old.torque_rms and new.position_rms < old.position_rms
+
+    def is_as_good(self, rival: Step, chosen: Step) -> bool:
+        """Whether a rival follows the held-out recordings as well as the model that was chosen, or nearly."""
+        new, old = rival.errors["holdout"], chosen.errors["holdout"]
+        return new.torque_rms < ALIKE * old.torque_rms and new.position_rms < ALIKE * old.position_rms
 
     def settle(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Search every shape parameter again, now that all terms are in."""
@@ -148,15 +170,14 @@ class Search:
         return terms
 
     def ladder(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> list[Step]:
-        """Steps from the base to the final terms, at each the one that helps most; stops where one is not confirmed."""
-        steps, left = [self.step(None, base)], list(terms[len(base) :])
+        """Steps from the base to the final terms, at each the one that helps most."""
+        steps, left = [self.report(None, base)], list(terms[len(base) :])
         while left:
             present = steps[-1].model.terms
             trials = [self.screen.trial((*present, term)) for term in left]
             best = min(trials, key=lambda trial: trial.predicted_rms).terms[-1]
             left.remove(best)
-            step = self.step(best.id, (*present, best))
-            steps.append(step)
+            steps.append(self.report(best.id, (*present, best)))
         return steps
 
 
@@ -202,13 +223,11 @@ def diagnose(
     train, test = gather(recordings, holdout)
     search = Search(train, test, progress)
     base = search.settle(base)
-    steps = search.grow(base)
-    terms = steps[-1].model.terms
-    final = search.challenge(base, terms)
-    if len(final) != len(base):
-        final = search.settle(final)
-    if {t.id for t in final} != {t.id for t in terms} or len(final) > len(base) + 1:
-        steps = search.ladder(base, final)
+    grown = search.grow(base)
+    terms = search.challenge(base, grown[-1].model.terms)
+    if {term.id for term in terms} != set(term.id for term in grown[-1].model.terms):
+        terms = search.settle(terms)
+    steps = search.ladder(base, terms)
     candidates, groups = judge(search, base, steps)
     model, fit = fit_terms(train, steps[-1].model.terms)
     floor = train.data.noise(abs(float(model.theta[0])))
@@ -246,7 +265,9 @@ def judge(search: Search, base: Sequence[Term], steps: Sequence[Step]) -> tuple[
         group = [
             rival.terms[-1].id
             for rival in rivals
-            if search.nats(final, rival) < TIE and complexity(rival.terms[-1]) <= complexity(term)
+            if search.nats(final, rival) < TIE
+            and complexity(rival.terms[-1]) <= complexity(term)
+            and search.is_as_good(search.step(rival.terms[-1].id, rival.terms), steps[-1])
         ]
         if group:
             groups.append((term.id, *group))
@@ -269,7 +290,9 @@ def judge(search: Search, base: Sequence[Term], steps: Sequence[Step]) -> tuple[
             continue
         ratio, excited = _held_out_ratio(search, final.terms, term)
         score = float(np.clip(1 - np.exp(-max(0.0, search.nats(trial, final)) / (TEMPER * SURPRISE)), 0, 1)) * 0.5
-        if excited:
+        if term.beyond:
+            verdict, reason = Verdict.NOT_EXCITED, f"{term.beyond}; it needs {term.reveal}"
+        elif excited:
             verdict, reason = Verdict.REJECTED, _why_rejected(ratio, len(steps) > 1)
         else:
             verdict, reason = Verdict.NOT_EXCITED, f"these data hardly depend on it; it needs {term.reveal}"
@@ -280,18 +303,16 @@ def judge(search: Search, base: Sequence[Term], steps: Sequence[Step]) -> tuple[
 
 def _held_out_ratio(search: Search, terms: Sequence[Term], term: Term) -> tuple[float, bool]:
     """Held-out torque error with the term over that without, and whether the data depend on the term at all."""
-    without = fit_terms(search.train, terms)[0]
-    with_term = fit_terms(search.train, (*terms, term))[0]
-    rms = [float(np.sqrt(np.mean(search.holdout.residual(m.terms, m.theta) ** 2))) for m in (with_term, without)]
+    ratio = search.held_out_rms((*terms, term)) / search.held_out_rms(terms)
     columns, fixed = search.screen.columns([term])[0]
     phi, _ = search.screen.shared(terms)
     own = np.column_stack([columns, fixed])
     own = own[:, np.linalg.norm(own, axis=0) > 0]
     if own.shape[1] == 0:
-        return rms[0] / rms[1], False
+        return ratio, False
     left = own - phi @ np.linalg.lstsq(phi, own, rcond=1e-10)[0]
     excited = float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(own, axis=0))) > 1e-3
-    return rms[0] / rms[1], excited
+    return ratio, excited
 
 
 def _fall(before: Step, after: Step, error: str) -> str:
@@ -320,10 +341,10 @@ def add(model: Model, id: str, recordings: Sequence[Recording], holdout: Sequenc
     kind = effect(id)
     model.add(kind())  # raises if it is there already
     search = Search(*gather(recordings, holdout))
-    before = search.step(None, search.settle(model.terms))
+    before = search.report(None, search.settle(model.terms))
     trial = search.screen.best(before.model.terms, kind)
     terms = search.settle(trial.terms) if trial else (*before.model.terms, kind())
-    return before, search.step(id, terms)
+    return before, search.report(id, terms)
 
 
 __all__ = ["Errors", "Progress", "add", "diagnose", "gather", "split"]

@@ -54,8 +54,10 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
     phi, y = equations.phi * weights[:, None], equations.y * weights
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = 1.0
-    _, singular, directions = np.linalg.svd(phi / scale, full_matrices=False)
-    theta = np.linalg.lstsq(phi / scale, y, rcond=1e-10)[0] / scale
+    q, triangle = np.linalg.qr(phi / scale)
+    left, singular, directions = np.linalg.svd(triangle)
+    inverse = np.where(singular > 1e-10 * singular.max(initial=0.0), 1.0 / np.maximum(singular, 1e-300), 0.0)
+    theta = directions.T @ (inverse * (left.T @ (q.T @ y))) / scale
     residual = equations.y - equations.phi @ theta
     full = phi if jacobian is None else np.column_stack([phi, jacobian * weights[:, None]])
     size = np.linalg.norm(full, axis=0)

@@ -61,23 +61,35 @@ class Screen:
         return float(np.linalg.norm(self._torque)) / max(float(np.linalg.norm(y)), 1e-12)
 
     def _judge(self, systems: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-        """Fitted and predicted errors (V,) of V systems (phi, y)."""
+        """Fitted and predicted mean squared errors (V,) of V systems (phi, y)."""
         weighted = np.stack([np.column_stack(system) for system in systems]) * self.data.weights[None, :, None]
         fitted, predicted = cross_validate(block_grams(weighted, self.data.blocks))
-        gain = np.array([self._gain(y) for _, y in systems]) / np.sqrt(self._normal)
-        return np.asarray(gain * np.sqrt(fitted)), np.asarray(gain * np.sqrt(predicted))
+        gain = np.array([self._gain(y) ** 2 for _, y in systems]) / self._normal
+        return np.asarray(gain * fitted), np.asarray(gain * predicted)
 
     def trials(self, terms: Sequence[Term], variants: Sequence[Term]) -> list[Trial]:
         """Errors of `terms` with each of V variants of one further effect added."""
         phi, y = self.shared(terms)
         systems = [(np.column_stack([phi, own]), y - fixed) for own, fixed in self.columns(variants)]
         errors = zip(variants, *self._judge(systems), strict=True)
-        return [Trial((*terms, variant), float(fitted), float(predicted)) for variant, fitted, predicted in errors]
+        hidden = self._hidden_noise(terms)
+        return [self._trial((*terms, v), f, p, hidden + self._hidden_noise([v])) for v, f, p in errors]
 
     def trial(self, terms: Sequence[Term]) -> Trial:
         """Errors of one set of terms."""
         fitted, predicted = self._judge([self.shared(terms)])
-        return Trial(tuple(terms), float(fitted[0]), float(predicted[0]))
+        return self._trial(tuple(terms), fitted[0], predicted[0], self._hidden_noise(terms))
+
+    @staticmethod
+    def _trial(terms: tuple[Term, ...], fitted: float, predicted: float, hidden: float) -> Trial:
+        return Trial(terms, float(np.sqrt(max(fitted + hidden, 0.0))), float(np.sqrt(max(predicted + hidden, 0.0))))
+
+    def _hidden_noise(self, terms: Sequence[Term]) -> float:
+        """Variance of torque noise that terms filter out of the equations [(N m)^2]; it counts as error all the same.
+
+        A lag smooths the noise of the torque channel along with the torque: that must not make it look likelier.
+        """
+        return sum(self.data.muffled(term) for term in terms if term.fixed and type(term).start is not Term.start)
 
     def project(self, phi: Array, y: Array) -> tuple[Array, Array]:
         """Weighted residual (R,) of y after a fit of phi, and the parameters (P,)."""

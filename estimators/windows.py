@@ -97,7 +97,8 @@ class Windows:
         """Averages (R,) of a column of the regressor, `x` being the samples with the term's state variables."""
         numerov = np.convolve(self.kernel, [1 / 12, 10 / 12, 1 / 12])
         smooth = column.force(x) + column.dry(x) * np.sign(x.velocity)
-        return self.average(column.mass(x) * self.acceleration) + self.average(smooth, numerov)
+        averages = self.average(column.mass(x) * self.acceleration) + self.average(smooth, numerov)
+        return np.nan_to_num(averages, nan=0.0, posinf=0.0, neginf=0.0)  # a state that diverged explains nothing
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
         """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,)."""
@@ -107,6 +108,19 @@ class Windows:
             fixed = sum((self.column(c, x) for c in variant.fixed), np.zeros(len(self.centers)))
             parts.append((np.column_stack(linear) if linear else np.empty((len(self.centers), 0)), fixed))
         return parts
+
+    def muffled(self, term: Term) -> float:
+        """Variance of white torque noise that the term's fixed columns take out of the windows [(N m)^2]."""
+        noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.torque_noise
+        noise /= np.linalg.norm(np.convolve(self.kernel, [0.5, 0.5]))  # as it is before the window
+        held = noise.copy()
+        held[1:] = 0.5 * (noise[1:] + noise[:-1])
+        heard = replace(
+            self, recording=replace(self.recording, torque=noise), samples=replace(self.samples, torque=held)
+        )
+        ((_, taken),) = heard.columns([term])
+        raw = heard.torque()
+        return float(np.var(raw) - np.var(raw - taken))
 
     def torque(self) -> Array:
         """Averages (R,) of the measured torque [N m]."""
@@ -269,6 +283,12 @@ class Dataset:
         parts = [self.columns([term])[0] for term in terms]
         phi = np.column_stack([linear for linear, _ in parts])
         return Equations(phi, self.torque() - sum(fixed for _, fixed in parts))
+
+    def muffled(self, term: Term) -> float:
+        """Variance of torque noise that the term takes out, mean over the equations [(N m)^2]."""
+        counts = [len(w.centers) for w in self.windows]
+        parts = [count * w.muffled(term) for count, w in zip(counts, self.windows, strict=True) if count]
+        return sum(parts) / max(1, sum(counts))
 
     def noise(self, inertia: float) -> float:
         """Root mean square over the windows of what measurement noise alone leaves [N m]."""

@@ -93,6 +93,7 @@ class HardStop(Term):
     law = "k (q - q_stop) beyond q_stop"
     kind = "potential"
     reveal = "motion up to the end of the range"
+    beyond = "no stop within the range of motion, and none beyond it would show"
     shapes = (Shape("stop", "rad", -100.0, 100.0),)
 
     @property

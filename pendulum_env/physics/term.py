@@ -98,6 +98,7 @@ class Term:
     law: ClassVar[str]  # added to the left-hand side
     kind: ClassVar[Kind]
     reveal: ClassVar[str] = "a richer excitation"  # the experiment that shows the effect
+    beyond: ClassVar[str] = ""  # what data without the effect still leave open
     shapes: ClassVar[tuple[Shape, ...]] = ()
     rugged: ClassVar[bool] = False  # whether the error has many local minima over the shape parameters
     forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]

@@ -24,14 +24,14 @@ from scipy.linalg import solve_banded
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
 
-SUBSTEP = 5e-4  # [s], longest step of the link's motion
+SUBSTEP = 1e-3  # [s], longest step of the link's motion
 
 
 def _coupling(
     twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike, gap: ArrayLike
 ) -> ArrayLike:
     """Acceleration that the transmission gives the link [rad/s^2]; `gap` is the play on either side [rad]."""
-    stretch = twist - np.clip(twist, -gap, gap)
+    stretch = twist - np.minimum(np.maximum(twist, -gap), gap)
     return stiffness * stretch + damping * speed * (stretch != 0)
 
 
@@ -178,6 +178,8 @@ def _swing(
     position, velocity = memory
     steps = max(1, int(np.ceil(duration / SUBSTEP - 1e-9)))
     h = duration / steps
+    stiffness = np.minimum(stiffness, h**-2)  # stiffer contacts would be unstable at this step
+    damping = np.minimum(damping, 0.5 / h)
 
     def acceleration(elapsed: float, position: ArrayLike, velocity: ArrayLike) -> ArrayLike:
         motor = x.position + elapsed * x.velocity

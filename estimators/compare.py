@@ -1,0 +1,103 @@
+"""Comparison: how far a model is from recordings, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from estimators.evidence import Errors, Evidence
+from estimators.regions import Profile, Region, profiles, stand_out
+from estimators.windows import dataset
+from pendulum_env._typing import JSON
+from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
+
+SCHEMA = "pendulum-ident/comparison@1"
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Errors of a model on one recording, or on all.
+
+    Attributes:
+        name: of the recording.
+        errors: in torque and in free-running position.
+        noise_floor: torque error that measurement noise alone gives [N m].
+    """
+
+    name: str
+    errors: Errors
+    noise_floor: float
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {"name": self.name, "errors": self.errors.json(), "noise_floor": {"torque_rms": self.noise_floor}}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A model against recordings.
+
+    Attributes:
+        model: as it came; nothing is fitted.
+        distances: one a recording.
+        joint: all recordings together.
+        profiles: residual torque over position, velocity, torque, time and frequency, all recordings together.
+        regions: where it stands out of the noise, the most telling first.
+    """
+
+    model: Model
+    distances: tuple[Distance, ...]
+    joint: Distance
+    profiles: tuple[Profile, ...]
+    regions: tuple[Region, ...]
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "schema": SCHEMA,
+            "model": self.model.json(),
+            "recordings": [distance.json() for distance in self.distances],
+            "joint": self.joint.json(),
+            "profiles": [
+                {
+                    "axis": item.axis,
+                    "unit": item.unit,
+                    "edges": item.edges.tolist(),
+                    "mean": item.mean.tolist(),
+                    "error": item.error.tolist(),
+                }
+                for item in self.profiles
+            ],
+            "regions": [
+                {
+                    "axis": region.axis,
+                    "low": region.low,
+                    "high": region.high,
+                    "residual": region.residual,
+                    "significance": region.significance,
+                    "text": region.text,
+                }
+                for region in self.regions
+            ],
+        }
+
+
+def distance(name: str, evidence: Evidence, model: Model) -> Distance:
+    """Errors of a model with inertia on a body of evidence."""
+    return Distance(name, evidence.errors(model), evidence.data.noise(abs(model.estimates["inertia"].value)))
+
+
+def compare(model: Model, recordings: Sequence[Recording]) -> Comparison:
+    """Compare a model with recordings, as it is: torque residual and free-running simulation.
+
+    Raises:
+        IdentificationError: if one of the recordings holds too little motion.
+    """
+    parts = [Evidence.of([recording]) for recording in recordings]
+    windows = [window for part in parts for window in part.data.windows]
+    together = Evidence(dataset(windows), tuple(flight for part in parts for flight in part.flights))
+    joint = distance("all", together, model)
+    maps = profiles(together.samples, together.residual(model.terms, model.theta), joint.noise_floor)
+    distances = [distance(recording.name, part, model) for recording, part in zip(recordings, parts, strict=True)]
+    return Comparison(model, tuple(distances), joint, tuple(maps), tuple(stand_out(maps)))

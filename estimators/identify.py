@@ -1,0 +1,274 @@
+"""Identification: the parameters of a model from recordings, by each of the six schemes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.identifiability import Doubt, identifiability, is_driven
+from estimators.least_squares import Fit, solve
+from estimators.measurements import Measurements, measure, remember
+from estimators.recursion import evenly, history
+from estimators.schemes import SCHEMES, FilteredDynamic, FilteredHamiltonian, FilteredPower, Scheme, give
+from estimators.windows import Equations, IdentificationError
+from pendulum_env._typing import JSON, Array, Index, Mask
+from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics.term import zero
+from pendulum_env.recording import Recording
+
+SCHEMA = "pendulum-ident/identification@1"
+POINTS = 200  # of the history
+CLUSTER = 0.5  # [s], longer than residuals stay correlated, except those that drift; shorter in short recordings
+CLUSTERS = 30  # at least, in all recordings together
+FEWEST = 10  # that hold motion, below which standard errors mean little
+
+
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """How the estimates settle: the paper's recursion at K moments.
+
+    Attributes:
+        time: seconds of recording taken in, one recording after the other (K,) [s].
+        theta: (K, P), in the order of the model's columns; what was given stays as it is.
+        std: standard errors (K, P), in the proportions of the recursion's P and ending at those of the model.
+    """
+
+    time: Array
+    theta: Array
+    std: Array
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {"time": self.time.tolist(), "theta": self.theta.tolist(), "std": self.std.tolist()}
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What one scheme finds.
+
+    Attributes:
+        scheme: its id.
+        model: terms with estimates and standard errors that hold under correlated residuals.
+        convergence: the recursive estimate on its way; it ends at the model up to P(0).
+        residual_rms: the paper's norm (10) of the scheme's own residual, in `unit`.
+        unit: of y and the residual.
+        condition: condition number of the regressor, columns scaled to equal length.
+        used: equations that were used, of all there are.
+        withheld: parameters whose estimates are no numbers, see the identification's doubts.
+    """
+
+    scheme: str
+    model: Model
+    convergence: Convergence
+    residual_rms: float
+    unit: str
+    condition: float
+    used: tuple[int, int]
+    withheld: frozenset[str] = frozenset()
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON; withheld estimates are null."""
+        theta = {
+            name: estimate.json() | ({"value": None, "std": None} if name in self.withheld else {})
+            for name, estimate in self.model.estimates.items()
+        }
+        return {
+            "theta": theta,
+            "residual": {"rms": self.residual_rms, "unit": self.unit},
+            "condition": self.condition,
+            "used": list(self.used),
+            "convergence": self.convergence.json(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What all schemes find in the same recordings.
+
+    Attributes:
+        schemes: results by id of the scheme.
+        doubts: what the recordings cannot tell, and what was changed because of them.
+        recordings: names.
+    """
+
+    schemes: Mapping[str, Identified]
+    doubts: tuple[Doubt, ...]
+    recordings: tuple[str, ...]
+
+    def __getitem__(self, scheme: str) -> Identified:
+        return self.schemes[scheme]
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "schema": SCHEMA,
+            "recordings": list(self.recordings),
+            "doubts": [doubt.json() for doubt in self.doubts],
+            "schemes": {id: result.json() for id, result in self.schemes.items()},
+        }
+
+
+def identify(
+    recordings: Sequence[Recording],
+    terms: Sequence[Term] = BASE,
+    schemes: Sequence[Scheme] = SCHEMES,
+    *,
+    points: int = POINTS,
+) -> Identification:
+    """Fit the linear parameters of the terms to recordings, one set for all, by each scheme.
+
+    Args:
+        recordings: one or more; filters start anew with each, and noisier ones count less.
+        terms: of the model, with their shape parameters set.
+        schemes: which to use; one that borrows its inertia comes after the scheme that lends it.
+        points: moments at which the convergence is recorded.
+
+    Raises:
+        IdentificationError: if there is too little motion, or no torque at all.
+        ValueError: if a scheme borrows from one that was not used before.
+    """
+    measurements = [remember(measure(recording), terms) for recording in recordings]
+    names = ", ".join(recording.name for recording in recordings)
+    if not any(is_driven(m) for m in measurements):
+        raise IdentificationError(
+            f"{names}: torque is never applied: only ratios of parameters are known, record with torque"
+        )
+    doubts = identifiability(measurements, terms)
+    withheld = frozenset(name for doubt in doubts for name in doubt.withheld)
+    rate = min(m.rate for m in measurements)
+    if any(_slowed(scheme, rate) != scheme for scheme in schemes):
+        text = f"at {rate:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate:.4g} rad/s"
+        doubts, schemes = (*doubts, Doubt(text)), [_slowed(scheme, rate) for scheme in schemes]
+    results: dict[str, Identified] = {}
+    for scheme in schemes:
+        data = _stack(scheme, measurements, terms)
+        if len(np.unique(data.clusters[data.usable])) < FEWEST:
+            raise IdentificationError(
+                f"{names}: too little of the motion is clear of stick and reversals: record longer, faster or wider "
+                "motion"
+            )
+        if scheme.borrows is not None and scheme.borrows not in results:
+            raise ValueError(f"{scheme.id} borrows the inertia of {scheme.borrows}: put {scheme.borrows} before it")
+        lender = results[scheme.borrows].model if scheme.borrows is not None else None
+        results[scheme.id] = _fit(scheme, data, terms, lender, points, withheld)
+    return Identification(results, doubts, tuple(recording.name for recording in recordings))
+
+
+def _slowed(scheme: Scheme, rate: float) -> Scheme:
+    """The scheme, its filter at one radian per sample if it is beyond the Nyquist frequency."""
+    if isinstance(scheme, FilteredDynamic | FilteredPower | FilteredHamiltonian) and scheme.cutoff >= np.pi * rate:
+        return replace(scheme, cutoff=rate)
+    return scheme
+
+
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """Equations of all recordings in a row (R,), and where each recording starts."""
+
+    equations: Equations
+    usable: Mask
+    weights: Array
+    clusters: Index  # short stretches of time, never across recordings
+    time: Array  # seconds of recording taken in [s]
+    starts: tuple[int, ...]
+
+
+def _stack(scheme: Scheme, measurements: Sequence[Measurements], terms: Sequence[Term]) -> _Stack:
+    parts = [scheme.regression(m, terms) for m in measurements]
+    length = min(CLUSTER, sum(len(m) * m.period for m in measurements) / CLUSTERS)
+    clusters, times, seconds, count = [], [], 0.0, 0
+    for m in measurements:
+        elapsed = np.arange(1, len(m) + 1) * m.period
+        cluster = np.minimum((elapsed / length).astype(np.intp), max(0, round(elapsed[-1] / length) - 1))
+        clusters.append(count + cluster)
+        times.append(seconds + elapsed)
+        seconds, count = seconds + float(elapsed[-1]), count + int(cluster[-1]) + 1
+    equations = Equations(
+        np.concatenate([part.equations.phi for part in parts]), np.concatenate([part.equations.y for part in parts])
+    )
+    usable = np.concatenate([part.usable for part in parts])
+    weights = np.ones(len(usable))
+    if len(parts) > 1:
+        theta = np.linalg.lstsq(equations.phi[usable], equations.y[usable], rcond=None)[0]
+        levels = [_rms(part.equations, part.usable, theta) for part in parts]
+        least = min((level for level in levels if level > 0), default=1.0)
+        weights = np.concatenate(
+            [np.full(len(part.usable), least / max(level, least)) for part, level in zip(parts, levels, strict=True)]
+        )
+    starts = tuple(np.cumsum([0, *(len(m) for m in measurements[:-1])]).tolist())
+    return _Stack(equations, usable, weights, np.concatenate(clusters), np.concatenate(times), starts)
+
+
+def _rms(equations: Equations, usable: Mask, theta: Array) -> float:
+    """Root mean square residual over the usable equations, the paper's norm (10)."""
+    residual = (equations.y - equations.phi @ theta)[usable]
+    return float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
+
+
+def _fit(
+    scheme: Scheme, data: _Stack, terms: Sequence[Term], lender: Model | None, points: int, withheld: frozenset[str]
+) -> Identified:
+    """Batch estimate with honest standard errors, and the recursion on its way there."""
+    columns = [column for term in terms for column in term.columns]
+    given = [j for j, column in enumerate(columns) if lender is not None and column.mass is not zero]
+    free = [j for j in range(len(columns)) if j not in given]
+    loans = [lender.estimates[columns[j].name] for j in given] if lender else []
+    lent = np.array([loan.value for loan in loans])
+    equations = give(data.equations, given, lent)
+
+    use = data.usable
+    clusters = np.unique(data.clusters[use], return_inverse=True)[1]
+    # What was given comes from the same data: its uncertainty widens that of the others
+    jacobian = data.equations.phi[use][:, given] if given else None
+    fit = solve(Equations(equations.phi[use], equations.y[use]), data.weights[use], clusters, jacobian)
+    if scheme.drifts:
+        fit = replace(fit, covariance=_random_walk_covariance(equations, data, fit.theta))
+
+    theta, std = np.empty(len(columns)), np.empty(len(columns))
+    theta[free], theta[given] = fit.theta, lent
+    std[free], std[given] = fit.std[: len(free)], [loan.std for loan in loans]
+    return Identified(
+        scheme=scheme.id,
+        model=Model.build(terms, theta, std),
+        convergence=_converge(data, equations, fit, free, theta, std, points),
+        residual_rms=fit.rms,
+        unit=scheme.unit,
+        condition=fit.condition,
+        used=(int(use.sum()), len(use)),
+        withheld=withheld,
+    )
+
+
+def _random_walk_covariance(equations: Equations, data: _Stack, theta: Array) -> Array:
+    """Covariance (F, F) of a least-squares fit whose errors are running sums of independent increments.
+
+    theta - truth = (phi' phi)^-1 sum_k phi_k e_k with e_k = sum_{j <= k} d_j, and so = (phi' phi)^-1 sum_j d_j S_j with
+    S_j the sum of phi from j to the end of the recording: one score for each cluster of increments.
+    """
+    weights = (data.weights * data.usable)[:, None]
+    phi, error = equations.phi * weights, (equations.y - equations.phi @ theta) * data.usable
+    ends = [*data.starts[1:], len(error)]
+    rest, increment = np.empty_like(phi), np.empty_like(error)
+    for begin, end in zip(data.starts, ends, strict=True):
+        rest[begin:end] = np.cumsum((phi * weights)[begin:end][::-1], axis=0)[::-1]
+        increment[begin:end] = np.diff(error[begin:end], prepend=0.0)
+    scores = np.zeros((int(data.clusters.max()) + 1, phi.shape[1]))
+    np.add.at(scores, data.clusters, rest * increment[:, None])
+    bread = np.linalg.pinv(phi.T @ phi, hermitian=True)
+    covariance: Array = bread @ (scores.T @ scores) @ bread * (len(scores) / max(1, len(scores) - phi.shape[1]))
+    return covariance
+
+
+def _converge(
+    data: _Stack, equations: Equations, fit: Fit, free: Sequence[int], theta: Array, std: Array, points: int
+) -> Convergence:
+    """The recursion's history, with P scaled so that its standard errors end at the batch estimate's."""
+    weighted = Equations(equations.phi * data.weights[:, None], equations.y * data.weights)
+    course = history(weighted, data.usable, evenly(len(data.time), points))
+    spread = np.sqrt(np.diagonal(course.P, axis1=1, axis2=2))  # (K, F)
+    thetas, stds = np.tile(theta, (len(spread), 1)), np.tile(std, (len(spread), 1))
+    thetas[:, free] = course.theta
+    stds[:, free] = spread * fit.std[: len(free)] / spread[-1]
+    return Convergence(data.time[course.points], thetas, stds)

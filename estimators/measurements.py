@@ -1,0 +1,177 @@
+"""Measurements: motion and torque of a recording at the same instants, through one zero-phase filter.
+
+The torque balance stays true if every part of it passes the same linear filter. All quantities here pass one symmetric
+window w without a second moment, so that it is transparent to cubics: linear terms suffer nothing from it, and sin q
+or |q'| of smoothed motion are off by a fourth power of its length only.
+
+The command is held: between samples k - 1 and k acts command k - 1. The second difference of the position at k is the
+average acceleration under a triangle over k - 1 to k + 1, and the torque under that triangle is exactly the mean of
+commands k - 1 and k. Central differences average velocity likewise. Whatever differentiation averages, command and
+motion are averaged alike, and a correction by second differences d^2 undoes it for both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import comb
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from estimators.windows import HALF_WIDTHS, LEAD_IN, SLOWEST, IdentificationError, white_noise
+from pendulum_env._typing import Array, Mask
+from pendulum_env.physics import Samples, Term
+from pendulum_env.physics.term import Memory
+from pendulum_env.recording import Recording
+
+SPARE = 30  # samples that a recording is longer than the filter
+CLEAN = 0.01  # of the RMS acceleration: more noise than this biases inertia by more than 1e-4
+# Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
+VALUE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+# (q[k+1] - q[k-1]) / 2 averages velocity, if it is linear between samples, by 1/4, 1/2, 1/4; 1 - d^2/4 undoes it.
+UNDO = np.array([-1.0, 6.0, -1.0]) / 4
+SLOPE = np.pad(np.convolve([0.5, 0.0, -0.5], UNDO), 1)
+BEFORE = np.pad(np.convolve([0.25, 0.5, 0.25], UNDO), (2, 0))  # of the command: k - 1, which acts until instant k
+# q[k+1] - 2 q[k] + q[k-1] averages acceleration by a triangle over both sides of k; 1 - d^2/12 undoes it.
+SHARPEN = np.array([-1.0, 14.0, -1.0]) / 12
+CURVATURE = np.pad(np.convolve([1.0, -2.0, 1.0], SHARPEN), 1)
+AT_INSTANT = np.pad(np.convolve([0.0, 0.5, 0.5], SHARPEN), 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """N samples of one recording, away from its ends by the reach of the filter; build them with `measure`.
+
+    Attributes:
+        time: (N,) [s].
+        position, velocity, acceleration: smoothed, at the instants (N,) [rad], [rad/s], [rad/s^2].
+        torque: at the instants, between two commands (N,) [N m].
+        held: mean torque between the sample before and this one (N,) [N m].
+        moving: samples whose velocity has a sign beyond its noise (N,).
+        period: between samples [s].
+        torque_noise: standard deviation of the white noise in `held` [N m].
+        reach: samples on either side that a value depends on.
+        memory: state variables of terms that have any, by term id, see `remember`.
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    held: Array
+    moving: Mask
+    period: float
+    torque_noise: float
+    reach: int
+    memory: Mapping[str, Memory] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def rate(self) -> float:
+        """Samples per second [Hz]."""
+        return 1.0 / self.period
+
+    @property
+    def samples(self) -> Samples:
+        """What a column depends on, (N,) each."""
+        return Samples(self.time, self.position, self.velocity, self.torque, self.memory)
+
+    def clear(self, guard: float | None) -> Mask:
+        """Samples at least `guard` [s], and the filter's reach, away from stick and reversals; None keeps both, (N,).
+
+        Terms with memory do not know their start: with them, the first moments are left out too.
+        """
+        clear = np.ones(len(self), dtype=bool)
+        if guard is not None:
+            sign = np.sign(self.velocity)
+            halted = ~self.moving
+            halted[1:] |= sign[1:] != sign[:-1]
+            distance = max(self.reach, round(guard / self.period))
+            clear = maximum_filter1d(halted.view(np.uint8), 2 * distance + 1, mode="nearest") == 0
+        if self.memory:
+            clear[: round(LEAD_IN / self.period)] = False
+        return clear
+
+
+def window(half_width: int) -> Array:
+    """Smooth weights over 2 half_width + 1 samples that sum to one and have no second moment."""
+    s = np.arange(-half_width, half_width + 1) / (half_width + 1)
+    bump = (1.0 - s**2) ** 3
+    fourth = bump @ s**4
+    weights = bump * (1.0 - s**2 * (bump @ s**2 / fourth)) if fourth > 0 else bump
+    total: float = weights.sum()
+    return weights / total
+
+
+def measure(recording: Recording, half_width: float | None = None) -> Measurements:
+    """Measurements of a recording; what it reports as velocity is not used, as its delay is not known.
+
+    Args:
+        recording: at least 30 samples longer than the window.
+        half_width: of the window [s]; chosen by `choose_smoothing` if it is not given.
+
+    Raises:
+        IdentificationError: if the recording is too short.
+    """
+    period = 1.0 / recording.rate
+    fewest = SPARE if half_width is None else 2 * round(half_width / period) + SPARE
+    if len(recording) < fewest:
+        raise IdentificationError(
+            f"{recording.name}: {len(recording)} samples are too few to differentiate, at least {fewest} are needed: "
+            "record longer"
+        )
+    m = choose_smoothing(recording) if half_width is None else round(half_width / period)
+    w = window(m)
+    slope, before = np.convolve(w, SLOPE) / period, np.convolve(w, BEFORE)
+    velocity = np.convolve(recording.position, slope, "valid")
+    noise = white_noise(recording.position) * float(np.sqrt(slope @ slope))
+    return Measurements(
+        time=recording.time[m + 3 : -m - 3],
+        position=np.convolve(recording.position, np.convolve(w, VALUE), "valid"),
+        velocity=velocity,
+        acceleration=np.convolve(recording.position, np.convolve(w, CURVATURE), "valid") / period**2,
+        torque=np.convolve(recording.torque, np.convolve(w, AT_INSTANT), "valid"),
+        held=np.convolve(recording.torque, before, "valid"),
+        moving=np.abs(velocity) > max(SLOWEST, 5 * noise),
+        period=period,
+        torque_noise=_spread(recording.torque) * float(np.sqrt(before @ before)),
+        reach=m + 4,
+    )
+
+
+def remember(m: Measurements, terms: Sequence[Term]) -> Measurements:
+    """The same measurements with the states of the terms along them, driven by the torque that all parts see."""
+    command = np.append(m.held[1:], m.held[-1])  # from each sample to the next
+    states = {
+        term.id: term.trace(m.samples, command, m.period)
+        for term in terms
+        if (type(term).trace is not Term.trace or type(term).advance is not Term.advance) and term.id not in m.memory
+    }
+    return replace(m, memory={**m.memory, **states}) if states else m
+
+
+def choose_smoothing(recording: Recording) -> int:
+    """Shortest half width in samples, two or more, at which encoder noise is negligible in the acceleration.
+
+    Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
+    is all noise, which falls with the window's length to the power -2.5.
+    """
+    noise = white_noise(recording.position)
+    longest = (len(recording) - SPARE) // 2
+    widths = sorted({min(longest, max(2, round(width * recording.rate))) for width in HALF_WIDTHS})
+    for m in widths:
+        curvature = np.convolve(window(m), CURVATURE)
+        total = float(np.mean(np.convolve(recording.position, curvature, "valid") ** 2))
+        encoder = noise**2 * float(curvature @ curvature)
+        if encoder <= CLEAN**2 * max(0.0, total - encoder):
+            return m
+    return widths[-1]
+
+
+def _spread(series: Array) -> float:
+    """Standard deviation of white noise on a signal that is smooth, or constant between steps, most of the time."""
+    return float(np.median(np.abs(np.diff(series, 4))) / 0.6745 / np.sqrt(comb(8, 4)))

@@ -1,0 +1,69 @@
+"""A simulated rig: any model as the plant, seen through an encoder and a noisy torque channel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.excitation import Excitation
+from pendulum_env.physics import Model
+from pendulum_env.plant import paper_plant
+from pendulum_env.recording import Recording
+
+COUNTS = 1_024_000  # per turn, the paper's encoder
+TORQUE_NOISE = 0.02  # [N m], standard deviation
+FEWEST = 2  # samples
+
+
+def record(
+    model: Model | None,
+    excitation: Excitation,
+    seconds: float,
+    rate: float = 1000.0,
+    counts: int = COUNTS,
+    torque_noise: float = TORQUE_NOISE,
+    *,
+    rng: np.random.Generator,
+    name: str = "simulated",
+) -> Recording:
+    """Record a run of a simulated pendulum that starts at rest, hanging down.
+
+    Args:
+        model: the plant, effects included; None is the paper's.
+        excitation: torque command, held over each period.
+        seconds: length of the recording.
+        rate: samples per second [Hz].
+        counts: of the encoder per turn; 0 measures the angle exactly.
+        torque_noise: standard deviation of the white noise on the recorded torque [N m].
+        rng: where the noise comes from.
+        name: of the recording.
+
+    Raises:
+        ValueError: if a number is out of its range.
+    """
+    for what, value in (("seconds", seconds), ("rate", rate)):
+        if not 0 < value < np.inf:
+            raise ValueError(f"a recording needs {what} above zero, got {value:g}")
+    if counts < 0 or not 0 <= torque_noise < np.inf:
+        raise ValueError(f"counts ({counts}) and torque_noise ({torque_noise:g}) cannot be negative or infinite")
+    samples = round(seconds * rate)
+    if samples < FEWEST:
+        raise ValueError(f"{seconds:g} s at {rate:g} Hz are {samples} samples, at least {FEWEST} are needed")
+    time = np.arange(samples) / rate
+    torque = np.asarray(excitation.signal(time), dtype=float)
+    plant = model or paper_plant()
+    path = plant.simulate(1.0 / rate, torque, 0.0, 0.0)
+    return Recording(
+        name=name,
+        time=time,
+        position=read_encoder(path.position[:-1, 0], counts),
+        torque=torque + torque_noise * rng.standard_normal(samples),
+    )
+
+
+def read_encoder(position: Array, counts: int) -> Array:
+    """Angle [rad] as an encoder with that many counts per turn reports it; 0 counts report it exactly."""
+    if counts == 0:
+        return position
+    count = 2 * np.pi / counts
+    return count * np.round(position / count)

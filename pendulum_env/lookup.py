@@ -1,0 +1,22 @@
+"""Finding things by name, with an answer that helps when there is nothing of that name."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+def find(kind: str, name: str, known: Mapping[str, T]) -> T:
+    """What is known under that name.
+
+    Raises:
+        ValueError: if nothing is; the message names the nearest and all that exist.
+    """
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f" did you mean {near[0]}?" if near else ""
+        raise ValueError(f"unknown {kind} '{name}':{hint} Known: {', '.join(sorted(known))}")
+    return known[name]

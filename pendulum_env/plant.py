@@ -1,0 +1,132 @@
+"""Plants to simulate: the paper's pendulum, and effects hidden in it by a short text such as `stribeck=0.4`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from pendulum_env.lookup import find
+from pendulum_env.physics import BASE, Model, Term, effect
+
+PAPER: dict[str, float] = {  # the paper's Table 2, dynamic row
+    "inertia": 0.0895,  # [kg m^2]
+    "gravity": 2.01,  # [N m]
+    "viscous": 0.3638,  # [N m s/rad]
+    "coulomb": 0.9163,  # [N m]
+}
+TYPICAL: dict[str, float] = {  # sizes of effects that a good rig might show, by parameter
+    "stribeck": 0.45,
+    "coulomb_asymmetry": 0.2,
+    "quadratic_drag": 0.035,
+    "load_dependent_friction": 0.1,
+    "cogging.sin": 0.15,
+    "cogging.cos": 0.1,
+    "torque_ripple.sin": 0.07,
+    "torque_ripple.cos": -0.04,
+    "torque_saturation.limit": 8.0,
+    "spring.stiffness": 0.25,
+    "spring.preload": 0.1,
+    "friction_drift.viscous": 0.15,
+    "friction_drift.coulomb": 0.35,
+    "payload_change.inertia": 0.02,
+    "payload_change.gravity": 0.4,
+    "hard_stop": 40.0,
+    "hard_stop.stop": 1.2,
+}
+TYPICAL_BY_UNIT: dict[str, float] = {  # for all others
+    "N m": 0.2,
+    "N m s/rad": 0.06,
+    "N m s^2/rad^2": 0.035,
+    "N m/rad": 0.25,
+    "kg m^2": 0.02,
+    "rad": 0.02,
+    "1": 0.1,
+}
+
+
+def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
+    """The paper's pendulum, some of its four parameters replaced.
+
+    Raises:
+        ValueError: if a parameter is unknown or impossible.
+    """
+    theta = theta or {}
+    for name, value in theta.items():
+        find("parameter", name, PAPER)
+        if not 0 <= value < math.inf or (name == "inertia" and value == 0):
+            raise ValueError(f"{name} of a plant cannot be {value:g}: give a positive number")
+    return Model.build(BASE, np.array([theta.get(name, usual) for name, usual in PAPER.items()]))
+
+
+def typical(kind: type[Term]) -> dict[str, float]:
+    """Parameters of an effect, of a size that a rig might show: linear ones first, names without the effect's id."""
+    term = kind()
+    names = {column.name: TYPICAL.get(column.name, TYPICAL_BY_UNIT.get(column.unit, 0.1)) for column in term.columns}
+    shapes = {f"{term.id}.{name}": TYPICAL.get(f"{term.id}.{name}", value) for name, value in term.shape.items()}
+    return {name.removeprefix(f"{term.id}."): value for name, value in (names | shapes).items()}
+
+
+def hide(plant: Model, text: str) -> Model:
+    """Plant with one more effect, given as text.
+
+    `stribeck` is of typical size, `stribeck=0.4,0.3` sets its parameters in order, `cogging:order=14,sin=0.2` by name;
+    those not given stay typical, and `pendulum-ident effects` lists them in order.
+
+    Raises:
+        ValueError: if the effect or a parameter is unknown, or a value is not a number in the admissible range.
+        ModelError: if the plant has the effect already.
+    """
+    id, given = _read(text)
+    kind = effect(id)
+    parameters = typical(kind)
+    if isinstance(given, list):
+        if len(given) > len(parameters):
+            raise ValueError(f"{id} takes at most {len(parameters)} values ({', '.join(parameters)}), got {len(given)}")
+        given = dict(zip(parameters, given, strict=False))
+    for name in given:
+        find(f"parameter of {id}", name, parameters)
+    parameters |= given
+    for shape in kind.shapes:
+        value = parameters[shape.name]
+        if not shape.low <= value <= shape.high or (shape.integer and value != round(value)):
+            what = "an integer" if shape.integer else "a number"
+            allowed = f"{what} from {shape.low:g} to {shape.high:g}"
+            raise ValueError(f"{shape.name} of {id} cannot be {value:g}: give {allowed} [{shape.unit}]")
+    shapes = {shape.name: parameters.pop(shape.name) for shape in kind.shapes}
+    return plant.add(kind(**shapes), np.array(list(parameters.values())))
+
+
+def _read(text: str) -> tuple[str, list[float] | dict[str, float]]:
+    """Id of an effect and its parameters, in order or by name."""
+    id, named, listed = text.partition(":")
+    if named:
+        return id.strip(), read_parameters(listed)
+    id, ordered, listed = text.partition("=")
+    return id.strip(), [_number(part, text) for part in listed.split(",")] if ordered else []
+
+
+def read_parameters(text: str) -> dict[str, float]:
+    """Numbers by name from `inertia=0.09,gravity=2`.
+
+    Raises:
+        ValueError: if a part is not of the form name=number.
+    """
+    parameters = {}
+    for part in text.split(","):
+        name, equals, value = part.partition("=")
+        if not equals:
+            raise ValueError(f"'{part}' in '{text}' is not of the form name=value")
+        parameters[name.strip()] = _number(value, text)
+    return parameters
+
+
+def _number(part: str, text: str) -> float:
+    try:
+        value = float(part)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"'{part}' in '{text}' is not a number")
+    return value

@@ -1,0 +1,59 @@
+"""Excitation signals: bounded, repeatable, plain functions of time."""
+
+import numpy as np
+import pytest
+
+from pendulum_env.excitation import EXCITATIONS, excitation
+
+NAMES = sorted(EXCITATIONS)
+TIME = np.arange(0, 40, 0.001)
+
+
+def draw(name, seed=0, **options):
+    return excitation(name, np.random.default_rng(seed), **options)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_same_seed_gives_the_same_signal_and_another_seed_another(name):
+    assert np.array_equal(draw(name).signal(TIME), draw(name).signal(TIME))
+    assert not np.allclose(draw(name).signal(TIME), draw(name, seed=1).signal(TIME))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("amplitude", [None, 2.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_torque_stays_within_its_amplitude_and_comes_near_it(name, amplitude, seed):
+    command = draw(name, seed, amplitude=amplitude)
+    peak = np.abs(command.signal(TIME)).max()
+    assert 0.8 * command.amplitude < peak <= command.amplitude
+    assert amplitude is None or command.amplitude == amplitude
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_one_instant_gives_what_many_give(name):
+    command = draw(name)
+    assert command.signal(TIME).shape == TIME.shape
+    assert [float(command.signal(t)) for t in TIME[::4001]] == pytest.approx(list(command.signal(TIME[::4001])))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_signal_goes_on_beyond_the_recording_it_is_meant_for(name):
+    later = draw(name, seconds=5.0).signal(TIME[TIME > 5])
+    assert np.isfinite(later).all() and later.std() > 0
+
+
+def test_paper_excitation_is_the_two_tones_of_the_paper():
+    command = draw("paper")
+    first, second = command.phases
+    assert command.signal(TIME) == pytest.approx(3 * np.sin(12.07 * TIME + first) + 3 * np.sin(2.25 * TIME + second))
+
+
+def test_unknown_name_is_answered_with_the_nearest():
+    with pytest.raises(ValueError, match=r"unknown excitation 'chrip': did you mean chirp\? Known: chirp, multisine"):
+        draw("chrip")
+
+
+@pytest.mark.parametrize("options", [{"amplitude": 0.0}, {"amplitude": -1.0}, {"seconds": 0.0}, {"seconds": np.nan}])
+def test_numbers_that_make_no_signal_are_refused(options):
+    with pytest.raises(ValueError, match=f"needs {next(iter(options))} above zero"):
+        draw("steps", **options)

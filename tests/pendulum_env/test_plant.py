@@ -1,0 +1,70 @@
+"""Plants, and effects hidden in them by text."""
+
+import numpy as np
+import pytest
+
+from pendulum_env.physics import ModelError, effects
+from pendulum_env.plant import hide, paper_plant, read_parameters, typical
+
+
+@pytest.mark.parametrize("id", sorted(effects()))
+def test_every_effect_can_be_hidden_by_its_id_alone_and_changes_the_motion(id):
+    plant, torque = paper_plant(), 6 * np.sin(2.25 * np.arange(3000) * 1e-3)
+    changed = hide(plant, id)
+    assert changed.effects == (id,)
+    paths = [model.simulate(1e-3, torque, 0.0, 0.0, 9.0).position[:, 0] for model in (plant, changed)]
+    assert np.isfinite(paths[1]).all()
+    assert 1e-4 < np.abs(paths[1] - paths[0]).max() < 100
+
+
+def test_values_in_order_by_name_and_typical_agree():
+    usual = typical(effects()["cogging"])
+    assert usual == {"sin": 0.15, "cos": 0.1, "order": 12.0}
+    plant = paper_plant()
+    alone, ordered, named = hide(plant, "cogging"), hide(plant, "cogging=0.15,0.1"), hide(plant, "cogging:order=12")
+    assert alone == ordered == named
+    assert hide(plant, "cogging=0.2,0.3,14") == hide(plant, "cogging:order=14,sin=0.2, cos=0.3")
+    assert hide(plant, "cogging=0.2,0.3,14").estimates["cogging.order"].value == 14
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("stribek", r"did you mean stribeck\?"),
+        ("stribeck=a", "'a' in 'stribeck=a' is not a number"),
+        ("stribeck=", "is not a number"),
+        ("stribeck=1,2,3", r"at most 2 values \(stribeck, stribeck_velocity\), got 3"),
+        ("stribeck=nan", "is not a number"),
+        ("cogging:ordre=3", r"unknown parameter of cogging 'ordre': did you mean order\?"),
+        ("cogging:order=3.5", "order of cogging cannot be 3.5: give an integer from 2"),
+        ("cogging:order", "'order' in 'order' is not of the form name=value"),
+        ("stribeck=0.4,-1", "stribeck_velocity of stribeck cannot be -1: give a number from 0.02 to 20"),
+    ],
+)
+def test_text_that_makes_no_effect_is_refused(text, match):
+    with pytest.raises(ValueError, match=match):
+        hide(paper_plant(), text)
+
+
+def test_an_effect_can_be_hidden_once():
+    with pytest.raises(ModelError, match="stribeck"):
+        hide(hide(paper_plant(), "stribeck"), "stribeck=0.2")
+
+
+def test_parameters_of_the_plant_are_set_by_name():
+    plant = paper_plant(read_parameters("inertia=0.1, coulomb=0"))
+    assert plant.theta == pytest.approx([0.1, 2.01, 0.3638, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("inertai=0.1", r"unknown parameter 'inertai': did you mean inertia\?"),
+        ("inertia=0", "inertia of a plant cannot be 0"),
+        ("gravity=-2", "gravity of a plant cannot be -2"),
+        ("gravity", "not of the form name=value"),
+    ],
+)
+def test_parameters_that_make_no_plant_are_refused(text, match):
+    with pytest.raises(ValueError, match=match):
+        paper_plant(read_parameters(text))

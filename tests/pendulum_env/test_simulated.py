@@ -1,0 +1,77 @@
+"""The simulated rig: a plant seen through an encoder and a noisy torque channel."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from pendulum_env.backends import record
+from pendulum_env.excitation import excitation
+from pendulum_env.plant import PAPER, paper_plant
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(3)
+
+
+def run(rng, model=None, seconds=2.0, **options):
+    return record(model, excitation("paper", np.random.default_rng(0), seconds), seconds, rng=rng, **options)
+
+
+def test_recording_has_the_rate_and_length_asked_for(rng):
+    recording = run(rng, rate=500.0)
+    assert len(recording) == 1000
+    assert recording.rate == pytest.approx(500.0)
+    assert recording.time[0] == 0.0
+
+
+def test_encoder_counts_are_whole(rng):
+    turns = run(rng, counts=4096).position / (2 * np.pi) * 4096
+    assert turns == pytest.approx(np.round(turns), abs=1e-6)
+    assert len(np.unique(turns)) > 100
+
+
+def test_torque_noise_is_on_the_recorded_torque_and_not_on_the_motion(rng):
+    clean, noisy = run(rng, torque_noise=0.0), run(rng, torque_noise=0.1)
+    assert np.array_equal(clean.position, noisy.position)
+    assert (noisy.torque - clean.torque).std() == pytest.approx(0.1, rel=0.1)
+
+
+def test_same_seed_gives_the_same_recording():
+    first, second = run(np.random.default_rng(5)), run(np.random.default_rng(5))
+    assert np.array_equal(first.position, second.position)
+    assert np.array_equal(first.torque, second.torque)
+
+
+def test_smooth_plant_moves_as_an_independent_integrator_says(rng):
+    plant = paper_plant({"coulomb": 0.0})
+    recording = run(rng, plant, counts=0, torque_noise=0.0)
+    position, velocity = [0.0], 0.0
+    for torque in recording.torque[:-1]:
+
+        def rhs(_, x, torque=torque):
+            return [x[1], (torque - PAPER["gravity"] * np.sin(x[0]) - PAPER["viscous"] * x[1]) / PAPER["inertia"]]
+
+        end = solve_ivp(rhs, (0, 1e-3), [position[-1], velocity], rtol=1e-9, atol=1e-12).y[:, -1]
+        position.append(end[0])
+        velocity = end[1]
+    assert recording.position == pytest.approx(np.array(position), abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"rate": 0.0}, "needs rate above zero"),
+        ({"rate": 0.6}, "1 samples, at least 2"),
+        ({"counts": -1}, "counts"),
+        ({"torque_noise": -0.1}, "torque_noise"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(rng, options, match):
+    with pytest.raises(ValueError, match=match):
+        run(rng, **options)
+
+
+def test_default_plant_is_the_paper_s(rng):
+    assert np.array_equal(run(rng, None, torque_noise=0.0).position, run(rng, paper_plant()).position)
+    assert dict(zip(PAPER, paper_plant().theta, strict=True)) == PAPER

@@ -1,0 +1,419 @@
+"""The command line end to end, through `main`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import estimators.diagnose
+from pendulum_env.physics import BASE, Model, effects
+from pendulum_env.recording import read_recording
+from workbench.cli import main
+from workbench.commands import COMMANDS
+from workbench.words import bar, enumerate_words, plus_minus
+
+FEW = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogging")  # a search among them is quick
+
+
+@pytest.fixture
+def few_effects(monkeypatch):
+    known = {id: effects()[id] for id in FEW}
+    monkeypatch.setattr(estimators.diagnose, "effects", lambda: known)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> Path:
+    """Folder with `train.csv` and `holdout.csv` of a pendulum with hidden Stribeck friction, and its base model."""
+    folder = tmp_path_factory.mktemp("runs")
+    for seed, name in enumerate(("train", "holdout")):
+        command = ["record", "--effect", "stribeck=0.4", "--seconds", "8", "--seed", str(seed)]
+        assert main([*command, "-o", str(folder / f"{name}.csv")]) == 0
+    assert main(["identify", str(folder / "train.csv"), "-o", str(folder / "model.json")]) == 0
+    return folder
+
+
+@pytest.fixture
+def refused(capsys, tmp_path):
+    """Run a command that must fail: returns the one line on stderr, once no new file is in the folder of outputs."""
+
+    def run(*argv):
+        before = sorted(tmp_path.rglob("*"))
+        capsys.readouterr()
+        assert main([str(part) for part in argv]) == 2
+        out = capsys.readouterr()
+        assert out.err.count("\n") == 1 and out.err.startswith("pendulum-ident: ")
+        assert "Traceback" not in out.err + out.out
+        assert sorted(tmp_path.rglob("*")) == before
+        return out.err
+
+    return run
+
+
+# ------------------------------------------------------------------------------------------------ what works
+
+
+def test_record_writes_what_can_be_read_and_says_what_is_hidden(tmp_path, capsys):
+    path = tmp_path / "run.csv"
+    options = ["--seconds", "2", "--rate", "500", "--excitation", "prbs", "--theta", "inertia=0.1", "--noise", "0.1"]
+    assert main(["record", *options, "--effect", "cogging:order=9", "--effect", "spring", "-o", str(path)]) == 0
+    recording = read_recording(path)
+    assert len(recording) == 1000 and recording.rate == pytest.approx(500)
+    assert "hidden: cogging, spring" in capsys.readouterr().out
+
+
+def test_record_repeats_itself_with_the_same_seed(tmp_path):
+    paths = [tmp_path / name for name in ("a.csv", "b.csv", "c.csv")]
+    for path, seed in zip(paths, ("1", "1", "2"), strict=True):
+        assert main(["record", "--seconds", "1.5", "--seed", seed, "-o", str(path)]) == 0
+    first, second, other = (path.read_bytes() for path in paths)
+    assert first == second != other
+
+
+@pytest.mark.parametrize("ending", [".csv.gz", ".parquet", ".npz"])
+def test_record_writes_every_format(tmp_path, ending):
+    path = tmp_path / f"run{ending}"
+    assert main(["record", "--seconds", "1.5", "-o", str(path)]) == 0
+    assert len(read_recording(path)) == 1500
+
+
+def test_identify_prints_six_schemes_and_saves_a_model(runs, tmp_path, capsys):
+    model, found = tmp_path / "model.json", tmp_path / "found.json"
+    assert main(["identify", str(runs / "train.csv"), "-o", str(model), "--json", str(found)]) == 0
+    out = capsys.readouterr().out
+    schemes = ("dynamic", "filtered_dynamic", "energy", "filtered_power", "hamiltonian", "filtered_hamiltonian")
+    assert all(any(line.startswith(f"{scheme} ") for line in out.splitlines()) for scheme in schemes)
+    assert Model.load(model).estimates["inertia"].value == pytest.approx(0.0895, rel=0.02)
+    assert set(json.loads(found.read_text())["schemes"]) == set(schemes)
+
+
+def test_identify_takes_one_scheme(runs, capsys):
+    assert main(["identify", str(runs / "train.csv"), "--scheme", "filtered_power"]) == 0
+    out = capsys.readouterr().out
+    assert "filtered_power" in out and "hamiltonian" not in out
+
+
+def test_compare_says_how_far_off_and_where(runs, tmp_path, capsys):
+    path = tmp_path / "comparison.json"
+    recordings = [str(runs / "train.csv"), str(runs / "holdout.csv")]
+    assert main(["compare", str(runs / "model.json"), *recordings, "--json", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "for q' from" in out and "standard errors" in out
+    data = json.loads(path.read_text())
+    assert [item["name"] for item in data["recordings"]] == ["train", "holdout"]
+    assert data["joint"]["errors"]["torque_rms"] > 3 * data["joint"]["noise_floor"]["torque_rms"]
+    assert {item["axis"] for item in data["profiles"]} == {"position", "velocity", "torque", "time", "frequency"}
+
+
+def test_add_lowers_the_held_out_error_with_the_right_effect(runs, tmp_path, capsys):
+    path = tmp_path / "model2.json"
+    arguments = ["add", str(runs / "model.json"), "stribeck", str(runs / "train.csv")]
+    assert main([*arguments, "--holdout", str(runs / "holdout.csv"), "-o", str(path)]) == 0
+    assert "stribeck lowers the held-out errors" in capsys.readouterr().out
+    added = Model.load(path)
+    assert added.effects == ("stribeck",)
+    assert added.estimates["stribeck"].value == pytest.approx(0.4, rel=0.1)
+
+
+def test_add_says_plainly_that_a_wrong_effect_does_not_help(runs, capsys):
+    arguments = ["add", str(runs / "model.json"), "torque_offset", str(runs / "train.csv")]
+    assert main([*arguments, "--holdout", str(runs / "holdout.csv")]) == 0
+    out = capsys.readouterr().out
+    assert "no reason to keep it" in out or "no more than chance would" in out
+
+
+def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, tmp_path, capsys, few_effects):
+    outputs = {
+        option: tmp_path / name for option, name in (("--json", "d.json"), ("--report", "d.html"), ("-o", "m.json"))
+    }
+    options = [str(part) for item in outputs.items() for part in item]
+    assert main(["diagnose", str(runs / "train.csv"), "--holdout", str(runs / "holdout.csv"), *options]) == 0
+    out = capsys.readouterr().out
+    assert "- stribeck: fs exp" in out and "+ stribeck" in out and "█" in out
+    follows_design(json.loads(outputs["--json"].read_text()))
+    assert Model.load(outputs["-o"]).effects == ("stribeck",)
+    assert outputs["--report"].read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
+
+
+def test_diagnose_starts_from_a_model_and_holds_out_the_end(runs, tmp_path, capsys, few_effects):
+    model, path = tmp_path / "m.json", tmp_path / "d.json"
+    assert main(["add", str(runs / "model.json"), "stribeck", str(runs / "train.csv"), "-o", str(model)]) == 0
+    assert main(["diagnose", str(runs / "train.csv"), "--model", str(model), "--json", str(path)]) == 0
+    data = json.loads(path.read_text())
+    follows_design(data)
+    assert data["base"]["terms"] == [*(term.id for term in BASE), "stribeck"]
+    assert data["selected"] == []
+
+
+def follows_design(data):
+    """The diagnosis has the keys and values that the contract of the command line asks for."""
+    assert data["schema"] == "pendulum-ident/diagnosis@1"
+    assert data["base"]["terms"][:4] == ["inertia", "gravity", "viscous", "coulomb"]
+    for theta in (data["base"]["theta"], *(step["theta"] for step in data["steps"])):
+        assert theta["inertia"].keys() >= {"value", "std", "unit"} and theta["inertia"]["unit"] == "kg m^2"
+    assert [step["added"] for step in data["steps"]] == [None, *data["selected"]]
+    for step in data["steps"]:
+        for part in ("train", "holdout"):
+            assert np.isfinite([step["errors"][part][error] for error in ("torque_rms", "position_rms")]).all()
+    for candidate in data["candidates"]:
+        assert candidate.keys() >= {"effect", "score", "verdict", "error_ratio", "reason"}
+        assert candidate["verdict"] in {"selected", "ambiguous", "rejected", "not_excited"}
+        assert 0 <= candidate["score"] <= 1
+    assert {c["effect"] for c in data["candidates"] if c["verdict"] == "selected"} == set(data["selected"])
+    assert all(len(group) > 1 for group in data["ambiguous"])
+    assert data["unexplained"].keys() == {"present", "where"}
+    assert data["unexplained"]["present"] == (data["unexplained"]["where"] is not None)
+    assert data["noise_floor"]["torque_rms"] > 0
+
+
+def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, capsys, few_effects):
+    path = tmp_path / "report.html"
+    assert main(["demo", "--seed", "3", "-o", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert out.index("What is missing") < out.index("Errors") < out.index("The truth") < out.index("hidden was")
+    assert {file.name for file in tmp_path.iterdir()} == {"report.html", "report.train.csv", "report.holdout.csv"}
+
+
+def test_effects_lists_every_effect_with_its_law(capsys):
+    assert main(["effects"]) == 0
+    out = capsys.readouterr().out
+    for id, kind in effects().items():
+        assert id in out and kind.law in out
+
+
+def test_unwrap_mends_wrapped_angles(wrapped, capsys):
+    assert main(["identify", "--unwrap", str(wrapped), "--scheme", "filtered_power"]) == 0
+    assert "unwrapped" in capsys.readouterr().out
+
+
+def test_plain_output_has_no_escape_codes(runs, capsys):
+    assert main(["compare", str(runs / "model.json"), str(runs / "train.csv")]) == 0
+    out = capsys.readouterr()
+    assert "\x1b" not in out.out and out.err == ""
+
+
+def test_help_names_every_command(capsys):
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in COMMANDS)
+
+
+# ------------------------------------------------------------------------------------------------ bad recordings
+
+
+def columns(seconds=8.0):
+    time = np.arange(0, seconds, 1e-3)
+    return time, 2.0 * np.sin(2 * time), 3.0 * np.sin(2 * time + 1)
+
+
+def csv(path, *arrays, header="time,position,torque"):
+    np.savetxt(path, np.column_stack(arrays), "%.9g", ",", header=header, comments="")
+    return path
+
+
+def constant(path):
+    time, _, _ = columns()
+    return csv(path, time, np.ones_like(time), np.ones_like(time))
+
+
+def degrees(path):
+    time, _, torque = columns()
+    return csv(path, time, 360 * np.sin(2 * time), torque)
+
+
+def nan(path):
+    time, position, torque = columns()
+    position[17] = np.nan
+    return csv(path, time, position, torque)
+
+
+def backwards(path):
+    time, position, torque = columns()
+    time[50] = 0.0
+    return csv(path, time, position, torque)
+
+
+def one_column(path):
+    return csv(path, columns()[1], header="position")
+
+
+def ten_samples(path):
+    return csv(path, *(column[:10] for column in columns()))
+
+
+def text(path):
+    path.write_text("this is a letter\nand no recording\n")
+    return path
+
+
+def empty(path):
+    path.write_text("")
+    return path
+
+
+def missing(path):
+    return path
+
+
+def wrap(path):
+    time = np.arange(0, 8, 1e-3)
+    position = np.angle(np.exp(1j * (3 * time + np.sin(5 * time))))
+    return csv(path, time, position, 2 + 3 * np.sin(5 * time + 1))
+
+
+@pytest.fixture
+def wrapped(tmp_path):
+    return wrap(tmp_path / "wrapped.csv")
+
+
+BAD = [
+    (empty, "empty"),
+    (one_column, "no column for time"),
+    (text, "no column for"),
+    (nan, "data row 18"),
+    (backwards, "time does not increase at data row 51"),
+    (ten_samples, "10 samples"),
+    (constant, "position is 1 rad in every row"),
+    (degrees, "position_deg"),
+    (wrap, "--unwrap"),
+    (missing, "no such file"),
+]
+
+
+@pytest.mark.parametrize(("make", "reason"), BAD, ids=lambda part: getattr(part, "__name__", None))
+@pytest.mark.parametrize("command", ["identify", "compare", "diagnose", "add"])
+def test_bad_recordings_are_refused_with_one_line(command, make, reason, tmp_path, runs, refused):
+    path = make(tmp_path / "bad.csv")
+    model, output = runs / "model.json", tmp_path / "out.json"
+    argv = {
+        "identify": ["identify", path, "-o", output],
+        "compare": ["compare", model, path, "--json", output],
+        "diagnose": ["diagnose", path, "-o", output, "--report", tmp_path / "out.html"],
+        "add": ["add", model, "stribeck", runs / "train.csv", "--holdout", path, "-o", output],
+    }[command]
+    message = refused(*argv)
+    assert reason in message and "bad.csv" in message
+
+
+def test_a_joint_that_only_sticks_cannot_be_identified(tmp_path, refused):
+    time = np.arange(0, 8, 1e-3)
+    path = csv(tmp_path / "stick.csv", time, 1e-3 * (time > 4), 0.1 * np.sin(time))
+    for command in ("identify", "diagnose"):
+        assert "motion" in refused(command, path, "-o", tmp_path / "out.json")
+
+
+# ------------------------------------------------------------------------------------------------ other bad input
+
+
+def edited(path, source, **changes):
+    path.write_text(json.dumps(json.loads(source.read_text()) | changes))
+    return path
+
+
+def test_models_that_make_no_sense_are_refused(runs, tmp_path, refused):
+    model, train = runs / "model.json", runs / "train.csv"
+    unknown = edited(tmp_path / "unknown.json", model, terms=["inertia", "stribek"])
+    assert "unknown effect 'stribek': did you mean stribeck?" in refused("compare", unknown, train)
+    lacking = edited(tmp_path / "lacking.json", model, terms=["inertia", "gravity", "viscous", "coulomb", "stribeck"])
+    assert "lacks" in refused("diagnose", train, "--model", lacking)
+    assert "is not JSON" in refused("add", train, "stribeck", train)
+    assert "not a model" in refused("compare", edited(tmp_path / "other.json", model, schema="x"), train)
+    assert "lacks the term inertia" in refused("compare", edited(tmp_path / "none.json", model, terms=[]), train)
+    assert "cannot be read" in refused("compare", tmp_path / "missing.json", train)
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["record", "-o", "OUT/run.csv"],
+        ["identify", "TRAIN", "-o", "OUT/model.json"],
+        ["compare", "MODEL", "TRAIN", "--json", "OUT/c.json"],
+        ["diagnose", "TRAIN", "--json", "OUT/d.json"],
+        ["diagnose", "TRAIN", "--report", "OUT/d.html"],
+        ["diagnose", "TRAIN", "-o", "OUT/m.json"],
+        ["add", "MODEL", "stribeck", "TRAIN", "-o", "OUT/m.json"],
+        ["demo", "-o", "OUT/report.html"],
+    ],
+    ids=" ".join,
+)
+def test_a_missing_output_folder_is_refused_before_the_work_starts(argv, runs, tmp_path, refused):
+    places = {"TRAIN": str(tmp_path / "not even read.csv"), "MODEL": str(tmp_path / "nor this.json")}
+    argv = [places.get(part, part).replace("OUT", str(tmp_path / "nowhere")) for part in argv]
+    assert "there is no folder" in refused(*argv)
+
+
+def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refused):
+    train, out = runs / "train.csv", tmp_path / "out.json"
+    content = train.read_bytes()
+    assert "is one of the recordings" in refused("identify", train, "-o", train)
+    assert "is one of the recordings" in refused("diagnose", train, "--holdout", runs / "holdout.csv", "--json", train)
+    assert "two outputs" in refused("diagnose", train, "--json", out, "-o", out)
+    assert "is a folder" in refused("diagnose", train, "--json", tmp_path)
+    assert train.read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("argv", "reason"),
+    [
+        ([], "COMMAND"),
+        (["diagnos"], "unknown command 'diagnos': did you mean diagnose?"),
+        (["train"], "unknown command 'train'"),
+        (["diagnose"], "RECORDING"),
+        (["identify", "run.csv", "--scheme", "hamiltonia"], "did you mean hamiltonian?"),
+        (["identify", "run.csv", "--shceme", "all"], "--shceme"),
+        (["add", "model.json", "stribek", "run.csv"], "did you mean stribeck?"),
+        (["record"], "--output"),
+        (["record", "-o", "run.txt"], "should end in .csv"),
+        (["record", "--excitation", "chrip", "-o", "run.csv"], "did you mean chirp?"),
+        (["record", "--effect", "coging", "-o", "run.csv"], "did you mean cogging?"),
+        (["record", "--effect", "cogging", "--effect", "cogging", "-o", "run.csv"], "cogging"),
+        (["record", "--theta", "inertia=0", "-o", "run.csv"], "inertia of a plant cannot be 0"),
+        (["record", "--theta", "coulomb=100", "--seconds", "1.5", "-o", "run.csv"], "the arm never moves"),
+        (["record", "--backend", "pymunk", "-o", "run.csv"], "not available yet"),
+        (["record", "--backend", "mujoco", "-o", "run.csv"], "unknown backend 'mujoco'"),
+        (["record", "--seconds", "0.2", "-o", "run.csv"], "should be a number, 1 or more"),
+        (["record", "--seconds", "1e9", "-o", "run.csv"], "samples are asked for"),
+        (["record", "--rate", "nan", "-o", "run.csv"], "should be a number from 10"),
+        (["record", "--amplitude", "0", "-o", "run.csv"], "amplitude above zero"),
+        (["record", "--seed", "-1", "-o", "run.csv"], "whole number"),
+    ],
+    ids=lambda part: " ".join(part) if isinstance(part, list) else "",
+)
+def test_bad_arguments_are_refused_with_one_line(argv, reason, tmp_path, refused, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert reason in refused(*argv)
+
+
+def test_recordings_sampled_too_slowly_for_the_schemes_are_refused(tmp_path, refused):
+    path = tmp_path / "slow.csv"
+    assert main(["record", "--rate", "50", "-o", str(path)]) == 0
+    assert "200 rad/s" in refused("identify", path)
+
+
+def test_interrupting_ends_with_one_line(runs, tmp_path, capsys, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("workbench.commands.diagnose.diagnose", interrupt)
+    capsys.readouterr()
+    assert main(["diagnose", str(runs / "train.csv"), "-o", str(tmp_path / "m.json")]) == 130
+    assert capsys.readouterr().err == "pendulum-ident: interrupted\n"
+    assert not list(tmp_path.iterdir())
+
+
+# ------------------------------------------------------------------------------------------------ words
+
+
+def test_values_are_shown_to_two_digits_of_their_error():
+    assert plus_minus(0.0895123, 0.00012) == "0.08951 ± 0.00012"
+    assert plus_minus(1234.5, 56.0) == "1234 ± 56"
+    assert plus_minus(2.01, 0.0) == "2.01"
+    assert plus_minus(2.01, float("inf")) == "2.01"
+
+
+def test_lists_read_like_sentences():
+    assert [enumerate_words(words) for words in (["a"], ["a", "b"], ["a", "b", "c"])] == ["a", "a and b", "a, b and c"]
+
+
+def test_bars_shrink_with_their_share_and_stay_visible():
+    assert [len(bar(share, 10)) for share in (0.0, 0.001, 0.5, 1.0, 7.0)] == [0, 1, 5, 10, 10]

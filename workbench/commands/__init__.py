@@ -1,0 +1,16 @@
+"""The commands in the order of a first visit."""
+
+from workbench.command import Command
+from workbench.commands import add, compare, demo, diagnose, effects, identify, record
+
+COMMANDS: dict[str, Command] = {
+    "demo": demo.COMMAND,
+    "record": record.COMMAND,
+    "identify": identify.COMMAND,
+    "compare": compare.COMMAND,
+    "diagnose": diagnose.COMMAND,
+    "add": add.COMMAND,
+    "effects": effects.COMMAND,
+}
+
+__all__ = ["COMMANDS"]

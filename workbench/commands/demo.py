@@ -1,0 +1,121 @@
+"""`demo`: a hidden effect found end to end."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from estimators.diagnose import diagnose
+from estimators.diagnosis import Diagnosis
+from pendulum_env.backends import record
+from pendulum_env.excitation import excitation
+from pendulum_env.physics import BASE, Model, effect
+from pendulum_env.physics.library import BUILT_IN
+from pendulum_env.plant import PAPER, typical
+from pendulum_env.recording import Recording, write_recording
+from workbench.command import Command
+from workbench.inputs import check_outputs, whole, wrote
+from workbench.story import tell
+from workbench.terminal import Terminal
+from workbench.words import enumerate_words, plus_minus
+
+FOLDER = Path("pendulum-ident-demo")  # made where the command runs, unless another place is named
+SECONDS = 20.0
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare seed and output."""
+    parser.add_argument("--seed", type=whole(0), default=0, help="another seed hides another effect (default 0)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FOLDER/report.html",
+        help=f"report to write, the recordings go beside it (default {FOLDER / 'report.html'})",
+    )
+
+
+def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Hide an effect, record, diagnose, report, reveal."""
+    from workbench.report import write_report  # plotly takes a while to import
+
+    if arguments.output is None:
+        FOLDER.mkdir(exist_ok=True)
+    report = Path(arguments.output or FOLDER / "report.html")
+    files = [report.with_name(f"{report.stem}.{part}.csv") for part in ("train", "holdout")]
+    check_outputs([str(report), *map(str, files)])
+
+    rng = np.random.default_rng(arguments.seed)
+    plant = draw_plant(rng)
+    terminal.heading("A pendulum whose parameters nobody told, with one effect that the paper's model does not know")
+    with terminal.progress("recording") as progress:
+        recordings = []
+        for done, file in enumerate(files):
+            progress(file.name, done / len(files))
+            recordings.append(run_once(plant, rng, file.stem))
+            write_recording(recordings[-1], file)
+    train, holdout = recordings
+    terminal.say(f"recorded twice for {SECONDS:g} s: once to learn from, once to check on")
+
+    with terminal.progress("diagnosing") as progress:
+        found = diagnose([train], [holdout], progress=progress)
+    tell(found, terminal)
+    with terminal.progress("writing the report"):
+        write_report(report, [train], [holdout], found)
+    reveal(plant, found, terminal)
+    wrote([report, *files], terminal)
+    terminal.say(f"another pendulum: pendulum-ident demo --seed {arguments.seed + 1}")
+
+
+def draw_plant(rng: np.random.Generator) -> Model:
+    """A pendulum like the paper's, with one effect of the library hidden in it."""
+    theta = np.array(list(PAPER.values())) * rng.uniform(0.75, 1.25, len(PAPER))
+    kind = BUILT_IN[rng.integers(len(BUILT_IN))]
+    values = typical(kind)
+    shapes = {
+        shape.name: float(rng.integers(5, 25)) if shape.integer else values.pop(shape.name) * rng.uniform(0.7, 1.4)
+        for shape in kind.shapes
+    }
+    sizes = [values[name] * rng.uniform(0.8, 1.5) for name in list(values)[: len(kind().columns)]]
+    return Model.build(BASE, theta).add(kind(**shapes), np.array(sizes))
+
+
+def run_once(plant: Model, rng: np.random.Generator, name: str) -> Recording:
+    """One recording under the paper's excitation, with new phases each time."""
+    return record(plant, excitation("paper", rng, SECONDS), SECONDS, rng=rng, name=name)
+
+
+def reveal(plant: Model, found: Diagnosis, terminal: Terminal) -> None:
+    """Print the truth beside the estimates."""
+    terminal.heading("The truth")
+    hidden = enumerate_words(plant.effects)
+    terminal.say(f"hidden was {hidden}: {effect(plant.effects[0]).law}")
+    terminal.say(verdict(plant, found))
+    names = list(dict.fromkeys([*plant.estimates, *found.model.estimates]))
+    rows = [
+        (
+            name,
+            f"{plant.estimates[name].value:.4g}" if name in plant.estimates else "-",
+            plus_minus(found.model.estimates[name].value, found.model.estimates[name].std)
+            if name in found.model.estimates
+            else "-",
+            (plant.estimates.get(name) or found.model.estimates[name]).unit,
+        )
+        for name in names
+    ]
+    terminal.table(("parameter", "truth", "estimate", "unit"), rows, left=("unit",))
+
+
+def verdict(plant: Model, found: Diagnosis) -> str:
+    """Whether the diagnosis was right, in a sentence."""
+    hidden, named = set(plant.effects), set(found.selected)
+    alike = {effect for group in found.ambiguous if hidden & set(group) for effect in group} - hidden
+    if hidden == named:
+        return "found" + (f", though {enumerate_words(sorted(alike))} would look the same" if alike else "")
+    if len(named) == len(hidden) and named <= hidden | alike:
+        return f"found as one of a group that looks the same: {enumerate_words(sorted(hidden | alike))}"
+    return f"NOT found as it is: the diagnosis says {enumerate_words(found.selected) or 'nothing'}"
+
+
+COMMAND = Command("hide an effect, record, diagnose and report: the whole workflow in one go", configure, run)

@@ -1,0 +1,92 @@
+"""`identify`: the parameters of the paper's model, by each of the six schemes."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.evidence import Evidence, fit_terms
+from estimators.identify import Identification, identify
+from estimators.schemes import PAPER, SCHEMES, Scheme, scheme
+from pendulum_env.files import write_whole
+from pendulum_env.physics import BASE, Estimate, Model
+from pendulum_env.recording import Recording
+from workbench.command import Command
+from workbench.inputs import InputError, argument, check_outputs, read_recordings, take_recordings, wrote
+from workbench.terminal import Terminal
+from workbench.words import plus_minus
+
+SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare recordings, schemes and outputs."""
+    take_recordings(parser)
+    parser.add_argument(
+        "--scheme",
+        type=argument(_schemes),
+        default=SCHEMES,
+        metavar="all|ID,...",
+        help=f"{', '.join(item.id for item in SCHEMES)}; all (default), or paper: all with the paper's own choices",
+    )
+    parser.add_argument("--json", metavar="FILE", help="write estimates, warnings and how the estimates converge")
+    parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model, fitted over windows")
+
+
+def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
+    outputs = [arguments.json, arguments.output]
+    check_outputs(outputs, arguments.recordings)
+    recordings = read_recordings(arguments.recordings, arguments.unwrap, terminal)
+    refuse_slow(recordings, arguments.scheme)
+    with terminal.progress("identifying"):
+        found = identify(recordings, BASE, arguments.scheme)
+        model = fit_terms(Evidence.of(recordings), BASE)[0] if arguments.output is not None else None
+    if arguments.json is not None:
+        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    if model is not None:
+        model.save(arguments.output)
+    tell(found, model, terminal)
+    wrote(outputs, terminal)
+
+
+def refuse_slow(recordings: Sequence[Recording], schemes: Sequence[Scheme]) -> None:
+    """Refuse recordings that are sampled too slowly for the filter of a scheme, before any work is done."""
+    for item in schemes:
+        fastest = getattr(item, "cutoff", 0.0) / np.pi  # [Hz], twice the cutoff
+        for recording in recordings:
+            if recording.rate <= fastest:
+                raise InputError(
+                    f"{recording.name}: is sampled at {recording.rate:.4g} Hz, {item.id} filters at "
+                    f"{np.pi * fastest:g} rad/s and needs more than {fastest:.3g} Hz: choose another --scheme"
+                )
+
+
+def tell(found: Identification, model: Model | None, terminal: Terminal) -> None:
+    """Print one row a scheme, and the model that is saved as the last."""
+    columns = [column for term in BASE for column in term.columns]
+    names = [column.name for column in columns]
+    terminal.heading("Estimates ± standard errors")
+    rows = []
+    for id, result in found.schemes.items():
+        values = [_shown(result.model.estimates[name], name in result.withheld) for name in names]
+        rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
+    if model is not None:
+        rows.append(("windows (saved)", *(_shown(model.estimates[name]) for name in names), ""))
+    terminal.table(("scheme", *(f"{column.name} [{column.unit}]" for column in columns), "residual"), rows)
+    for doubt in found.doubts:
+        terminal.say(f"warning: {doubt.text}", style="yellow")
+
+
+def _shown(estimate: Estimate, withheld: bool = False) -> str:
+    return "unknown" if withheld else plus_minus(estimate.value, estimate.std)
+
+
+def _schemes(text: str) -> Sequence[Scheme]:
+    return SETS[text] if text in SETS else [scheme(id.strip()) for id in text.split(",")]
+
+
+COMMAND = Command("estimate the four parameters of the paper's model by its six schemes", configure, run)

@@ -1,0 +1,116 @@
+"""`record`: a run of a pendulum, written to a file."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from pendulum_env.backends.simulated import COUNTS, TORQUE_NOISE, record
+from pendulum_env.excitation import EXCITATIONS, excitation
+from pendulum_env.lookup import find
+from pendulum_env.physics import Model
+from pendulum_env.plant import hide, paper_plant, read_parameters
+from pendulum_env.recording import write_recording
+from pendulum_env.recording.checks import FEWEST, SHORTEST, SLOWEST
+from pendulum_env.recording.storage import WRITERS
+from workbench.command import Command
+from workbench.inputs import InputError, argument, check_outputs, number, whole, wrote
+from workbench.terminal import Terminal
+
+MOST = 5_000_000  # samples; simulating them takes some minutes
+BACKENDS = {"simulated": True, "pymunk": False, "dm1015b": False, "replay": False}  # whether it is available
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare plant, excitation, measurement and output."""
+    parser.add_argument("--seconds", type=number(SHORTEST), default=30.0, help="length (default 30)")
+    parser.add_argument(
+        "--excitation",
+        type=argument(_excitation),
+        default="paper",
+        metavar="NAME",
+        help=f"{', '.join(EXCITATIONS)} (default paper)",
+    )
+    parser.add_argument("--amplitude", type=number(0.0), help="bound of the torque [N m]; each excitation has its own")
+    parser.add_argument(
+        "--backend", type=argument(_backend), default="simulated", metavar="NAME", help=", ".join(BACKENDS)
+    )
+    parser.add_argument(
+        "--effect",
+        dest="effects",
+        action="append",
+        type=argument(_effect),
+        default=[],
+        metavar="ID[=VALUE,...]",
+        help="hide an effect: ID alone, ID=VALUE,... in the order that `effects` lists, or ID:name=value,... "
+        "(may be repeated)",
+    )
+    parser.add_argument(
+        "--theta",
+        type=argument(_theta),
+        default=paper_plant(),
+        metavar="NAME=VALUE,...",
+        help="inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
+    )
+    parser.add_argument("--rate", type=number(SLOWEST, 1e5), default=1000.0, help="samples per second (default 1000)")
+    parser.add_argument("--counts", type=whole(0), default=COUNTS, help=f"of the encoder per turn (default {COUNTS})")
+    parser.add_argument(
+        "--noise", type=number(0.0), default=TORQUE_NOISE, help=f"of the torque [N m] (default {TORQUE_NOISE:g})"
+    )
+    parser.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default 0)")
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
+
+
+def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Simulate a run and write it."""
+    check_outputs([arguments.output])
+    if not arguments.output.lower().endswith(tuple(WRITERS)):
+        raise InputError(f"{arguments.output}: the name should end in {', '.join(WRITERS)}")
+    samples = arguments.seconds * arguments.rate
+    if not FEWEST <= samples <= MOST:
+        raise InputError(f"{samples:.0f} samples are asked for, between {FEWEST} and {MOST} are possible")
+    plant: Model = arguments.theta
+    for text in arguments.effects:
+        plant = hide(plant, text)
+    rng = np.random.default_rng(arguments.seed)
+    try:
+        command = excitation(arguments.excitation, rng, arguments.seconds, arguments.amplitude)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    with terminal.progress("simulating"):
+        recording = record(
+            plant, command, arguments.seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng
+        )
+    if np.ptp(recording.position) == 0:
+        raise InputError(f"the arm never moves: {command.amplitude:g} N m do not overcome its friction")
+    write_recording(recording, arguments.output)
+    turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
+    terminal.say(f"{arguments.seconds:g} s at {arguments.rate:g} Hz, {len(recording)} samples")
+    terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
+    if plant.effects:
+        terminal.say(f"hidden: {', '.join(plant.effects)}")
+    wrote([arguments.output], terminal)
+
+
+def _excitation(text: str) -> str:
+    find("excitation", text, EXCITATIONS)
+    return text
+
+
+def _backend(text: str) -> str:
+    if not find("backend", text, BACKENDS):
+        raise ValueError(f"backend '{text}' is not available yet: use simulated")
+    return text
+
+
+def _effect(text: str) -> str:
+    hide(paper_plant(), text)
+    return text
+
+
+def _theta(text: str) -> Model:
+    return paper_plant(read_parameters(text))
+
+
+COMMAND = Command("record a simulated pendulum, with effects hidden in it if asked for", configure, run)

@@ -1,0 +1,127 @@
+"""Arguments that several commands share, and the files behind them."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from pendulum_env.files import check_output
+from pendulum_env.physics import Model, ModelError
+from pendulum_env.recording import Recording, read_recording
+from workbench.terminal import Terminal
+from workbench.words import enumerate_words
+
+T = TypeVar("T")
+
+
+class InputError(ValueError):
+    """A command was asked for something that cannot be; the message is one sentence that says what and why."""
+
+
+def argument(convert: Callable[[str], T]) -> Callable[[str], T]:
+    """Converter for argparse that hands on the message of a ValueError; argparse itself would drop it."""
+
+    def converted(text: str) -> T:
+        try:
+            return convert(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return converted
+
+
+def number(low: float, high: float = math.inf) -> Callable[[str], float]:
+    """Converter for argparse: a number from low to high."""
+
+    def converted(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high or math.isinf(value):
+            allowed = f"a number from {low:g} to {high:g}" if math.isfinite(high) else f"a number, {low:g} or more"
+            raise argparse.ArgumentTypeError(f"'{text}' should be {allowed}")
+        return value
+
+    return converted
+
+
+def whole(low: int) -> Callable[[str], int]:
+    """Converter for argparse: a whole number, low or more."""
+
+    def converted(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if value < low:
+            raise argparse.ArgumentTypeError(f"'{text}' should be a whole number, {low} or more")
+        return value
+
+    return converted
+
+
+def take_recordings(parser: argparse.ArgumentParser, *, holdout: bool = False) -> None:
+    """Declare recordings to read, and perhaps recordings to hold out."""
+    parser.add_argument(
+        "recordings", metavar="RECORDING", nargs="+", help="CSV, CSV.GZ, Parquet or NPZ; fitted jointly"
+    )
+    if holdout:
+        parser.add_argument(
+            "--holdout",
+            metavar="RECORDING",
+            action="append",
+            default=[],
+            help="confirm on this one (may be repeated); without it, the last 30 %% of each recording are held out",
+        )
+    parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
+
+
+def read_recordings(paths: Sequence[str], unwrap: bool, terminal: Terminal) -> list[Recording]:
+    """Read recordings and say what they are and what was changed at reading."""
+    recordings = []
+    for path in paths:
+        recording = read_recording(path, unwrap=unwrap)
+        terminal.say(f"{path}: {recording.duration:.3g} s at {recording.rate:.6g} Hz, {len(recording)} samples")
+        for note in recording.notes:
+            terminal.say(f"  {note}")
+        recordings.append(recording)
+    return recordings
+
+
+def read_model(path: str) -> Model:
+    """Read a model that can be compared with recordings: one with inertia.
+
+    Raises:
+        ModelError: if there is none in the file.
+    """
+    model = Model.load(path)
+    if "inertia" not in model.estimates:
+        raise ModelError(f"{path}: the model lacks the term inertia, without which nothing moves")
+    return model
+
+
+def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> None:
+    """Refuse, before any work is done, what could not be written in the end, or would destroy data.
+
+    Raises:
+        InputError: if two outputs are the same file, or one of them is a recording that is read.
+        OSError: if a file cannot be written there.
+    """
+    given = [check_output(path) for path in outputs if path is not None]
+    resolved = [path.resolve() for path in given]
+    for path, place in zip(given, resolved, strict=True):
+        if place in {Path(name).resolve() for name in inputs}:
+            raise InputError(f"{path}: is one of the recordings: name another file to write to")
+        if resolved.count(place) > 1:
+            raise InputError(f"{path}: is named for two outputs: name two files")
+
+
+def wrote(paths: Sequence[str | Path | None], terminal: Terminal) -> None:
+    """Say what was written."""
+    written = [str(path) for path in paths if path is not None]
+    if written:
+        terminal.say(f"\nwrote {enumerate_words(written)}")
