@@ -20,18 +20,23 @@ import numpy as np
 
 from estimators.diagnosis import Candidate, Diagnosis, Step, Verdict
 from estimators.evidence import Errors, Evidence, fit_terms
+from estimators.free_running import position_noise
 from estimators.regions import profiles, stand_out
 from estimators.screen import Screen, Trial
+from estimators.windows import choose_half_width
 from pendulum_env.physics import BASE, Model, Term, effects
 from pendulum_env.recording import Recording
 
 MATERIAL = 0.97  # an effect has to lower the cross-validated torque error to this share of it
+SHARE = 0.2  # and to explain this much of what noise does not
 HELD_OUT = 0.985  # and the held-out torque error to this
 SURPRISE = 10.0  # and to be this many nats likelier than its absence, besides the number of variants tried
 TIE = 5.0  # nats within which two effects count as equally likely
 ALIKE = 1.15  # and ratio of held-out errors within which they do
+ASTRAY = 2.5  # times the position error that noise gives
+SHORTER = 0.5  # share of the windows' length at a second look
 TEMPER = 10.0  # likelihood ratios are flattened by this: model errors are not white noise
-LOOSE = 6.0  # times the noise floor: transmissions leave more than this, and take long to search
+LOOSE = 2.5  # times the noise floor: transmissions leave more than this, and take long to search
 MOST = 6  # effects in one model
 HOLDOUT_SHARE = 0.3  # end of each recording that is held out when no recording is
 
@@ -72,8 +77,8 @@ class Search:
         least = self.screen.trial(terms).predicted_rms
         trials: list[Trial] = []
         for done, effect in enumerate(missing):
-            if effect.kind == "transmission" and least < LOOSE * self.floor:
-                continue  # there is nothing of their size left to explain, or something simpler explains it
+            if effect.kind == "transmission" and (least < LOOSE * self.floor or len(terms) > len(BASE)):
+                continue  # something simpler explains it; or a transmission would have shown before all else
             self.progress(f"screening {effect.id}", done / len(missing))
             trial = self.screen.best(terms, effect)
             if trial is not None:
@@ -93,7 +98,9 @@ class Search:
         """Whether the last term of `after` lowers the predicted error by more than chance and by more than a trifle."""
         variants = 1 + sum(1 for _ in after.terms[-1].grid(self.train.samples, self.screen.residual(before.terms)))
         enough = SURPRISE + 2 * np.log(variants)
-        return self.nats(after, before) > enough and after.predicted_rms < MATERIAL * before.predicted_rms
+        old, new = before.predicted_rms, after.predicted_rms
+        explained = (old**2 - new**2) / max(old**2 - self.floor**2, 1e-300)
+        return self.nats(after, before) > enough and new < MATERIAL * old and explained > SHARE
 
     def step(self, added: str | None, terms: Sequence[Term]) -> Step:
         """Fit the terms to the training data and take the errors; without standard errors, which take longer."""
@@ -122,6 +129,11 @@ class Search:
         """Whether a rival follows the held-out recordings as well as the model that was chosen, or nearly."""
         new, old = rival.errors["holdout"], chosen.errors["holdout"]
         return new.torque_rms < ALIKE * old.torque_rms and new.position_rms < ALIKE * old.position_rms
+
+    def is_astray(self, step: Step) -> bool:
+        """Whether free-running simulation errs by much more than noise makes it."""
+        noise = position_noise(self.train.flights, step.model.terms, step.model.theta)
+        return step.errors["train"].position_rms > ASTRAY * noise
 
     def settle(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Search every shape parameter again, now that all terms are in."""
@@ -220,25 +232,44 @@ def diagnose(
         IdentificationError: if the recordings hold too little motion.
     """
     progress("reading the motion", 0.0)
-    train, test = gather(recordings, holdout)
-    search = Search(train, test, progress)
-    base = search.settle(base)
-    grown = search.grow(base)
-    terms = search.challenge(base, grown[-1].model.terms)
-    if {term.id for term in terms} != set(term.id for term in grown[-1].model.terms):
-        terms = search.settle(terms)
-    steps = search.ladder(base, terms)
+    training, testing = (list(recordings), list(holdout)) if holdout else split(recordings)
+    widths = [[choose_half_width(recording) for recording in part] for part in (training, testing)]
+    search, steps = look(training, testing, widths, base, progress)
+    if search.is_astray(steps[-1]):
+        # What happens near reversals shows in windows that come closer to them, if through more noise.
+        shorter = [[SHORTER * width for width in part] for part in widths]
+        closer, found = look(training, testing, shorter, base, progress)
+        if found[-1].errors["holdout"].position_rms < 0.8 * steps[-1].errors["holdout"].position_rms:
+            search, steps = closer, found
+    train = search.train
     candidates, groups = judge(search, base, steps)
     model, fit = fit_terms(train, steps[-1].model.terms)
     floor = train.data.noise(abs(float(model.theta[0])))
     left = fit.residual
     unexplained = stand_out(profiles(train.samples, left, floor)) if is_structured(left, floor) else []
     advice = tuple(
-        f"{' and '.join(group)} look the same in these data; {search.library[group[-1]].reveal} would separate them"
+        f"{' and '.join(group)} look the same in these data; to tell them apart: {search.library[group[-1]].reveal}"
         for group in groups
     )
     progress("done", 1.0)
     return Diagnosis(tuple(steps), tuple(candidates), tuple(groups), tuple(unexplained), floor, advice)
+
+
+def look(
+    training: Sequence[Recording],
+    testing: Sequence[Recording],
+    widths: Sequence[Sequence[float]],
+    base: Sequence[Term],
+    progress: Progress,
+) -> tuple[Search, list[Step]]:
+    """Search with windows of the given half widths [s] for the training and the testing recordings."""
+    search = Search(Evidence.of(training, widths[0]), Evidence.of(testing, widths[1]), progress)
+    start = search.settle(base)
+    grown = search.grow(start)[-1].model.terms
+    terms = search.challenge(start, grown)
+    if {term.id for term in terms} != {term.id for term in grown}:
+        terms = search.settle(terms)
+    return search, search.ladder(start, terms)
 
 
 def is_structured(residual: np.ndarray, floor: float) -> bool:

@@ -7,7 +7,7 @@ short enough that the errors of an unstable upright pendulum do not swamp everyt
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import distance_transform_cdt
@@ -61,7 +61,12 @@ def take_off(windows: Windows, seconds: float = SECONDS) -> Flights:
 
 
 def follow(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
-    """Simulated minus measured position in every flight, (N + 1, B) [rad].
+    """Simulated minus measured position in every flight, (N + 1, B) [rad]."""
+    return fly(flights, terms, theta) - flights.position
+
+
+def fly(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
+    """Simulated position in every flight, (N + 1, B) [rad].
 
     Terms with memory start from the state that the measured motion up to then has left them in.
     """
@@ -84,7 +89,22 @@ def follow(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
         before=before,
         memory={id: state for id, state in memory.items() if id != "dead_time"},
     )
-    return path.position - flights.position
+    return path.position
+
+
+def position_noise(flights: Sequence[Flights], terms: Sequence[Term], theta: Array) -> float:
+    """Root mean square position error that the noise of the torque channel and of the initial state gives [rad]."""
+    rng = np.random.default_rng(0)
+    errors = []
+    for flight in flights:
+        w = flight.windows
+        shaken = replace(
+            flight,
+            torque=flight.torque + w.raw_torque_noise * rng.standard_normal(flight.torque.shape),
+            velocity=flight.velocity + w.velocity_noise * rng.standard_normal(flight.velocity.shape),
+        )
+        errors.append((fly(shaken, terms, theta) - fly(flight, terms, theta))[1:].ravel())
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
 def position_rms(flights: Sequence[Flights], terms: Sequence[Term], theta: Array) -> float:

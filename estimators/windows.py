@@ -32,6 +32,7 @@ from pendulum_env.recording import Recording
 
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
 LEAD_IN = 0.3  # [s] at the start, in which effects with memory still know a start that was not recorded
+TRIFLE = 0.012  # share of the torque; encoder noise below it hides nothing worth finding
 SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity has no sign
 
 
@@ -61,6 +62,7 @@ class Windows:
         moving: samples whose velocity has a sign, (N,).
         torque_noise: standard deviation of a window's torque from white noise [N m].
         acceleration_noise: the same for its acceleration [rad/s^2].
+        velocity_noise: standard deviation of the smoothed velocity [rad/s].
     """
 
     recording: Recording
@@ -71,6 +73,12 @@ class Windows:
     moving: Mask
     torque_noise: float
     acceleration_noise: float
+    velocity_noise: float
+
+    @property
+    def raw_torque_noise(self) -> float:
+        """Standard deviation of the white noise of the torque channel [N m]."""
+        return self.torque_noise / float(np.linalg.norm(np.convolve(self.kernel, [0.5, 0.5])))
 
     def average(self, series: ArrayLike, kernel: Array | None = None) -> Array:
         """Averages (R,) of a series (N,) over the windows."""
@@ -111,8 +119,7 @@ class Windows:
 
     def muffled(self, term: Term) -> float:
         """Variance of white torque noise that the term's fixed columns take out of the windows [(N m)^2]."""
-        noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.torque_noise
-        noise /= np.linalg.norm(np.convolve(self.kernel, [0.5, 0.5]))  # as it is before the window
+        noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
         held = noise.copy()
         held[1:] = 0.5 * (noise[1:] + noise[:-1])
         heard = replace(
@@ -236,6 +243,7 @@ def cut(recording: Recording, half_width: float) -> Windows:
         moving=moving,
         torque_noise=white_noise(recording.torque) * float(np.linalg.norm(held)),
         acceleration_noise=motion.acceleration_noise,
+        velocity_noise=motion.velocity_noise,
     )
 
 
@@ -327,7 +335,7 @@ def choose_half_width(recording: Recording) -> float:
         if len(equations.y) >= 20:
             inertia = abs(float(np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]))
             break
-    enough = 0.003 * float(np.std(recording.torque))  # noise below this hides nothing worth finding
+    enough = TRIFLE * float(np.std(recording.torque))
     for width in widths:
         w = cut(recording, width)
         if inertia * w.acceleration_noise <= max(0.7 * w.torque_noise, enough):

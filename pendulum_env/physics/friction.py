@@ -22,7 +22,7 @@ class CoulombAsymmetry(Term):
     id = "coulomb_asymmetry"
     law = "d |sgn q'|"
     kind = "dissipative"
-    reveal = "the motor mounted the other way round: an offset of the command changes sign, friction does not"
+    reveal = "the motor mounted the other way round, as an offset then changes its sign and friction does not"
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -106,7 +106,7 @@ class HardStop(Term):
 
     def _depth(self, x: Samples) -> np.ndarray:
         """Penetration beyond the stop, signed [rad]."""
-        side = 1.0 if self.stop >= 0 else -1.0
+        side = np.where(np.asarray(self.stop) >= 0, 1.0, -1.0)
         return side * np.maximum(side * (np.asarray(x.position) - self.stop), 0.0)
 
     @classmethod

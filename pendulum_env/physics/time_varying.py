@@ -98,7 +98,7 @@ class PeriodicDisturbance(Term):
         power = np.abs(np.fft.rfft(signal, length)) ** 2
         omega = 2 * np.pi * np.fft.rfftfreq(length, step)
         span = float(time.max() - time.min())
-        usable = (omega > 2 * np.pi / span) & (omega < 0.4 * np.pi / (2 * step))
+        usable = (omega > 2 * np.pi / span) & (omega < 0.8 * np.pi / (2 * step))
         peaks = np.flatnonzero(usable[1:-1] & (power[1:-1] >= power[2:]) & (power[1:-1] >= power[:-2])) + 1
         highest = peaks[np.argsort(power[peaks])[::-1][:8]]
         return [cls(float(w)) for w in omega[highest]]

@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = diagnose([train], [holdout], progress=progress)
     tell(found, terminal)
     with terminal.progress("writing the report"):
-        write_report(report, [train], [holdout], found)
+        write_report(report, [train], [holdout], found, six_schemes([train], found.model.terms))
     reveal(plant, found, terminal)
     wrote([report, *files], terminal)
     terminal.say(f"another pendulum: pendulum-ident demo --seed {arguments.seed + 1}")

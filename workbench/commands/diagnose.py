@@ -40,7 +40,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found.model.save(arguments.output)
     if arguments.report is not None:
         with terminal.progress("writing the report"):
-            write_report(arguments.report, recordings, holdout, found)
+            schemes = six_schemes(recordings, found.model.terms)
+            write_report(arguments.report, recordings, holdout, found, schemes)
     tell(found, terminal)
     wrote(outputs, terminal)
 

@@ -1,0 +1,159 @@
+"""Output error: parameters refined by what they do to motion, over many short flights at once.
+
+Equations clear of stick say nothing of what happens in and around it. A simulation does: here all flights and all
+perturbed parameters are simulated as one batch, and the parameters are moved until the simulated positions fit the
+measured ones (Gauss-Newton). The state at the start of each flight is free: its two sensitivities are projected out.
+
+Source: Ljung, System Identification, 2nd edition, section 10.2, with multiple shooting as in Bock 1983.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.free_running import Flights
+from estimators.shapes import continuous, moved
+from pendulum_env._typing import Array
+from pendulum_env.physics import Term, simulate
+from pendulum_env.physics.simulation import delayed
+
+TURNS = 6
+SHARES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step that are tried
+DIFFERENCE = 1e-3  # relative step of derivatives
+GRAIN = 0.004  # [s] between the positions that are compared
+
+
+@dataclass(frozen=True)
+class Point:
+    """Terms and linear parameters: a place in the search."""
+
+    terms: tuple[Term, ...]
+    theta: Array  # (P,)
+
+    @property
+    def values(self) -> Array:
+        """All free parameters: the linear ones, then the continuous shape parameters."""
+        shapes = [term.shape[shape.name] for term in self.terms for shape in continuous(term)]
+        return np.concatenate([self.theta, shapes])
+
+    def at(self, values: Array) -> Point:
+        """The point with other values (P + S,)."""
+        rest = list(values[len(self.theta) :])
+        terms = []
+        for term in self.terms:
+            shapes = continuous(term)
+            own, rest = np.array(rest[: len(shapes)]), rest[len(shapes) :]
+            term = moved(term, shapes, own) if shapes else term
+            following = {shape.name: self._named(values, shape.follows) for shape in term.shapes if shape.follows}
+            terms.append(replace(term, **following))
+        return Point(tuple(terms), values[: len(self.theta)])
+
+    def _named(self, values: Array, name: str) -> float:
+        names = [column.name for term in self.terms for column in term.columns]
+        return float(values[names.index(name)]) if name in names else 0.0
+
+
+NUDGE = np.array([1e-4, 1e-3])  # of the initial position [rad] and velocity [rad/s], for their sensitivities
+
+
+def paths(flights: Flights, points: Sequence[Point]) -> Array:
+    """Simulated positions in B flights at V points, then at the first point from nudged states, (N, V + 2, B) [rad]."""
+    everyone = [*points, points[0], points[0]]
+    recording, first, batch = flights.windows.recording, flights.first, len(flights.first)
+    terms, memory = [], {}
+    for variants in zip(*(point.terms for point in everyone), strict=True):
+        if variants[0].delay:
+            continue  # the command is delayed below
+        stacked = {name: np.repeat([v.shape[name] for v in variants], batch) for name in variants[0].shape}
+        terms.append(replace(variants[0], **stacked))
+        distinct = list(dict.fromkeys(variants))
+        states = dict(zip(distinct, flights.windows.trace(distinct), strict=True))
+        for id in states[distinct[0]].memory:
+            series = zip(*(states[variant].memory[id] for variant in variants), strict=True)
+            memory[id] = tuple(np.concatenate([one[first] for one in variable]) for variable in series)
+    nudges = np.zeros((len(everyone), 2))
+    nudges[-2:] = np.diag(NUDGE)
+    path = simulate(
+        terms,
+        np.repeat(np.column_stack([point.theta for point in everyone]), batch, axis=1),
+        1.0 / recording.rate,
+        np.concatenate([_command(flights, sum(term.delay for term in point.terms)) for point in everyone], axis=1),
+        np.tile(flights.position[0], len(everyone)) + np.repeat(nudges[:, 0], batch),
+        np.tile(flights.velocity, len(everyone)) + np.repeat(nudges[:, 1], batch),
+        np.tile(recording.time[first], len(everyone)),
+        memory=memory,
+    )
+    return path.position[1:].reshape(-1, len(everyone), batch)
+
+
+def _command(flights: Flights, delay: float) -> Array:
+    """Held command in every flight, (N, B), `delay` [s] late."""
+    if delay == 0:
+        return flights.torque
+    recording = flights.windows.recording
+    reach = np.arange(-int(np.ceil(delay * recording.rate)) - 1, 0)[:, None] + flights.first
+    before = np.where(reach >= 0, recording.torque[np.maximum(reach, 0)], 0.0)
+    return delayed(flights.torque, before, delay * recording.rate)
+
+
+def _errors(flights: Flights, points: Sequence[Point]) -> tuple[Array, Array]:
+    """Position errors (B, N, V) at V points, free of what another initial state would explain, and that span (B, N, 2).
+
+    The part of each flight's error that its two initial-state sensitivities can explain is taken out.
+    """
+    grain = max(1, round(GRAIN * flights.windows.recording.rate))
+    path = paths(flights, points)[grain - 1 :: grain]
+    measured = flights.position[1:][grain - 1 :: grain]
+    sensitivity = np.moveaxis((path[:, -2:] - path[:, :1]) / NUDGE[:, None], 2, 0)  # (B, N, 2)
+    frames, _ = np.linalg.qr(sensitivity)
+    error = np.moveaxis(path[:, :-2] - measured[:, None], 2, 0)  # (B, N, V)
+    return error - frames @ (np.swapaxes(frames, 1, 2) @ error), frames
+
+
+def residuals(flights: Sequence[Flights], points: Sequence[Point]) -> list[Array]:
+    """Residuals of V points over all flights: for each recording (B, N, V)."""
+    return [_errors(flight, points)[0] for flight in flights]
+
+
+def _weights(base: Sequence[Array]) -> list[Array]:
+    """Weight of each flight, (B, 1, 1) a recording: flights that go astray at the top of the swing count less."""
+    sizes = [np.sqrt(np.mean(part[:, :, :1] ** 2, axis=(1, 2))) for part in base]
+    usual = 3 * float(np.median(np.concatenate(sizes))) + 1e-12
+    return [(1 / (1 + (size / usual) ** 2))[:, None, None] for size in sizes]
+
+
+def cost(parts: Sequence[Array], weights: Sequence[Array]) -> Array:
+    """Weighted mean square error of each point, (V,) [rad^2]."""
+    total = sum((weight * part**2).sum(axis=(0, 1)) for part, weight in zip(parts, weights, strict=True))
+    return total / sum(float(weight.sum()) * part.shape[1] for part, weight in zip(parts, weights, strict=True))
+
+
+def fit(flights: Sequence[Flights], terms: Sequence[Term], theta: Array, turns: int = TURNS) -> tuple[Point, float]:
+    """Move all parameters until the flights fit best; returns the point and its root mean square error [rad]."""
+    point = Point(tuple(terms), np.asarray(theta, dtype=float))
+    base = residuals(flights, [point])
+    weights = _weights(base)
+    current = float(cost(base, weights)[0])
+    for _ in range(turns):
+        values = point.values
+        size = np.maximum(np.abs(values), 1e-3)
+        nearby = [point.at(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
+        parts = residuals(flights, [point, *nearby])
+        flat = np.concatenate(
+            [(np.sqrt(w) * part).reshape(-1, part.shape[2]) for part, w in zip(parts, weights, strict=True)]
+        )
+        slopes = (flat[:, 1:] - flat[:, :1]) / DIFFERENCE
+        damping = np.diag(1e-3 * np.linalg.norm(slopes, axis=0) + 1e-12)
+        target = np.concatenate([-flat[:, 0], np.zeros(len(values))])
+        step = np.linalg.lstsq(np.vstack([slopes, damping]), target, rcond=None)[0]
+        step = np.clip(step, -0.5, 0.5)
+        tried = [point.at(values + share * step * size) for share in SHARES]
+        costs = cost(residuals(flights, tried), weights)
+        best = int(np.argmin(costs))
+        if not costs[best] < current * (1 - 1e-3):
+            break
+        point, current = tried[best], float(costs[best])
+    return point, float(np.sqrt(current))

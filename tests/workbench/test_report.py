@@ -1,0 +1,226 @@
+import html
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimators.diagnose import diagnose
+from estimators.diagnosis import Candidate, Diagnosis, Verdict
+from estimators.identify import identify
+from estimators.regions import Region
+from pendulum_env.physics import BASE, Model
+from pendulum_env.physics.friction import Stribeck
+from pendulum_env.recording import Recording
+from workbench.report import render, write_report
+from workbench.report.figure import broken, numbers, thin
+from workbench.report.sections import SECTIONS
+from workbench.report.words import number
+
+PLANT = Model.build((*BASE, Stribeck(0.6)), [0.09, 2.0, 0.35, 0.7, 0.4])
+HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
+REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 to 0.2 rad the joint needs <more>")
+
+
+def recorded(name: str, seed: int, seconds: float = 8.0, plant: Model = PLANT) -> Recording:
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(500 * seconds)) / 500
+    torque = 3 * np.sin(12.07 * time + rng.uniform(0, 6)) + 3 * np.sin(2.25 * time + rng.uniform(0, 6))
+    path = plant.simulate(1 / 500, torque, 0.0, 0.0)
+    position = np.round(path.position[:-1, 0] * 1024000 / (2 * np.pi)) * 2 * np.pi / 1024000
+    return Recording(name, time, position, torque + rng.normal(0, 0.02, len(time)))
+
+
+@pytest.fixture(scope="module")
+def train() -> Recording:
+    return recorded("run one", 1)
+
+
+@pytest.fixture(scope="module")
+def holdout() -> Recording:
+    return recorded("run two", 2)
+
+
+@pytest.fixture(scope="module")
+def diagnosis(train: Recording, holdout: Recording) -> Diagnosis:
+    return diagnose([train], [holdout])
+
+
+@pytest.fixture(scope="module")
+def page(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> str:
+    return render([train], [holdout], diagnosis, identify([train], diagnosis.model.terms))
+
+
+class Page(HTMLParser):
+    """What a browser would make of the page: tags with their attributes, text outside scripts, and figures."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.figures: list[dict] = []
+        self._inside = ""
+        self.feed(text)
+        self.text = re.sub(r"\s+", " ", self.text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self._inside = dict(attrs).get("type") or tag if tag in ("script", "style") else self._inside
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = "" if tag in ("script", "style") else self._inside
+
+    def handle_data(self, data: str) -> None:
+        if self._inside == "application/json":
+            self.figures.append(json.loads(data))
+        elif not self._inside:
+            self.text += data
+
+
+def values(found: Page, attribute: str) -> list[str]:
+    return [attrs[attribute] or "" for _, attrs in found.tags if attribute in attrs]
+
+
+def test_page_loads_nothing_from_elsewhere(page: str) -> None:
+    found = Page(page)
+    assert values(found, "src") == []
+    assert all(href.startswith("#") for href in values(found, "href"))
+    style = re.search(r"<style>(.*?)</style>", page, re.DOTALL)[1]
+    assert "url(" not in style and "@import" not in style
+    assert not any(tag in ("link", "iframe", "img", "object", "embed") for tag, _ in found.tags)
+
+
+def test_page_has_every_section_and_a_link_to_each(page: str) -> None:
+    found = Page(page)
+    sections = [attrs["id"] for tag, attrs in found.tags if tag == "section"]
+    assert len(sections) == len(SECTIONS)
+    assert set(sections) <= {href[1:] for href in values(found, "href")}
+    ids = values(found, "id")
+    assert len(ids) == len(set(ids))
+
+
+def test_schemes_are_left_out_where_none_were_run(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
+    assert 'id="schemes"' not in render([train], [holdout], diagnosis)
+
+
+def test_numbers_in_the_text_are_those_of_the_diagnosis(page: str, diagnosis: Diagnosis) -> None:
+    text = Page(page).text
+    assert diagnosis.selected == ("stribeck",)
+    assert "Stribeck friction is missing" in text
+    for step in diagnosis.steps:
+        for errors in step.errors.values():
+            assert number(errors.torque_rms, padded=True) in text
+            assert number(errors.position_rms, padded=True) in text
+    assert number(diagnosis.noise_floor, padded=True) in text
+    for name, estimate in diagnosis.model.estimates.items():
+        assert name in text
+        assert f"± {estimate.std:.{1 - int(np.floor(np.log10(estimate.std)))}f}" in text
+    for candidate in diagnosis.candidates:
+        assert candidate.reason in text
+
+
+def test_figures_are_small_finite_and_coloured_by_the_page(page: str) -> None:
+    figures = Page(page).figures
+    assert len(figures) >= 10
+    style = re.search(r"<style>(.*?)</style>", page, re.DOTALL)[1]
+    for color in set(re.findall(r'"(--[a-z0-9-]+)"', json.dumps(figures))):
+        assert style.count(f"{color}:") == 2, f"{color} in light and dark"
+    for figure in figures:
+        for trace in figure["data"]:
+            assert len(trace["x"]) <= 6000
+
+
+def test_page_is_small(page: str) -> None:
+    assert len(page.encode()) < 3_000_000
+
+
+def test_hostile_names_stay_text(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
+    page = render([replace(train, name=HOSTILE)], [replace(holdout, name=HOSTILE)], diagnosis)
+    assert "<script>alert" not in page
+    found = Page(page)
+    assert HOSTILE in found.text
+    assert len([tag for tag, _ in found.tags if tag == "script"]) == 4 + len(found.figures) - 1
+
+
+def test_nothing_missing_is_said_plainly(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
+    text = Page(render([train], [holdout], replace(diagnosis, steps=diagnosis.steps[:1]))).text
+    assert "Nothing is missing" in text
+    assert "times smaller" not in text
+
+
+def test_open_questions_are_told(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
+    silent = Candidate("hard_stop", 0.0, Verdict.NOT_EXCITED, 1.0, "it needs wider swings")
+    uncertain = replace(
+        diagnosis,
+        ambiguous=(("stribeck", "presliding"),),
+        unexplained=(REGION,),
+        advice=("slower motion would separate them",),
+        candidates=(*diagnosis.candidates, silent),
+    )
+    text = Page(render([train], [holdout], uncertain)).text
+    assert "Stribeck friction or presliding is missing, and more that no known effect explains" in text
+    assert "For q from 0.1 to 0.2 rad the joint needs <more>" in text
+    assert "Slower motion would separate them." in text
+    assert "A hard stop: it needs wider swings." in text
+    stuck = replace(diagnosis, steps=diagnosis.steps[:1], unexplained=(REGION,))
+    assert "Something is missing, and no known effect explains it" in Page(render([train], [holdout], stuck)).text
+
+
+def test_ends_of_several_recordings_are_held_out_and_drawn() -> None:
+    recordings = [recorded(f"part {k}", k, seconds=12.0) for k in range(2)]
+    found = Page(render(recordings, [], diagnose(recordings)))
+    assert "the last 30 % of each recording" in found.text
+    assert "1 more recording" in found.text
+    assert "--holdout" not in found.text
+
+
+def test_report_is_written_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, train: Recording, holdout: Recording, diagnosis: Diagnosis
+) -> None:
+    path = tmp_path / "report.html"
+    write_report(path, [train], [holdout], diagnosis)
+    first = path.read_text(encoding="utf-8")
+    assert first.rstrip().endswith("</html>")
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "disk full")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(OSError, match="disk full"):
+        write_report(path, [train], [holdout], diagnosis)
+    assert path.read_text(encoding="utf-8") == first
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_command_line_quotes_names(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
+    page = render([train], [holdout], diagnosis)
+    assert "diagnose 'run one.csv' --holdout 'run two.csv' --report report.html" in html.unescape(page)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.00739, "0.00739"), (-0.5, "−0.5"), (2.5e-7, "2.5 × 10⁻⁷"), (float("nan"), "–"), (0.0, "0"), (1234.5, "1230")],
+)
+def test_numbers_are_printed_without_exponents(value: float, text: str) -> None:
+    assert number(value) == text
+
+
+def test_thinning_keeps_peaks() -> None:
+    series = np.zeros(100_000)
+    series[[123, 77_777]] = 5.0, -5.0
+    kept = thin(series, 1000)
+    assert len(kept) <= 1000
+    assert {123, 77_777} <= set(kept)
+
+
+def test_curves_break_where_time_has_a_gap() -> None:
+    time = np.r_[np.arange(5.0), np.arange(10.0, 15.0)]
+    x, (y,) = broken(time, np.arange(10), time)
+    assert np.flatnonzero(np.isnan(x)).tolist() == np.flatnonzero(np.isnan(y)).tolist() == [5]
+
+
+def test_plotted_numbers_are_rounded_and_gaps_are_null() -> None:
+    assert numbers(np.array([1.23456789, np.nan, -1e-9, 0.0])) == [1.2346, None, -1e-9, 0.0]

@@ -1,0 +1,72 @@
+"""What a section of the report may look at, worked out once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from estimators.diagnose import split
+from estimators.diagnosis import Diagnosis
+from estimators.evidence import Evidence
+from estimators.identify import Identification
+from pendulum_env._typing import Array
+from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
+
+
+@dataclass(frozen=True)
+class Case:
+    """A diagnosis with the recordings it rests on.
+
+    Attributes:
+        train: recordings that were fitted.
+        holdout: recordings that were held out: given ones, or the ends of the fitted ones.
+        is_split: whether the held-out recordings are the ends of the fitted ones.
+        diagnosis: what was found.
+        identification: the schemes side by side, where they were run.
+    """
+
+    train: tuple[Recording, ...]
+    holdout: tuple[Recording, ...]
+    is_split: bool
+    diagnosis: Diagnosis
+    identification: Identification | None = None
+
+    @classmethod
+    def of(
+        cls,
+        recordings: Sequence[Recording],
+        holdout: Sequence[Recording],
+        diagnosis: Diagnosis,
+        identification: Identification | None = None,
+    ) -> Case:
+        """Gather a case; without held-out recordings, the end of each recording is held out, as in the diagnosis."""
+        train, test = (recordings, holdout) if holdout else split(recordings)
+        return cls(tuple(train), tuple(test), not holdout, diagnosis, identification)
+
+    @cached_property
+    def training(self) -> Evidence:
+        """Windows and flights of the fitted recordings."""
+        return Evidence.of(self.train)
+
+    @cached_property
+    def testing(self) -> Evidence:
+        """Windows and flights of the held-out recordings."""
+        return Evidence.of(self.holdout)
+
+    @property
+    def base(self) -> Model:
+        """The model that the diagnosis started from."""
+        return self.diagnosis.steps[0].model
+
+    @property
+    def models(self) -> tuple[tuple[str, str, Model], ...]:
+        """Label, colour and model of what is drawn: the base model and, where effects were added, the final one."""
+        base = ("base model", "--base", self.base)
+        final = ("final model", "--final", self.diagnosis.model)
+        return (base, final) if self.diagnosis.selected else (base,)
+
+    def residuals(self, evidence: Evidence) -> list[Array]:
+        """Measured minus modelled torque (R,) [N m] of each drawn model."""
+        return [evidence.residual(model.terms, model.theta) for _, _, model in self.models]

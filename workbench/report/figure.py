@@ -1,0 +1,149 @@
+"""Plots as plain data for plotly.js; colours are names of the page's own, so that one file does light and dark."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pendulum_env._typing import JSON, Array, Index
+
+POINTS = 2400  # of one curve; more than a screen is wide
+DIGITS = 5  # significant, more than a plot can show
+
+
+@dataclass(frozen=True)
+class View:
+    """A part of a plot that a button shows; `ranges` by axis, in the order of their keys in the layout."""
+
+    label: str
+    ranges: dict[str, list[float]]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One plot.
+
+    Attributes:
+        id: unique on the page.
+        label: what is seen, for those who cannot see it.
+        data, layout: as plotly.js takes them; colours such as "--base" are looked up in the page's style.
+        height: [px].
+        views: parts to choose from; the first one is shown.
+    """
+
+    id: str
+    label: str
+    data: list[JSON]
+    layout: JSON
+    height: int = 340
+    views: tuple[View, ...] = ()
+
+
+def numbers(values: Array) -> list[float | None]:
+    """Values rounded to what a plot can show; NaN becomes a gap."""
+    values = np.asarray(values, dtype=float)
+    size = np.floor(np.log10(np.maximum(np.abs(np.nan_to_num(values)), 1e-30)))
+    scale = 10.0 ** (DIGITS - 1 - np.clip(size, -12, 12))
+    rounded = np.round(values * scale) / scale
+    return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in rounded.ravel()]
+
+
+def line(x: Array, y: Array, name: str, color: str, unit: str, **more: object) -> JSON:
+    """Curve through points, in one of the page's colours."""
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": name,
+        "x": numbers(x),
+        "y": numbers(y),
+        "line": {"color": color, "width": 1.6},
+        "hovertemplate": f"%{{y:.3g}} {unit}",
+        **more,
+    }
+
+
+def band(x: Array, half: Array, name: str, **more: object) -> JSON:
+    """Filled band of plus and minus `half` (N,) about zero."""
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": name,
+        "x": numbers(np.r_[x, x[::-1]]),
+        "y": numbers(np.r_[half, -half[::-1]]),
+        "fill": "toself",
+        "fillcolor": "--noise",
+        "line": {"width": 0},
+        "legendrank": 2000,
+        "hoverinfo": "skip",
+        **more,
+    }
+
+
+def axis(title: str, **more: object) -> JSON:
+    """Axis with a title."""
+    return {"title": {"text": title}, **more}
+
+
+def thin(series: Array, most: int = POINTS) -> Index:
+    """Indices of about `most` samples of a series (N,) that keep every peak: the extremes of equal stretches."""
+    if len(series) <= most:
+        return np.arange(len(series))
+    parts = np.array_split(np.arange(len(series)), most // 2)
+    ends = [(part[np.argmin(series[part])], part[np.argmax(series[part])]) for part in parts]
+    return np.unique(np.array(ends))
+
+
+def broken(time: Array, kept: Index, *series: Array) -> tuple[Array, list[Array]]:
+    """Time and series at the kept samples, with a gap wherever the time (N,) itself has one."""
+    steps = np.diff(time)
+    run = np.r_[0, np.cumsum(steps > 1.5 * np.median(steps))][kept] if len(steps) else np.zeros(len(kept))
+    gaps = np.flatnonzero(np.diff(run)) + 1
+    return np.insert(time[kept], gaps, np.nan), [np.insert(values[kept], gaps, np.nan) for values in series]
+
+
+def stacked(upper: str, lower: str, x: str, share: float = 0.55) -> JSON:
+    """Layout of two plots above each other with one abscissa."""
+    return {
+        "xaxis": axis(x, anchor="y2"),
+        "yaxis": axis(upper, domain=[1 - share + 0.04, 1]),
+        "yaxis2": axis(lower, domain=[0, 1 - share - 0.04]),
+        "hovermode": "x unified",
+    }
+
+
+def span(series: Sequence[Array], margin: float = 0.06) -> list[float]:
+    """Range of an axis that shows all of the series."""
+    values = np.concatenate([s[np.isfinite(s)] for s in series])
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+    room = margin * ((high - low) or abs(high) or 1.0)
+    return [low - room, high + room]
+
+
+def views(
+    x: Array, upper: Sequence[Array], lower: Sequence[Array], seconds: float, worst_first: bool
+) -> tuple[View, ...]:
+    """All of two stacked plots over time x (N,), and the stretch where the first of the lower series is largest."""
+
+    def view(label: str, low: float, high: float) -> View:
+        inside = (x >= low) & (x <= high)
+        ranges = {"xaxis": [low, high]}
+        ranges |= {f"yaxis{k}": span([s[inside] for s in part]) for k, part in (("", upper), ("2", lower))}
+        return View(label, ranges)
+
+    start, stop = float(np.nanmin(x)), float(np.nanmax(x))
+    everything = view("All", start, stop)
+    if stop - start < 2 * seconds:
+        return (everything,)
+    size = np.nan_to_num(lower[0]) ** 2
+    starts = np.arange(start, stop - seconds + 0.5, 0.5)
+    sums = [float(size[(x >= s) & (x <= s + seconds)].sum()) for s in starts]
+    first = float(starts[int(np.argmax(sums))])
+    worst = view(f"Where the base model is worst ({seconds:g} s)", first, first + seconds)
+    return (worst, everything) if worst_first else (everything, worst)
+
+
+def joined(parts: Sequence[Array]) -> Array:
+    """Arrays in a row with a gap between each two."""
+    return np.concatenate([np.r_[part, np.nan] for part in parts]) if parts else np.empty(0)

@@ -1,0 +1,46 @@
+"""Ranking of the candidate effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimators.diagnosis import Candidate, Verdict
+from pendulum_env.physics import effects
+from workbench.report.case import Case
+from workbench.report.section import Section
+
+VERDICTS = {
+    Verdict.SELECTED: "selected",
+    Verdict.AMBIGUOUS: "ambiguous",
+    Verdict.REJECTED: "rejected",
+    Verdict.NOT_EXCITED: "not excited",
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A candidate with its law and rank."""
+
+    rank: int
+    candidate: Candidate
+    law: str
+    verdict: str
+    order: int
+
+
+def candidates(case: Case) -> Section:
+    """Every effect of the library with its verdict, score, error ratio and reason."""
+    library = effects()
+    order = list(VERDICTS)
+    rows = [
+        Row(
+            rank,
+            candidate,
+            library[candidate.effect].law if candidate.effect in library else "",
+            VERDICTS[candidate.verdict],
+            order.index(candidate.verdict),
+        )
+        for rank, candidate in enumerate(case.diagnosis.candidates, 1)
+    ]
+    widest = max([1.25, *(min(row.candidate.error_ratio, 2.0) for row in rows)])
+    return Section("candidates", "Candidates", "What was considered", {"rows": rows, "widest": widest})

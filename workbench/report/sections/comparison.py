@@ -1,0 +1,109 @@
+"""Measured against modelled: torque, and position in free run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.free_running import Flights, follow
+from pendulum_env._typing import JSON, Array
+from workbench.report.case import Case
+from workbench.report.figure import POINTS, Figure, band, broken, joined, line, numbers, stacked, thin, views
+from workbench.report.section import Section
+
+MOST = 4  # held-out recordings that are drawn
+PER_FLIGHT = (10, 80)  # points of each simulated window, fewer where there are many
+CLOSE = 5.0  # [s] that are shown at first
+BROAD = 3.4  # width of the measured curve, on which the models are drawn
+
+
+def comparison(case: Case) -> Section:
+    """Both comparisons for every held-out recording, those with the largest errors first."""
+    evidence, residuals = case.testing, case.residuals(case.testing)
+    ends = np.cumsum([len(w.centers) for w in evidence.data.windows])[:-1]
+    split = [np.split(residual, ends) for residual in residuals]
+    torque = np.split(evidence.data.torque(), ends)
+    noise = case.diagnosis.noise_floor
+    usable = [k for k, w in enumerate(evidence.data.windows) if len(w.centers) > 1]
+    order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[:MOST]
+    runs = [
+        {
+            "name": case.holdout[k].name,
+            "torque": torque_figure(case, k, torque[k], [part[k] for part in split], noise),
+            "position": position_figure(case, k, evidence.flights[k]),
+        }
+        for k in order
+    ]
+    return Section(
+        "comparison",
+        "Comparison",
+        "Measured against modelled",
+        {"runs": runs, "left_out": len(usable) - len(runs), "found": bool(case.diagnosis.selected)},
+    )
+
+
+def torque_figure(case: Case, k: int, torque: Array, residuals: Sequence[Array], noise: float) -> Figure:
+    """Torque of one recording in every window, above what each model leaves of it."""
+    time = np.asarray(case.testing.data.windows[k].at_centers().time)
+    x, (measured, *left) = broken(time, thin(residuals[0]), torque, *residuals)
+    modelled = [measured - residual for residual in left]
+    label = f"Measured and modelled torque over time, and their difference, recording {case.holdout[k].name}"
+    figure = before_and_after(case, f"torque-{k}", label, x, measured, modelled, left, ("torque", "residual", "N m"))
+    figure.data.insert(0, band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
+    return figure
+
+
+def position_figure(case: Case, k: int, flights: Flights) -> Figure:
+    """Position of one recording and free-running simulations, each window started from the measured state."""
+    points = int(np.clip(2 * POINTS // len(flights.first), *PER_FLIGHT))
+    step = max(1, (len(flights.position) - 1) // points)
+    at = np.arange(0, len(flights.position), step)
+    recording = flights.windows.recording
+    start = recording.time[flights.first]
+    x = joined(list((start + at[:, None] / recording.rate).T))
+    measured = joined(list(flights.position[at].T))
+    errors = [joined(list(follow(flights, m.terms, m.theta)[at].T)) for _, _, m in case.models]
+    simulated = [measured + error for error in errors]
+    label = f"Measured position and free-running simulation over time, recording {case.holdout[k].name}"
+    names = ("position", "error", "rad")
+    figure = before_and_after(case, f"position-{k}", label, x, measured, simulated, errors, names)
+    figure.data.append(starts(start, flights.position[0]))
+    return figure
+
+
+def before_and_after(
+    case: Case,
+    id: str,
+    label: str,
+    x: Array,
+    measured: Array,
+    modelled: Sequence[Array],
+    differences: Sequence[Array],
+    names: tuple[str, str, str],
+) -> Figure:
+    """Measured and modelled quantity (N,) above their difference, for every model; names: of both, and their unit."""
+    quantity, difference, unit = names
+    data = [line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": BROAD})]
+    for (name, color, _), above, below in zip(case.models, modelled, differences, strict=True):
+        data.append(line(x, above, name, color, unit, legendgroup=name))
+        data.append(line(x, below, name, color, unit, legendgroup=name, yaxis="y2", showlegend=False))
+    layout = stacked(f"{quantity} [{unit}]", f"{difference} [{unit}]", "time [s]")
+    to_see = bool(case.diagnosis.selected or case.diagnosis.unexplained)
+    choice = views(x, [measured, *modelled], differences, CLOSE, worst_first=to_see)
+    for axis, limits in choice[0].ranges.items():
+        layout[axis]["range"] = limits
+    return Figure(id, label, data, layout, 460, choice)
+
+
+def starts(time: Array, position: Array) -> JSON:
+    """Dots where the simulations start."""
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": "start of a window",
+        "x": numbers(time),
+        "y": numbers(position),
+        "marker": {"color": "--measured", "size": 5},
+        "hoverinfo": "skip",
+    }

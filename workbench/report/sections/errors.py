@@ -1,0 +1,81 @@
+"""The fall of the error, step by step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pendulum_env._typing import JSON
+from workbench.report.case import Case
+from workbench.report.figure import Figure, axis, numbers
+from workbench.report.section import Section
+from workbench.report.words import name, number
+
+PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
+
+
+def errors(case: Case) -> Section:
+    """Errors after every step: table, and plot where there is more than one."""
+    steps = case.diagnosis.steps
+    content = {
+        "steps": steps,
+        "noise_floor": case.diagnosis.noise_floor,
+        "figures": [
+            ladder(case, "torque_rms", "torque error [N m]", case.diagnosis.noise_floor),
+            ladder(case, "position_rms", "free-running position error [rad]", None),
+        ]
+        if len(steps) > 1
+        else [],
+    }
+    return Section("errors", "Errors", "How the error falls", content)
+
+
+def ladder(case: Case, quantity: str, title: str, floor: float | None) -> Figure:
+    """One kind of error over the steps, on a logarithmic axis."""
+    steps = case.diagnosis.steps
+    labels = ["base model", *(f"+ {name(step.added)}" for step in steps if step.added)]
+    data: list[JSON] = []
+    values = []
+    shades = ["--base", *["--between"] * (len(steps) - 2), "--final"]
+    for part, label, color, symbol in PARTS:
+        error = np.array([getattr(step.errors[part], quantity) for step in steps])
+        values += [*error]
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "lines+markers",
+                "name": label,
+                "x": list(range(len(steps))),
+                "y": numbers(error),
+                "line": {"color": color, "width": 2},
+                "marker": {"color": shades, "size": 10, "symbol": symbol},
+                "hovertemplate": "%{y:.3g}",
+            }
+        )
+    if floor is not None:
+        values.append(floor)
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": "noise floor",
+                "x": [-0.3, len(steps) - 0.7],
+                "y": [floor, floor],
+                "line": {"color": "--muted", "width": 1.5, "dash": "dash"},
+                "hovertemplate": "%{y:.3g}",
+            }
+        )
+    low, high = np.log10(min(values)) - 0.12, np.log10(max(values)) + 0.12
+    marks = np.array([1, 2, 5] if high - low < 2 else [1]) * 10.0 ** np.arange(-15, 7)[:, None]  # 1-2-5 or decades
+    ticks = [float(mark) for mark in marks.ravel() if low <= np.log10(mark) <= high]
+    layout = {
+        "xaxis": axis(
+            "",
+            tickvals=list(range(len(steps))),
+            ticktext=labels,
+            range=[-0.3, len(steps) - 0.7],
+            showgrid=False,
+            zeroline=False,
+        ),
+        "yaxis": axis(title, type="log", range=[low, high], tickvals=ticks, ticktext=[number(t) for t in ticks]),
+    }
+    return Figure(f"ladder-{quantity}", f"{title} after every step", data, layout, 320)

@@ -1,0 +1,150 @@
+"""Where the model fails: its residual over angle, velocity, torque, time and frequency, and in the phase plane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.regions import STANDS_OUT, Profile, Region, profiles, stand_out
+from pendulum_env._typing import JSON, Array
+from workbench.report.case import Case
+from workbench.report.figure import Figure, axis, band, line, numbers
+from workbench.report.section import Section
+
+TITLES = {
+    "position": "angle q [rad]",
+    "velocity": "velocity q' [rad/s]",
+    "torque": "torque τ [N m]",
+    "time": "time t [s]",
+    "frequency": "frequency [Hz]",
+}
+QUARTERS = [-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi]
+FEWEST = 2  # windows that make a cell of the phase plane
+
+
+def failures(case: Case) -> Section:
+    """Residual maps of the base model beside the final one, on the data that were fitted."""
+    evidence, noise = case.training, case.diagnosis.noise_floor
+    residuals = case.residuals(evidence)
+    maps = [profiles(evidence.samples, residual, noise) for residual in residuals]
+    regions = stand_out(maps[0])
+    return Section(
+        "failures",
+        "Where it fails",
+        "Where the model fails",
+        {
+            "regions": regions,
+            "unexplained": case.diagnosis.unexplained,
+            "found": bool(case.diagnosis.selected),
+            "key": key(case, regions),
+            "threshold": STANDS_OUT,
+            "figures": [
+                profile_figure(case, [m[k] for m in maps], regions, case.diagnosis.unexplained)
+                for k in range(len(maps[0]))
+            ],
+            "planes": [
+                (label, figure)
+                for (label, _, _), figure in zip(case.models, plane_figures(case, residuals), strict=True)
+            ],
+        },
+    )
+
+
+def key(case: Case, regions: Sequence[Region]) -> list[tuple[str, str, str]]:
+    """Kind, colour and meaning of what the profiles show."""
+    entries = [("stroke", color, label) for label, color, _ in case.models]
+    entries.append(("patch", "--noise", f"noise (±{STANDS_OUT:g}σ)"))
+    if regions:
+        entries.append(("patch", "--region", "stands out under the base model"))
+    if case.diagnosis.selected and case.diagnosis.unexplained:
+        entries.append(("patch", "--open", "stands out under the final model"))
+    return entries
+
+
+def profile_figure(
+    case: Case, drawn: Sequence[Profile], regions: Sequence[Region], unexplained: Sequence[Region]
+) -> Figure:
+    """Mean residual of each model over one quantity, the noise band, and the regions that stand out."""
+    first = drawn[0]
+    middle = 0.5 * (first.edges[1:] + first.edges[:-1])
+    oscillates = first.axis == "frequency"
+    data = [band(middle, STANDS_OUT * first.error, f"noise (±{STANDS_OUT:g}σ)")]
+    for (label, color, _), profile in zip(case.models, drawn, strict=True):
+        data.append(line(middle, profile.mean, label, color, "N m", mode="lines" if oscillates else "lines+markers"))
+    still = unexplained if case.diagnosis.selected else ()
+    half = 0.5 if still else 0.0  # both kinds of stripe share the height
+    shapes = [stripe(r, "--region", half, 1.0) for r in regions if r.axis == first.axis]
+    shapes += [stripe(r, "--open", 0.0, half) for r in still if r.axis == first.axis]
+    what = "amplitude [N m]" if oscillates else "mean residual [N m]"
+    layout: JSON = {
+        "xaxis": axis(TITLES.get(first.axis, f"{first.axis} [{first.unit}]")),
+        "yaxis": axis(what, **({"rangemode": "tozero"} if oscillates else {})),
+        "shapes": shapes,
+        "showlegend": False,
+        "margin": {"t": 16},
+    }
+    if oscillates:
+        layout["yaxis"]["range"] = [0, 1.08 * max(float(np.max(p.mean)) for p in drawn)]
+    return Figure(f"profile-{first.axis}", f"Residual torque against {first.axis}", data, layout, 290)
+
+
+def stripe(region: Region, color: str, low: float, high: float) -> JSON:
+    """Stripe over a region, from `low` to `high` in shares of the plot's height."""
+    return {
+        "type": "rect",
+        "layer": "below",
+        "yref": "paper",
+        "x0": region.low,
+        "x1": region.high,
+        "y0": low,
+        "y1": high,
+        "fillcolor": color,
+        "line": {"width": 1, "color": "--page"},  # between two neighbours
+    }
+
+
+def plane_figures(case: Case, residuals: Sequence[Array]) -> list[Figure]:
+    """Mean residual in the phase plane, one figure a model, all in one colour scale."""
+    x = case.training.samples
+    angle = (np.asarray(x.position) + np.pi) % (2 * np.pi) - np.pi
+    velocity = np.asarray(x.velocity)
+    across = int(np.clip(np.sqrt(len(angle)) * 0.8, 10, 40))
+    reach = 1.02 * float(np.max(np.abs(velocity)))
+    edges = [np.linspace(-np.pi, np.pi, across + 1), np.linspace(-reach, reach, across + 1)]
+    number, _, _ = np.histogram2d(angle, velocity, edges)
+    sums = [np.histogram2d(angle, velocity, edges, weights=residual)[0] for residual in residuals]
+    means = [np.where(number >= FEWEST, total / np.maximum(number, 1), np.nan).T for total in sums]
+    seen = np.abs(means[0][np.isfinite(means[0])])
+    limit = float(np.percentile(seen, 95)) if len(seen) else 1.0
+    middles = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
+    return [
+        Figure(
+            f"plane-{k}",
+            f"Mean residual torque in the plane of angle and velocity, {label}",
+            [cells(middles[0], middles[1], mean, limit)],
+            {
+                "xaxis": axis("angle q, wrapped [rad]", tickvals=QUARTERS, ticktext=["−π", "−π/2", "0", "π/2", "π"]),
+                "yaxis": axis("velocity q' [rad/s]"),
+                "margin": {"t": 12, "r": 8},
+            },
+            380,
+        )
+        for k, ((label, _, _), mean) in enumerate(zip(case.models, means, strict=True))
+    ]
+
+
+def cells(x: Array, y: Array, values: Array, limit: float) -> JSON:
+    """Cells (Y, X) in colours on either side of zero."""
+    return {
+        "type": "heatmap",
+        "x": numbers(x),
+        "y": numbers(y),
+        "z": [numbers(row) for row in values],
+        "zmin": -limit,
+        "zmax": limit,
+        "colorscale": [[0, "--low"], [0.5, "--middle"], [1, "--high"]],
+        "colorbar": {"title": {"text": "residual [N m]", "side": "right"}, "thickness": 12, "outlinewidth": 0},
+        "hoverongaps": False,
+        "hovertemplate": "q %{x:.2f} rad, q' %{y:.2f} rad/s: %{z:.3g} N m<extra></extra>",
+    }

@@ -1,0 +1,71 @@
+"""Parameters with their uncertainty, from the base model to the final one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pendulum_env.physics import Estimate
+from workbench.report.case import Case
+from workbench.report.section import Section
+
+WIDTH, ROW, MARGIN = 240.0, 14.0, 12.0  # of an interval plot [px]
+SIGMAS = 2.0  # standard errors on either side
+
+
+@dataclass(frozen=True)
+class Interval:
+    """One estimate as drawn: ends and middle of its interval, and its height [px]."""
+
+    low: float
+    middle: float
+    high: float
+    y: float
+    kind: str  # base, between or final
+
+
+@dataclass(frozen=True)
+class Row:
+    """One parameter over all steps: an estimate for each step that has it, and the plot of their intervals."""
+
+    name: str
+    unit: str
+    estimates: tuple[Estimate | None, ...]
+    intervals: tuple[Interval, ...]
+    height: float
+    limits: tuple[float, float]
+
+
+def parameters(case: Case) -> Section:
+    """Every parameter at every step."""
+    steps = case.diagnosis.steps
+    rows = [row(name, [step.model.estimates.get(name) for step in steps]) for name in case.diagnosis.model.estimates]
+    return Section(
+        "parameters",
+        "Parameters",
+        "Parameters and how sure they are",
+        {"rows": rows, "added": [step.added for step in steps], "width": WIDTH, "sigmas": SIGMAS},
+    )
+
+
+def row(name: str, estimates: Sequence[Estimate | None]) -> Row:
+    """Table row and interval plot of one parameter."""
+    known = [(k, e) for k, e in enumerate(estimates) if e is not None]
+    low = min(e.value - SIGMAS * e.std for _, e in known)
+    high = max(e.value + SIGMAS * e.std for _, e in known)
+    span = (high - low) or abs(high) or 1.0
+
+    def place(value: float) -> float:
+        return MARGIN + (WIDTH - 2 * MARGIN) * ((value - low) / span if high > low else 0.5)
+
+    intervals = tuple(
+        Interval(
+            place(e.value - SIGMAS * e.std),
+            place(e.value),
+            place(e.value + SIGMAS * e.std),
+            ROW * (k + 0.5),
+            "base" if k == 0 else "final" if k == len(estimates) - 1 else "between",
+        )
+        for k, e in known
+    )
+    return Row(name, known[-1][1].unit, tuple(estimates), intervals, ROW * len(estimates), (low, high))

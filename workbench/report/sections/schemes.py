@@ -1,0 +1,64 @@
+"""The schemes side by side: what each finds, and how its estimates converge."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimators.identify import Identification
+from pendulum_env._typing import JSON
+from workbench.report.case import Case
+from workbench.report.figure import Figure, axis, line
+from workbench.report.section import Section
+from workbench.report.words import name, unit
+
+COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
+SETTLED = 0.25  # share of the recording after which estimates are in the picture
+FRAME = 0.6  # of the picture's height, at most, are within that range
+
+
+def schemes(case: Case) -> Section | None:
+    """Estimates of every scheme and how they converge, where the schemes were run."""
+    found = case.identification
+    if found is None:
+        return None
+    strokes = {id: stroke(k, id) for k, id in enumerate(found.schemes)}
+    columns = next(iter(found.schemes.values())).model.columns
+    content = {
+        "found": found,
+        "names": [column.name for column in columns],
+        "units": [column.unit for column in columns],
+        "strokes": strokes,
+        "figures": [convergence_figure(found, k, strokes) for k in range(len(columns))],
+    }
+    return Section("schemes", "Schemes", "The schemes side by side", content)
+
+
+def stroke(place: int, scheme: str) -> JSON:
+    """Line of a scheme: one colour for the plain scheme and its filtered sister, which is dashed."""
+    families = (("dynamic",), ("energy", "power"), ("hamiltonian",))
+    family = next((k for k, words in enumerate(families) if any(word in scheme for word in words)), place % len(COLORS))
+    return {"color": COLORS[family], "width": 1.8, "dash": "dash" if "filtered" in scheme else "solid"}
+
+
+def convergence_figure(found: Identification, column: int, strokes: dict[str, JSON]) -> Figure:
+    """Estimate of one parameter over time, every scheme; the wild start is out of the picture."""
+    parameter = next(iter(found.schemes.values())).model.columns[column]
+    data, settled = [], []
+    for id, result in found.schemes.items():
+        course = result.convergence
+        estimate = course.theta[:, column]
+        late = course.time >= course.time[0] + SETTLED * (course.time[-1] - course.time[0])
+        settled.append(estimate[late])
+        data.append(line(course.time, estimate, name(id), "", unit(parameter.unit), line=strokes[id]))
+    values = np.concatenate(settled)
+    middle = float(np.median([result[-1] for result in settled]))
+    reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / FRAME
+    title = f"{parameter.name} [{unit(parameter.unit)}]" if unit(parameter.unit) else parameter.name
+    layout = {
+        "xaxis": axis("time [s]"),
+        "yaxis": axis(title, range=[middle - reach, middle + reach]),
+        "showlegend": False,
+        "hovermode": "x unified",
+        "margin": {"t": 12},
+    }
+    return Figure(f"convergence-{column}", f"Estimates of {parameter.name} over time", data, layout, 260)

@@ -1,0 +1,111 @@
+"""The diagnosis in words: what is missing, what that changes, what stays open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimators.diagnosis import Diagnosis, Verdict
+from estimators.free_running import SECONDS
+from pendulum_env.physics import Estimate, Term
+from workbench.report.case import Case
+from workbench.report.section import Section
+from workbench.report.words import listing, name, opening
+
+
+@dataclass(frozen=True)
+class Change:
+    """A quantity before and after; `share` is after over before, None if nothing was added."""
+
+    label: str
+    unit: str
+    before: float
+    after: float
+    share: float | None
+    note: str
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An effect that was added, with its law and the parameters found for it."""
+
+    effect: str
+    law: str
+    about: str
+    parameters: dict[str, Estimate]
+    rivals: tuple[str, ...]
+
+
+def story(case: Case) -> Section:
+    """Headline, key figures and what follows from them."""
+    diagnosis = case.diagnosis
+    open_questions = [c for c in diagnosis.candidates if c.verdict is Verdict.NOT_EXCITED]
+    return Section(
+        "story",
+        "Result",
+        headline(diagnosis),
+        {
+            "changes": changes(diagnosis),
+            "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
+            "ambiguous": diagnosis.ambiguous,
+            "unexplained": diagnosis.unexplained,
+            "advice": diagnosis.advice,
+            "not_excited": open_questions,
+            "noise_floor": diagnosis.noise_floor,
+            "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / diagnosis.noise_floor,
+            "candidates": len(diagnosis.candidates),
+            "held_out": held_out(case),
+        },
+    )
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The result in one sentence."""
+    rivals = {group[0]: group for group in diagnosis.ambiguous}
+    found = [listing([name(id) for id in rivals.get(effect, (effect,))], "or") for effect in diagnosis.selected]
+    if found:
+        rest = ", and more that no known effect explains" if diagnosis.unexplained else ""
+        return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
+    if diagnosis.unexplained:
+        return "Something is missing, and no known effect explains it"
+    return "Nothing is missing"
+
+
+def changes(diagnosis: Diagnosis) -> list[Change]:
+    """Held-out errors before and after."""
+    first, last = (diagnosis.steps[k].errors["holdout"] for k in (0, -1))
+    found = bool(diagnosis.selected)
+    quantities = (
+        ("Torque error", "N m", first.torque_rms, last.torque_rms, "on held-out data"),
+        (
+            "Free-running position error",
+            "rad",
+            first.position_rms,
+            last.position_rms,
+            f"on held-out data, over {SECONDS:g} s",
+        ),
+    )
+    return [
+        Change(label, unit, before, after, after / before if found else None, note)
+        for label, unit, before, after, note in quantities
+    ]
+
+
+def finding(diagnosis: Diagnosis, effect: str) -> Finding:
+    """One added effect with its parameters in the final model."""
+    term = next(term for term in diagnosis.model.terms if term.id == effect)
+    names = [column.name for column in term.columns] + [f"{term.id}.{shape.name}" for shape in term.shapes]
+    rivals = tuple(id for group in diagnosis.ambiguous if group[0] == effect for id in group[1:])
+    return Finding(effect, term.law, about(term), {name: diagnosis.model.estimates[name] for name in names}, rivals)
+
+
+def about(term: Term) -> str:
+    """What a term is, in the first sentence of its own description, without the formula."""
+    first = (type(term).__doc__ or "").split("\n")[0].split(":")[0]
+    return "" if first.startswith(f"{type(term).__name__}(") else first.rstrip(".")
+
+
+def held_out(case: Case) -> str:
+    """Which data the errors are from."""
+    if case.is_split:
+        return "the last 30 % of each recording, which no parameter was fitted to"
+    return f"held-out data that no parameter was fitted to ({listing([r.name for r in case.holdout])})"

@@ -1,0 +1,114 @@
+"use strict";
+(() => {
+  const root = document.documentElement;
+  const plots = [...document.querySelectorAll(".plot")];
+  const specs = new Map(plots.map((plot) => [plot, JSON.parse(plot.querySelector("script").textContent)]));
+  const drawn = new Set();
+
+  // "--name" anywhere in a figure stands for a colour of the page's style.
+  function resolve(value, style) {
+    if (typeof value === "string") return value.startsWith("--") ? style.getPropertyValue(value).trim() : value;
+    if (Array.isArray(value)) return value.map((item) => resolve(item, style));
+    if (value === null || typeof value !== "object") return value;
+    return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, resolve(item, style)]));
+  }
+
+  const axis = {
+    automargin: true, gridcolor: "--grid", linecolor: "--line", zerolinecolor: "--line", zerolinewidth: 1,
+    ticks: "outside", ticklen: 4, tickcolor: "--line", exponentformat: "power", minexponent: 5, title: { standoff: 10, font: { size: 13 } },
+  };
+  const template = {
+    layout: {
+      font: { family: "Inter, system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif", size: 12.5, color: "--text" },
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+      xaxis: axis, yaxis: axis, margin: { l: 64, r: 16, t: 34, b: 48 }, dragmode: "zoom", hoverdistance: 30,
+      legend: { orientation: "h", x: 0, xanchor: "left", y: 1, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" },
+      hoverlabel: { bgcolor: "--surface", bordercolor: "--line", font: { color: "--text" } },
+      modebar: { bgcolor: "rgba(0,0,0,0)", color: "--muted", activecolor: "--text" },
+    },
+  };
+  const config = {  // buttons by name, so that none that sends data elsewhere can slip in
+    responsive: true, displaylogo: false, displayModeBar: true, modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]],
+  };
+
+  function draw(plot) {
+    const style = getComputedStyle(root);
+    const { data, layout } = specs.get(plot);
+    const themed = resolve({ data, layout: { ...layout, template } }, style);
+    if (!drawn.has(plot)) plot.replaceChildren();
+    drawn.add(plot);
+    return Plotly.react(plot, themed.data, themed.layout, config);
+  }
+
+  async function unpack() {
+    const packed = document.getElementById("plotly");
+    const bytes = Uint8Array.from(atob(packed.textContent.trim()), (letter) => letter.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    const script = document.createElement("script");
+    script.textContent = await new Response(stream).text();
+    document.head.append(script);
+    packed.remove();
+  }
+
+  // A plot is drawn when it comes near the screen, and all of them before printing.
+  function watch() {
+    const observer = new IntersectionObserver((entries) => {
+      for (const { isIntersecting, target } of entries) {
+        if (!isIntersecting) continue;
+        observer.unobserve(target);
+        draw(target);
+      }
+    }, { rootMargin: "800px" });
+    plots.forEach((plot) => observer.observe(plot));
+
+    let theme = null;
+    addEventListener("beforeprint", () => {
+      theme = root.dataset.theme;
+      root.dataset.theme = "light";
+      document.querySelectorAll("details").forEach((details) => { details.open = true; });
+      for (const plot of plots) {
+        draw(plot);
+        Plotly.relayout(plot, { width: plot.closest(".grid") ? 330 : 680, autosize: false });  // of A4 and Letter
+      }
+    });
+    addEventListener("afterprint", () => {
+      root.dataset.theme = theme;
+      plots.forEach(draw);
+    });
+  }
+
+  document.getElementById("theme").addEventListener("click", () => {
+    root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
+    try { localStorage.setItem("pendulum-ident-theme", root.dataset.theme); } catch { /* as above */ }
+    drawn.forEach(draw);
+  });
+
+  for (const button of document.querySelectorAll("[data-view]")) {
+    button.addEventListener("click", () => {
+      button.parentElement.querySelectorAll("button").forEach((other) => other.setAttribute("aria-pressed", other === button));
+      const plot = document.getElementById(button.dataset.plot);
+      const ranges = JSON.parse(button.dataset.view);
+      for (const [key, range] of Object.entries(ranges)) specs.get(plot).layout[key].range = range;
+      if (drawn.has(plot)) draw(plot);
+    });
+  }
+
+  for (const table of document.querySelectorAll("table.sortable")) {
+    const value = (row, column) => row.cells[column].dataset.value ?? row.cells[column].textContent.trim();
+    for (const head of table.querySelectorAll("th:has(button)")) {
+      head.querySelector("button").addEventListener("click", () => {
+        const up = head.getAttribute("aria-sort") !== "ascending";
+        table.querySelectorAll("th").forEach((other) => other.removeAttribute("aria-sort"));
+        head.setAttribute("aria-sort", up ? "ascending" : "descending");
+        const rows = [...table.tBodies[0].rows];
+        const compare = (a, b) => (isNaN(a) || isNaN(b) ? a.localeCompare(b) : a - b);
+        rows.sort((a, b) => (up ? 1 : -1) * compare(value(a, head.cellIndex), value(b, head.cellIndex)));
+        table.tBodies[0].append(...rows);
+      });
+    }
+  }
+
+  unpack().then(watch, () => {
+    plots.forEach((plot) => { plot.textContent = "This browser is too old to draw the plots; all numbers are in the text and tables."; });
+  });
+})();
