@@ -56,33 +56,43 @@ class Screen:
         parts = [self.columns([term])[0] for term in terms]
         return np.column_stack([phi for phi, _ in parts]), self._torque - sum(fixed for _, fixed in parts)
 
-    def _gain(self, y: Array) -> float:
-        """Factor that makes residuals comparable: a law that takes torque away must not win by leaving nothing."""
-        return float(np.linalg.norm(self._torque)) / max(float(np.linalg.norm(y)), 1e-12)
+    def _gain(self, terms: Sequence[Term], phi: Array, y: Array) -> float:
+        """Factor that makes residuals comparable: a law must not win by explaining torque with torque.
 
-    def _judge(self, systems: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-        """Fitted and predicted mean squared errors (V,) of V systems (phi, y)."""
-        weighted = np.stack([np.column_stack(system) for system in systems]) * self.data.weights[None, :, None]
-        fitted, predicted = cross_validate(block_grams(weighted, self.data.blocks))
-        gain = np.array([self._gain(y) ** 2 for _, y in systems]) / self._normal
-        return np.asarray(gain * fitted), np.asarray(gain * predicted)
+        Residuals count relative to the torque that motion has to explain: what fixed columns and columns proportional
+        to the torque leave of it.
+        """
+        of_torque = [column.of_torque for term in terms for column in term.columns]
+        left = y
+        if any(of_torque):
+            _, theta = self.project(phi, y)
+            left = y - phi[:, of_torque] @ theta[of_torque]
+        return float(np.linalg.norm(self._torque)) / max(float(np.linalg.norm(left)), 1e-12)
+
+    def _judge(self, systems: Sequence[tuple[Sequence[Term], Array, Array]]) -> list[Trial]:
+        """Fitted and predicted errors of V systems (terms, phi, y)."""
+        stacked = np.stack([np.column_stack([phi, y]) for _, phi, y in systems]) * self.data.weights[None, :, None]
+        fitted, predicted = cross_validate(block_grams(stacked, self.data.blocks))
+        trials = []
+        for (terms, phi, y), *squares in zip(systems, fitted, predicted, strict=True):
+            gain, hidden = self._gain(terms, phi, y) ** 2 / self._normal, self._hidden_noise(terms)
+            trials.append(Trial(tuple(terms), *(float(np.sqrt(max(gain * s + hidden, 0.0))) for s in squares)))
+        return trials
 
     def trials(self, terms: Sequence[Term], variants: Sequence[Term]) -> list[Trial]:
         """Errors of `terms` with each of V variants of one further effect added."""
         phi, y = self.shared(terms)
-        systems = [(np.column_stack([phi, own]), y - fixed) for own, fixed in self.columns(variants)]
-        errors = zip(variants, *self._judge(systems), strict=True)
-        hidden = self._hidden_noise(terms)
-        return [self._trial((*terms, v), f, p, hidden + self._hidden_noise([v])) for v, f, p in errors]
+        columns = self.columns(variants)
+        return self._judge(
+            [
+                ((*terms, variant), np.column_stack([phi, own]), y - fixed)
+                for variant, (own, fixed) in zip(variants, columns, strict=True)
+            ]
+        )
 
     def trial(self, terms: Sequence[Term]) -> Trial:
         """Errors of one set of terms."""
-        fitted, predicted = self._judge([self.shared(terms)])
-        return self._trial(tuple(terms), fitted[0], predicted[0], self._hidden_noise(terms))
-
-    @staticmethod
-    def _trial(terms: tuple[Term, ...], fitted: float, predicted: float, hidden: float) -> Trial:
-        return Trial(terms, float(np.sqrt(max(fitted + hidden, 0.0))), float(np.sqrt(max(predicted + hidden, 0.0))))
+        return self._judge([(terms, *self.shared(terms))])[0]
 
     def _hidden_noise(self, terms: Sequence[Term]) -> float:
         """Variance of torque noise that terms filter out of the equations [(N m)^2]; it counts as error all the same.
@@ -117,7 +127,7 @@ class Screen:
             phi, y = self.shared(terms)
 
             def errors(drawn: Sequence[Term]) -> list[float]:
-                return [float(np.linalg.norm(r)) for r in self._residuals(phi, y, drawn)]
+                return [float(np.linalg.norm(r)) for r in self._residuals(terms, phi, y, drawn)]
 
             return self.trial((*terms, cross_entropy(variants, errors)))
         ranked = sorted(self.trials(terms, variants), key=lambda trial: trial.fitted_rms)
@@ -139,13 +149,15 @@ class Screen:
             _, theta = self.project(np.column_stack([phi, own]), y - fixed)
             known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
             term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
-        term = gauss_newton(term, lambda variants: self._residuals(phi, y, variants))
+        term = gauss_newton(term, lambda variants: self._residuals(others, phi, y, variants))
         refined = self.trial((*trial.terms[:place], term, *trial.terms[place + 1 :]))
         return refined if following or refined.fitted_rms <= trial.fitted_rms else trial
 
-    def _residuals(self, phi: Array, y: Array, variants: Sequence[Term]) -> list[Array]:
-        """Weighted residuals (R,) of y after a fit of phi with each variant; not kept, they are many."""
-        columns = self.data.columns(variants)
-        return [
-            self._gain(y - fixed) * self.project(np.column_stack([phi, own]), y - fixed)[0] for own, fixed in columns
-        ]
+    def _residuals(self, terms: Sequence[Term], phi: Array, y: Array, variants: Sequence[Term]) -> list[Array]:
+        """Weighted residuals (R,) of y after a fit of the terms' phi with each variant; not kept, they are many."""
+        left = []
+        for variant, (own, fixed) in zip(variants, self.data.columns(variants), strict=True):
+            full = np.column_stack([phi, own])
+            gain = self._gain((*terms, variant), full, y - fixed)
+            left.append(gain * self.project(full, y - fixed)[0])
+        return left

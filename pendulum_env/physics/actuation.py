@@ -43,8 +43,8 @@ class TorqueRipple(Term):
     def columns(self) -> tuple[Column, ...]:
         n = self.order
         return (
-            Column("torque_ripple.sin", "1", force=lambda x: x.torque * np.sin(n * x.position)),
-            Column("torque_ripple.cos", "1", force=lambda x: x.torque * np.cos(n * x.position)),
+            Column("torque_ripple.sin", "1", force=lambda x: x.torque * np.sin(n * x.position), of_torque=True),
+            Column("torque_ripple.cos", "1", force=lambda x: x.torque * np.cos(n * x.position), of_torque=True),
         )
 
     @classmethod

@@ -97,7 +97,7 @@ class LoadDependentFriction(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return (Column("load_dependent_friction", "1", dry=lambda x: np.abs(x.torque)),)
+        return (Column("load_dependent_friction", "1", dry=lambda x: np.abs(x.torque), of_torque=True),)
 
 
 @dataclass(frozen=True)

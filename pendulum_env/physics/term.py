@@ -53,6 +53,7 @@ class Column:
         mass: weight of the acceleration; momentum is mass q', kinetic energy mass q'^2 / 2.
         force: torque that is a smooth function of time, position, velocity and commanded torque.
         dry: magnitude of set-valued dry friction; at rest it balances anything up to this.
+        of_torque: whether it scales with the commanded torque; such a column can explain torque by torque, not by motion.
         potential: stored energy U with force = dU/dq, where there is one; without it the force's work is dissipated.
     """
 
@@ -62,6 +63,7 @@ class Column:
     force: Law = zero
     dry: Law = zero
     potential: Law | None = None
+    of_torque: bool = False
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Torque per unit of the parameter; at rest sgn is taken as 0, so mask samples in stick."""

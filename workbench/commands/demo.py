@@ -16,6 +16,7 @@ from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, typical
 from pendulum_env.recording import Recording, write_recording
 from workbench.command import Command
+from workbench.commands.identify import six_schemes
 from workbench.inputs import check_outputs, whole, wrote
 from workbench.story import tell
 from workbench.terminal import Terminal

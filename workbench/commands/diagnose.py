@@ -9,6 +9,7 @@ from estimators.diagnose import diagnose
 from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE
 from workbench.command import Command
+from workbench.commands.identify import six_schemes
 from workbench.inputs import check_outputs, read_model, read_recordings, take_recordings, wrote
 from workbench.story import tell
 from workbench.terminal import Terminal

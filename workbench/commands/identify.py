@@ -11,8 +11,9 @@ import numpy as np
 from estimators.evidence import Evidence, fit_terms
 from estimators.identify import Identification, identify
 from estimators.schemes import PAPER, SCHEMES, Scheme, scheme
+from estimators.windows import IdentificationError
 from pendulum_env.files import write_whole
-from pendulum_env.physics import BASE, Estimate, Model
+from pendulum_env.physics import BASE, Estimate, Model, Term
 from pendulum_env.recording import Recording
 from workbench.command import Command
 from workbench.inputs import InputError, argument, check_outputs, read_recordings, take_recordings, wrote
@@ -51,6 +52,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         model.save(arguments.output)
     tell(found, model, terminal)
     wrote(outputs, terminal)
+
+
+def six_schemes(recordings: Sequence[Recording], terms: Sequence[Term]) -> Identification | None:
+    """Estimates of all schemes with these terms, None where the recordings are too poor for them."""
+    try:
+        return identify(recordings, terms, SCHEMES)
+    except IdentificationError:
+        return None
 
 
 def refuse_slow(recordings: Sequence[Recording], schemes: Sequence[Scheme]) -> None:
