@@ -25,6 +25,7 @@ from estimators.regions import profiles, stand_out
 from estimators.screen import Screen, Trial
 from estimators.windows import choose_half_width
 from pendulum_env.physics import BASE, Model, Term, effects
+from pendulum_env.physics import effect as find_effect
 from pendulum_env.recording import Recording
 
 MATERIAL = 0.97  # an effect has to lower the cross-validated torque error to this share of it
@@ -359,23 +360,30 @@ def _why_rejected(ratio: float, something_found: bool) -> str:
     return f"lowers the held-out torque error by {-change:.1f} % only {where}: no more than chance would"
 
 
-def add(model: Model, id: str, recordings: Sequence[Recording], holdout: Sequence[Recording] = ()) -> tuple[Step, Step]:
-    """Refit a model's terms, then with one more effect; returns both steps with their errors.
+@dataclass(frozen=True)
+class Addition:
+    """One effect added to a model: the errors before and after the refit, and what noise alone would leave [N m]."""
+
+    before: Step
+    after: Step
+    noise_floor: float
+
+
+def add(model: Model, id: str, recordings: Sequence[Recording], holdout: Sequence[Recording] = ()) -> Addition:
+    """Refit a model's terms, then with one more effect.
 
     Raises:
         ValueError: if the effect is unknown.
         ModelError: if the model has it already.
         IdentificationError: if the recordings hold too little motion.
     """
-    from pendulum_env.physics import effect
-
-    kind = effect(id)
+    kind = find_effect(id)
     model.add(kind())  # raises if it is there already
     search = Search(*gather(recordings, holdout))
     before = search.report(None, search.settle(model.terms))
     trial = search.screen.best(before.model.terms, kind)
     terms = search.settle(trial.terms) if trial else (*before.model.terms, kind())
-    return before, search.report(id, terms)
+    return Addition(before, search.report(id, terms), search.floor)
 
 
-__all__ = ["Errors", "Progress", "add", "diagnose", "gather", "split"]
+__all__ = ["Addition", "Errors", "Progress", "add", "diagnose", "gather", "split"]

@@ -13,6 +13,9 @@ from workbench.story import tell_errors, tell_parameters
 from workbench.terminal import Terminal
 
 
+FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, effect, recordings and output."""
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
@@ -28,12 +31,18 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     recordings = read_recordings(arguments.recordings, arguments.unwrap, terminal)
     holdout = read_recordings(arguments.holdout, arguments.unwrap, terminal)
     with terminal.progress(f"adding {arguments.effect}"):
-        before, after = add(model, arguments.effect, recordings, holdout)
+        added = add(model, arguments.effect, recordings, holdout)
+    before, after = added.before, added.after
     if arguments.output is not None:
         after.model.save(arguments.output)
     terminal.heading("Errors, the model refitted without and with the effect")
     tell_errors((before, after), terminal)
     terminal.say(judgement(before, after))
+    left = after.errors["holdout"].torque_rms / added.noise_floor
+    if left > FAR_ABOVE:
+        terminal.say(
+            f"what is left is {left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
+        )
     terminal.heading("Parameters")
     tell_parameters(after.model, terminal)
     wrote([arguments.output], terminal)
