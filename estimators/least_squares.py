@@ -80,14 +80,15 @@ def block_grams(columns: Array, blocks: Index) -> Array:
     )
 
 
-def cross_validate(grams: Array) -> tuple[Array, Array]:
+def cross_validate(grams: Array) -> tuple[Array, Array, Array]:
     """Residual sums of squares, fitted and cross-validated, of V alternatives whose last column is y.
 
     Args:
         grams: Gram matrices of each block, (B, V, C, C).
 
     Returns:
-        Sum of squared residuals of the fit to all blocks (V,), and of predictions of each block from the others (V,).
+        Sum of squared residuals of the fit to all blocks (V,), of predictions of each block from the others (V,), and
+        the parameters of the fit (V, C - 1).
     """
     total = grams.sum(axis=0)
     scale = np.sqrt(np.maximum(np.diagonal(total, axis1=1, axis2=2), 1e-300))  # (V, C)
@@ -96,12 +97,19 @@ def cross_validate(grams: Array) -> tuple[Array, Array]:
     parameters = total.shape[-1] - 1
     ridge = RIDGE * np.eye(parameters)
 
-    def errors(training: Array, testing: Array) -> Array:
-        theta = np.linalg.solve(training[..., :-1, :-1] + ridge, training[..., :-1, -1:])
+    def solution(training: Array) -> Array:
+        return np.linalg.solve(training[..., :-1, :-1] + ridge, training[..., :-1, -1:])
+
+    def errors(theta: Array, testing: Array) -> Array:
         cross = np.swapaxes(testing[..., :-1, -1:], -1, -2) @ theta
         square = np.swapaxes(theta, -1, -2) @ testing[..., :-1, :-1] @ theta
         return testing[..., -1, -1] - 2 * cross[..., 0, 0] + square[..., 0, 0]
 
-    fitted = errors(total, total) * scale[:, -1] ** 2
-    predicted = errors(total - grams, grams).sum(axis=0) * scale[:, -1] ** 2
-    return np.maximum(fitted, 0.0), np.maximum(predicted, 0.0)
+    theta = solution(total)
+    fitted = errors(theta, total) * scale[:, -1] ** 2
+    predicted = errors(solution(total - grams), grams).sum(axis=0) * scale[:, -1] ** 2
+    return (
+        np.maximum(fitted, 0.0),
+        np.maximum(predicted, 0.0),
+        np.asarray(theta[:, :, 0] * scale[:, -1:] / scale[:, :-1]),
+    )

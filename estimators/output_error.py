@@ -17,12 +17,13 @@ import numpy as np
 from estimators.free_running import Flights
 from estimators.shapes import continuous, moved
 from pendulum_env._typing import Array
-from pendulum_env.physics import Term, simulate
+from pendulum_env.physics import Model, Term, simulate
 from pendulum_env.physics.simulation import delayed
 
 TURNS = 6
 SHARES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step that are tried
 DIFFERENCE = 1e-3  # relative step of derivatives
+SMALLEST = 1e-3  # size against which a parameter near zero moves
 GRAIN = 0.004  # [s] between the positions that are compared
 
 
@@ -125,35 +126,52 @@ def _weights(base: Sequence[Array]) -> list[Array]:
     return [(1 / (1 + (size / usual) ** 2))[:, None, None] for size in sizes]
 
 
-def cost(parts: Sequence[Array], weights: Sequence[Array]) -> Array:
-    """Weighted mean square error of each point, (V,) [rad^2]."""
-    total = sum((weight * part**2).sum(axis=(0, 1)) for part, weight in zip(parts, weights, strict=True))
-    return total / sum(float(weight.sum()) * part.shape[1] for part, weight in zip(parts, weights, strict=True))
+def _stacked(flights: Sequence[Flights], points: Sequence[Point], weights: Sequence[Array]) -> tuple[Array, Array]:
+    """Weighted errors (M, V) of V points, and the flight that each row belongs to (M,)."""
+    parts = residuals(flights, points)
+    flat = [(np.sqrt(w) * part).reshape(-1, len(points)) for part, w in zip(parts, weights, strict=True)]
+    counts = np.concatenate([np.full(len(part), part.shape[1]) for part in parts])
+    return np.concatenate(flat), np.repeat(np.arange(len(counts)), counts)
 
 
-def fit(flights: Sequence[Flights], terms: Sequence[Term], theta: Array, turns: int = TURNS) -> tuple[Point, float]:
-    """Move all parameters until the flights fit best; returns the point and its root mean square error [rad]."""
+def _slopes(flights: Sequence[Flights], point: Point, weights: Sequence[Array]) -> tuple[Array, Array, Array]:
+    """Weighted errors (M,), their derivatives by relative changes of the parameters (M, P + S), and flights (M,)."""
+    values = point.values
+    size = np.maximum(np.abs(values), SMALLEST)
+    nearby = [point.at(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
+    errors, which = _stacked(flights, [point, *nearby], weights)
+    return errors[:, 0], (errors[:, 1:] - errors[:, :1]) / DIFFERENCE, which
+
+
+def fit(flights: Sequence[Flights], terms: Sequence[Term], theta: Array, turns: int = TURNS) -> Point:
+    """Move the linear parameters theta (P,) and the continuous shape parameters until the flights fit best."""
     point = Point(tuple(terms), np.asarray(theta, dtype=float))
-    base = residuals(flights, [point])
-    weights = _weights(base)
-    current = float(cost(base, weights)[0])
+    weights = _weights(residuals(flights, [point]))
     for _ in range(turns):
         values = point.values
-        size = np.maximum(np.abs(values), 1e-3)
-        nearby = [point.at(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
-        parts = residuals(flights, [point, *nearby])
-        flat = np.concatenate(
-            [(np.sqrt(w) * part).reshape(-1, part.shape[2]) for part, w in zip(parts, weights, strict=True)]
-        )
-        slopes = (flat[:, 1:] - flat[:, :1]) / DIFFERENCE
+        error, slopes, _ = _slopes(flights, point, weights)
         damping = np.diag(1e-3 * np.linalg.norm(slopes, axis=0) + 1e-12)
-        target = np.concatenate([-flat[:, 0], np.zeros(len(values))])
-        step = np.linalg.lstsq(np.vstack([slopes, damping]), target, rcond=None)[0]
-        step = np.clip(step, -0.5, 0.5)
+        target = np.concatenate([-error, np.zeros(len(values))])
+        step = np.clip(np.linalg.lstsq(np.vstack([slopes, damping]), target, rcond=None)[0], -0.5, 0.5)
+        size = np.maximum(np.abs(values), SMALLEST)
         tried = [point.at(values + share * step * size) for share in SHARES]
-        costs = cost(residuals(flights, tried), weights)
+        costs = np.sum(_stacked(flights, tried, weights)[0] ** 2, axis=0)
         best = int(np.argmin(costs))
-        if not costs[best] < current * (1 - 1e-3):
+        if not costs[best] < float(error @ error) * (1 - 1e-3):
             break
-        point, current = tried[best], float(costs[best])
-    return point, float(np.sqrt(current))
+        point = tried[best]
+    return point
+
+
+def model(flights: Sequence[Flights], point: Point) -> Model:
+    """Model at a point, with standard errors from the spread of the flights (sandwich, one score per flight)."""
+    weights = _weights(residuals(flights, [point]))
+    error, slopes, which = _slopes(flights, point, weights)
+    scores = np.zeros((int(which.max()) + 1, slopes.shape[1]))
+    np.add.at(scores, which.astype(int), slopes * error[:, None])
+    bread = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12, hermitian=True)
+    relative = np.sqrt(np.diag(bread @ scores.T @ scores @ bread))
+    std = relative * np.maximum(np.abs(point.values), SMALLEST)
+    names = [f"{term.id}.{shape.name}" for term in point.terms for shape in continuous(term)]
+    count = len(point.theta)
+    return Model.build(point.terms, point.theta, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.least_squares import block_grams, cross_validate
-from estimators.shapes import continuous, cross_entropy, gauss_newton
+from estimators.shapes import Residuals, continuous, cross_entropy, gauss_newton
 from estimators.windows import Dataset
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
-STARTS = 3  # variants of the grid from which a search over shape parameters starts
+STARTS = 2  # variants of the grid from which a search over shape parameters starts
 FOLLOWS = 3  # turns in which a shape parameter is set to the parameter that it follows
 
 Columns = tuple[Array, Array]  # windowed linear columns (R, P) and the sum of fixed columns (R,)
@@ -56,26 +56,23 @@ class Screen:
         parts = [self.columns([term])[0] for term in terms]
         return np.column_stack([phi for phi, _ in parts]), self._torque - sum(fixed for _, fixed in parts)
 
-    def _gain(self, terms: Sequence[Term], phi: Array, y: Array) -> float:
+    def _gain(self, terms: Sequence[Term], phi: Array, y: Array, theta: Array) -> float:
         """Factor that makes residuals comparable: a law must not win by explaining torque with torque.
 
         Residuals count relative to the torque that motion has to explain: what fixed columns and columns proportional
         to the torque leave of it.
         """
         of_torque = [column.of_torque for term in terms for column in term.columns]
-        left = y
-        if any(of_torque):
-            _, theta = self.project(phi, y)
-            left = y - phi[:, of_torque] @ theta[of_torque]
+        left = y - phi[:, of_torque] @ theta[of_torque] if any(of_torque) else y
         return float(np.linalg.norm(self._torque)) / max(float(np.linalg.norm(left)), 1e-12)
 
     def _judge(self, systems: Sequence[tuple[Sequence[Term], Array, Array]]) -> list[Trial]:
         """Fitted and predicted errors of V systems (terms, phi, y)."""
         stacked = np.stack([np.column_stack([phi, y]) for _, phi, y in systems]) * self.data.weights[None, :, None]
-        fitted, predicted = cross_validate(block_grams(stacked, self.data.blocks))
+        fitted, predicted, solutions = cross_validate(block_grams(stacked, self.data.blocks))
         trials = []
-        for (terms, phi, y), *squares in zip(systems, fitted, predicted, strict=True):
-            gain, hidden = self._gain(terms, phi, y) ** 2 / self._normal, self._hidden_noise(terms)
+        for (terms, phi, y), theta, *squares in zip(systems, solutions, fitted, predicted, strict=True):
+            gain, hidden = self._gain(terms, phi, y, theta) ** 2 / self._normal, self._hidden_noise(terms)
             trials.append(Trial(tuple(terms), *(float(np.sqrt(max(gain * s + hidden, 0.0))) for s in squares)))
         return trials
 
@@ -124,12 +121,7 @@ class Screen:
         if not variants:
             return None
         if effect.rugged:
-            phi, y = self.shared(terms)
-
-            def errors(drawn: Sequence[Term]) -> list[float]:
-                return [float(np.linalg.norm(r)) for r in self._residuals(terms, phi, y, drawn)]
-
-            return self.trial((*terms, cross_entropy(variants, errors)))
+            return self.trial((*terms, cross_entropy(variants, self._residuals(terms))))
         ranked = sorted(self.trials(terms, variants), key=lambda trial: trial.fitted_rms)
         if not effect.shapes or not (continuous(effect) or any(shape.follows for shape in effect.shapes)):
             return ranked[0]
@@ -149,15 +141,34 @@ class Screen:
             _, theta = self.project(np.column_stack([phi, own]), y - fixed)
             known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
             term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
-        term = gauss_newton(term, lambda variants: self._residuals(others, phi, y, variants))
+        term = gauss_newton(term, self._residuals(others))
         refined = self.trial((*trial.terms[:place], term, *trial.terms[place + 1 :]))
         return refined if following or refined.fitted_rms <= trial.fitted_rms else trial
 
-    def _residuals(self, terms: Sequence[Term], phi: Array, y: Array, variants: Sequence[Term]) -> list[Array]:
-        """Weighted residuals (R,) of y after a fit of the terms' phi with each variant; not kept, they are many."""
-        left = []
-        for variant, (own, fixed) in zip(variants, self.data.columns(variants), strict=True):
-            full = np.column_stack([phi, own])
-            gain = self._gain((*terms, variant), full, y - fixed)
-            left.append(gain * self.project(full, y - fixed)[0])
-        return left
+    def _residuals(self, terms: Sequence[Term]) -> Residuals:
+        """Function that gives the weighted residual (R,) of the best fit of the terms with each of several variants.
+
+        The terms' own columns are projected out once, each variant's then take a small solve.
+        """
+        phi, y = self.shared(terms)
+        w = self.data.weights
+        frame, _ = np.linalg.qr(phi * w[:, None])
+
+        def clear(columns: Array) -> Array:
+            return np.asarray(columns - frame @ (frame.T @ columns))
+
+        def residuals(variants: Sequence[Term]) -> list[Array]:
+            left = []
+            for variant, (own, fixed) in zip(variants, self.data.columns(variants), strict=True):
+                target, extra = clear((y - fixed) * w), clear(own * w[:, None])
+                size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
+                extra = extra / size
+                theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ target)
+                gain = 1.0
+                if any(column.of_torque for term in (*terms, variant) for column in term.columns) or variant.fixed:
+                    full = np.column_stack([phi, own])
+                    gain = self._gain((*terms, variant), full, y - fixed, self.project(full, y - fixed)[1])
+                left.append(gain * (target - extra @ theta))
+            return left
+
+        return residuals

@@ -19,7 +19,6 @@ DIFFERENCE = 1e-3  # relative, for derivatives
 ROUNDS, DRAWS, ELITE = 6, 48, 8  # of the cross-entropy search
 
 Residuals = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
-Errors = Callable[[Sequence[Term]], list[float]]  # root mean square of the same
 
 
 def moved(term: Term, shapes: Sequence[Shape], values: Array) -> Term:
@@ -69,7 +68,7 @@ def gauss_newton(term: Term, residuals: Residuals) -> Term:
     return term
 
 
-def cross_entropy(variants: Sequence[Term], errors: Errors) -> Term:
+def cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
     """Best variant by repeated draws around the best ones so far; for errors with many local minima.
 
     Works on the logarithms of the shape parameters, which have to be positive.
@@ -77,6 +76,10 @@ def cross_entropy(variants: Sequence[Term], errors: Errors) -> Term:
     """
     rng = np.random.default_rng(0)  # the same data give the same answer
     shapes = variants[0].shapes
+
+    def errors(drawn: Sequence[Term]) -> list[float]:
+        return [float(np.linalg.norm(residual)) for residual in residuals(drawn)]
+
     ranked = sorted(zip(errors(variants), variants, strict=True), key=lambda pair: pair[0])[:ELITE]
     for _ in range(ROUNDS):
         elite = np.log([[term.shape[shape.name] for shape in shapes] for _, term in ranked])

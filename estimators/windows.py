@@ -32,7 +32,8 @@ from pendulum_env.recording import Recording
 
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
 LEAD_IN = 0.3  # [s] at the start, in which effects with memory still know a start that was not recorded
-TRIFLE = 0.012  # share of the torque; encoder noise below it hides nothing worth finding
+TRIFLE = 0.01  # share of the torque; encoder noise below it hides nothing worth finding
+FEWEST = 100  # windows of a recording, as long as a shorter window gives more
 SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity has no sign
 
 
@@ -336,11 +337,15 @@ def choose_half_width(recording: Recording) -> float:
             inertia = abs(float(np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]))
             break
     enough = TRIFLE * float(np.std(recording.torque))
+    chosen = widths[0]
     for width in widths:
         w = cut(recording, width)
+        if len(w.centers) < FEWEST:
+            break
+        chosen = width
         if inertia * w.acceleration_noise <= max(0.7 * w.torque_noise, enough):
-            return width
-    return widths[-1]
+            break
+    return chosen
 
 
 def dataset(windows: Sequence[Windows]) -> Dataset:

@@ -67,13 +67,13 @@ class Balance:
         return np.maximum(self._sum(self._mass, x), 1e-9)
 
     def dry(self, x: Samples) -> ArrayLike:
-        """Magnitude of dry friction [N m], never negative."""
-        return np.maximum(self._sum(self._dry, x), 0.0)
+        """Magnitude of dry friction [N m]; a term with memory may take some of it over, and a fit a little too much."""
+        return self._sum(self._dry, x)
 
 
 def _directed(net: ArrayLike, dry: ArrayLike, direction: ArrayLike) -> ArrayLike:
     """Torque that accelerates: friction opposes the direction of motion, or holds a joint at rest if it can."""
-    at_rest = np.sign(net) * np.maximum(np.abs(net) - dry, 0.0)
+    at_rest = np.sign(net) * np.maximum(np.abs(net) - np.maximum(dry, 0.0), 0.0)
     return np.where(direction == 0, at_rest, net - dry * direction)
 
 

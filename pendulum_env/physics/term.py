@@ -53,7 +53,7 @@ class Column:
         mass: weight of the acceleration; momentum is mass q', kinetic energy mass q'^2 / 2.
         force: torque that is a smooth function of time, position, velocity and commanded torque.
         dry: magnitude of set-valued dry friction; at rest it balances anything up to this.
-        of_torque: whether it scales with the commanded torque; such a column can explain torque by torque, not by motion.
+        of_torque: whether it scales with the commanded torque: such a column can explain torque by torque, not motion.
         potential: stored energy U with force = dU/dq, where there is one; without it the force's work is dissipated.
     """
 

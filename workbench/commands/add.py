@@ -12,7 +12,6 @@ from workbench.inputs import argument, check_outputs, read_model, read_recording
 from workbench.story import tell_errors, tell_parameters
 from workbench.terminal import Terminal
 
-
 FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
 
 

@@ -1,0 +1,34 @@
+"""`python -m benchmarks`: list the benchmarks, then run the short ones."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+from workbench.terminal import Terminal
+
+SHORT = (  # about two minutes on two cores
+    ("diagnosis_time", ()),
+    ("hidden_effects", ("--n", "24")),
+)
+COMMANDS = ("schemes", "diagnosis_time", "hidden_effects", "known_truth", "independent_plant")
+
+
+def main() -> int:
+    terminal = Terminal()
+    modules = {name: importlib.import_module(f"benchmarks.{name}") for name in COMMANDS}
+    terminal.heading("Benchmarks")
+    rows = [
+        (f"python -m benchmarks.{name}", str(module.__doc__).partition("\n")[0]) for name, module in modules.items()
+    ]
+    terminal.table(("command", "what it prints"), rows, left=("what it prints",))
+    for name, arguments in SHORT:
+        terminal.heading(" ".join([f"python -m benchmarks.{name}", *arguments]))
+        code: int = modules[name].main(arguments)
+        if code:
+            return code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,207 @@
+"""Blind benchmark: random hidden effects in random plants, diagnosed, with every rate that matters.
+
+python -m benchmarks.hidden_effects --n 200
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.figures import Confusion, Curve, write_page
+from benchmarks.independent_plant import OUTSIDE_LIBRARY, blind_set, simulate, write_case
+from benchmarks.parallel import each
+from benchmarks.scoring import (
+    CLEAR,
+    Outcome,
+    examine_all,
+    positive,
+    rate,
+    take_workers,
+    tell_by_effect,
+    tell_by_share,
+    tell_totals,
+)
+from benchmarks.sparse_regression import Selection, is_installed, select_sparsely
+from benchmarks.truth import Truth, read_truth
+from pendulum_env.physics import effects
+from workbench.terminal import Terminal
+
+NULLS, PAIRS, OUTSIDE = 1 / 5, 1 / 8, 1 / 12  # shares of the set
+CHUNK = 8  # cases simulated together
+SIZES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, np.inf)  # bins of the effect's RMS torque over the noise's
+SCORES = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-9)  # bins of the score
+INTERVAL = 1.96  # standard errors, 95 % of a normal distribution
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.hidden_effects", description=__doc__.splitlines()[0])
+    parser.add_argument("--n", type=positive, default=200, help="recordings (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--wide", action="store_true", help="plants half to twice the usual ranges")
+    parser.add_argument("--variants", action="store_true", help="also less usual laws of the same effects")
+    parser.add_argument("--out", type=Path, help="folder for recordings and figure (default build/hidden_effects/...)")
+    parser.add_argument("--no-pysindy", action="store_true", help="skip the comparison with sparse regression")
+    take_workers(parser)
+    arguments = parser.parse_args(argv)
+    terminal = Terminal()
+    options = {"wide": arguments.wide, "variants": arguments.variants}
+    name = "_".join([f"n{arguments.n}", f"seed{arguments.seed}", *(key for key, chosen in options.items() if chosen)])
+    folder: Path = arguments.out or Path("build") / "hidden_effects" / name
+
+    truths = generate(folder, arguments.n, arguments.seed, options, arguments.workers, terminal)
+    outcomes = examine_all(folder, truths, arguments.workers, terminal)
+    tell(outcomes, terminal)
+    page = folder / "hidden_effects.html"
+    write_page(page, confusion(outcomes), power(outcomes), reliability(outcomes))
+    terminal.say(f"confusion matrix, power curve and reliability: {page}")
+    if len(outcomes) < len(truths):
+        return 130
+    if not arguments.no_pysindy:
+        compare_with_pysindy(folder, truths, outcomes, arguments.workers, terminal)
+    return 0
+
+
+def generate(
+    folder: Path, n: int, seed: int, options: dict[str, bool], workers: int, terminal: Terminal
+) -> list[Truth]:
+    """Simulate the set, or take it from the folder if it is there."""
+    if (folder / "truth.json").exists() and len(truths := read_truth(folder)) == n:
+        terminal.say(f"recordings taken from {folder}; delete it to simulate them anew")
+        return truths
+    (folder / "truth.json").unlink(missing_ok=True)
+    counts = [round(share * n) for share in (NULLS, PAIRS, OUTSIDE)]
+    cases = blind_set(np.random.default_rng(seed), n, *counts, **options)
+    with terminal.progress("simulating") as progress:
+        for first in range(0, n, CHUNK * workers):
+            progress(f"{first} of {n}", first / n)
+            chunk = cases[first : first + CHUNK * workers]
+            runs = [(case.plant, experiment) for case in chunk for experiment in (case.train, case.holdout)]
+            recordings = simulate(runs, workers=workers)
+            for j in range(len(chunk)):
+                write_case(folder, f"case_{first + j:03d}", recordings[2 * j], recordings[2 * j + 1])
+    return read_truth(folder)
+
+
+def tell(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
+    """Print every table."""
+    wrong = [outcome for outcome in outcomes if not outcome.right]
+    terminal.heading("Wrong")
+    rows = [
+        (
+            o.truth.name,
+            o.truth.label,
+            o.failure.partition(":")[0] or "+".join(o.selected) or "nothing",
+            f"{o.truth.rate:g}",
+            str(o.truth.counts),
+            f"{o.truth.noise:g}",
+            o.truth.excitation,
+            f"{o.truth.share or 0:.1%}",
+        )
+        for o in wrong
+    ]
+    columns = ("hidden", "selected", "rate [Hz]", "counts", "noise [N m]", "excitation", "share")
+    terminal.table(("case", *columns), rows, left=("hidden", "selected", "excitation"))
+    tell_totals(outcomes, terminal)
+    tell_by_effect(outcomes, terminal)
+    tell_by_share(outcomes, terminal)
+    for curve in (power(outcomes), reliability(outcomes)):
+        terminal.heading(f"{curve.success.capitalize()} by {curve.quantity}")
+        terminal.table((curve.quantity, "mean", curve.success), curve.rows, left=(curve.success,))
+    terminal.heading("Parameters within their 95 % intervals, where one effect is hidden and found")
+    terminal.table(("of", "within"), coverage(outcomes), left=("within",))
+
+
+# ---------------------------------------------------------------------------------------------------------- statistics
+
+
+def in_library(outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """Cases with something hidden, all of which the library has."""
+    return [o for o in outcomes if o.truth.hidden and set(o.truth.hidden) <= effects().keys()]
+
+
+def size(outcome: Outcome) -> float:
+    """RMS torque that the base model misses after its refit, over the noise of one torque sample."""
+    return (outcome.truth.share or 0.0) * outcome.torque / outcome.truth.noise
+
+
+def power(outcomes: Sequence[Outcome]) -> Curve:
+    """Share right by the size of the effect relative to the noise."""
+    known = [o for o in in_library(outcomes) if not o.failure]
+    return Curve.of("effect over noise", "right", SIZES, [(size(o), o.right) for o in known])
+
+
+def reliability(outcomes: Sequence[Outcome]) -> Curve:
+    """Share of effects selected or named as alike that are hidden indeed, by their score."""
+    claims = [(c.score, c.effect in o.truth.hidden) for o in outcomes for c in o.claims]
+    return Curve.of("score", "right", SCORES, claims)
+
+
+def coverage(outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:
+    """Share of estimates within their 95 % intervals: of base terms, of effects, by sampling rate, by effect."""
+    base: list[bool] = []
+    by_effect: dict[str, list[bool]] = {}
+    by_rate: dict[float, list[bool]] = {}
+    for outcome in outcomes:
+        if len(outcome.truth.hidden) != 1:
+            continue
+        for name, z in outcome.deviations.items():
+            id, inside = name.partition(".")[0], abs(z) < INTERVAL
+            (by_effect.setdefault(id, []) if id in outcome.truth.hidden else base).append(inside)
+            by_rate.setdefault(outcome.truth.rate, []).append(inside)
+    groups = {"base terms": base, "effects": [inside for group in by_effect.values() for inside in group]}
+    groups |= {f"  at {hertz:g} Hz": by_rate[hertz] for hertz in sorted(by_rate)}
+    groups |= {f"  {id}": by_effect[id] for id in effects() if id in by_effect}
+    return [(name, rate(sum(group), len(group))) for name, group in groups.items()]
+
+
+def confusion(outcomes: Sequence[Outcome]) -> Confusion:
+    """What is hidden and selected counts for itself; what is missed is blamed on what is selected instead."""
+    counts: Counter[tuple[str, str]] = Counter()
+    for outcome in outcomes:
+        hidden = set(outcome.truth.hidden)
+        # a group that holds the truth stands for it
+        selected = hidden & effects().keys() if outcome.right else set(outcome.selected)
+        nothing = "failed" if outcome.failure else "unexplained" if outcome.unexplained else "nothing"
+        wrong = sorted(selected - hidden)
+        counts.update((id, id) for id in hidden & selected)
+        counts.update((id, other) for id in hidden - selected for other in wrong or [nothing])
+        if not hidden - selected:
+            counts.update(("nothing", other) for other in wrong or ([] if hidden else [nothing]))
+    rows, columns = {row for row, _ in counts}, {column for _, column in counts}
+    order = [*effects(), *OUTSIDE_LIBRARY, "nothing", "unexplained", "failed"]
+    return Confusion(tuple(id for id in order if id in rows), tuple(id for id in order if id in columns), dict(counts))
+
+
+def compare_with_pysindy(
+    folder: Path, truths: Sequence[Truth], outcomes: Sequence[Outcome], workers: int, terminal: Terminal
+) -> None:
+    """Print how often sparse regression over the same columns is right on the same recordings."""
+    if not is_installed():
+        terminal.say("comparison with sparse regression skipped: pip install pysindy")
+        return
+    work: Callable[[Truth], Selection] = partial(select_sparsely, folder=folder)
+    selections = each(work, truths, workers=workers, title="sparse regression", terminal=terminal)
+    named = [s for s in selections if set(s.truth.hidden) <= effects().keys()]  # it cannot say "unexplained"
+    right = {o.truth.name: o.right for o in outcomes}
+    subsets = {
+        "all but effects outside the library": named,
+        "nothing hidden": [s for s in named if not s.truth.hidden],
+        f"at least {CLEAR:.0%} of the torque": [s for s in named if (s.truth.share or 0.0) >= CLEAR],
+    }
+    rows = [
+        (label, rate(sum(right[s.truth.name] for s in some), len(some)), rate(sum(s.right for s in some), len(some)))
+        for label, some in subsets.items()
+    ]
+    terminal.heading("Right, beside sparse regression (pysindy) over the same columns")
+    terminal.table(("", "diagnosis", "sparse regression"), rows, left=("diagnosis", "sparse regression"))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

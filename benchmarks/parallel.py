@@ -1,0 +1,69 @@
+"""The same work on many cases in several processes, with a bar, and an end at any time."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import TypeVar
+
+from workbench.terminal import Terminal
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+def each(
+    work: Callable[[Item], Result],
+    items: Sequence[Item],
+    *,
+    workers: int,
+    title: str,
+    terminal: Terminal,
+    show: Callable[[Result], None] = lambda result: None,
+    fresh: bool = False,
+) -> list[Result]:
+    """Results as they come, each shown; on Ctrl-C, or if a worker dies, those that are done.
+
+    Args:
+        fresh: a new process for each item, so that none sees another's memory.
+    """
+    results: list[Result] = []
+    for name in THREADS:
+        os.environ[name] = "1"  # processes are started anew and read it before they load NumPy
+    pool = ProcessPoolExecutor(
+        workers, multiprocessing.get_context("spawn"), _quit_quietly, max_tasks_per_child=1 if fresh else None
+    )
+    try:
+        with terminal.progress(title) as progress:
+            for future in as_completed([pool.submit(work, item) for item in items]):
+                results.append(future.result())
+                show(results[-1])
+                progress(f"{len(results)} of {len(items)}", len(results) / len(items))
+    except KeyboardInterrupt:
+        terminal.say(f"interrupted: {len(results)} of {len(items)} done")
+    except BrokenProcessPool:
+        terminal.say(f"a worker died, of too little memory perhaps: {len(results)} of {len(items)} done")
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+    return results
+
+
+def _quit_quietly() -> None:
+    """Let Ctrl-C end a worker at once."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def peak_memory() -> float:
+    """Most memory that this process has had so far [MB]; NaN where the system does not say."""
+    try:
+        status = Path("/proc/self/status").read_text()
+    except OSError:
+        return float("nan")
+    return next((int(line.split()[1]) / 1024 for line in status.splitlines() if line.startswith("VmHWM")), float("nan"))

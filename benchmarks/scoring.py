@@ -1,0 +1,288 @@
+"""Diagnoses against known truth: one case, and totals over many."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import partial
+from itertools import pairwise, product
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from benchmarks.parallel import each, peak_memory
+from benchmarks.truth import Truth, read_pair
+from estimators.diagnose import diagnose
+from estimators.diagnosis import Diagnosis, Verdict
+from estimators.evidence import Errors
+from pendulum_env.physics import effects
+from workbench.terminal import Terminal
+
+CLEAR = 0.02  # share of the RMS torque from which an effect should be found
+FALL = 1.5  # ratio by which both held-out errors should fall
+SHARES = (0.0, 0.01, 0.02, 0.05, 0.1, 1.0)  # bins of the effect's share of the torque
+
+
+class Exact(StrEnum):
+    """Whether a diagnosis names what is hidden."""
+
+    YES = "yes"
+    AMBIGUOUS = "ambiguous"  # it does, as one of a group that it cannot tell apart
+    NO = "no"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """An effect that a diagnosis selects, or names as one that fits as well."""
+
+    effect: str
+    score: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a diagnosis said of one case.
+
+    Attributes:
+        errors: on the held-out recording, of the base model and after each effect added.
+        claims: selected and ambiguous effects with their scores.
+        deviations: estimate minus truth in standard errors, where the model is the true one.
+        torque: RMS of the recorded torque [N m].
+        memory: most that the process has had so far [MB].
+        failure: what went wrong instead of a diagnosis.
+    """
+
+    truth: Truth
+    selected: tuple[str, ...] = ()
+    groups: tuple[tuple[str, ...], ...] = ()
+    unexplained: str | None = None
+    errors: tuple[Errors, ...] = ()
+    claims: tuple[Claim, ...] = ()
+    deviations: dict[str, float] = field(default_factory=dict)
+    torque: float = 0.0
+    seconds: float = 0.0
+    memory: float = 0.0
+    failure: str = ""
+
+    @property
+    def exact(self) -> Exact:
+        """Whether it is right."""
+        if self.failure:
+            return Exact.NO
+        return compare(self.truth.hidden, self.selected, self.groups, self.unexplained is not None)
+
+    @property
+    def right(self) -> bool:
+        """Exact, or exact but for a choice within a group."""
+        return self.exact is not Exact.NO
+
+    @property
+    def spurious(self) -> set[str]:
+        """Effects selected that are not hidden, unless they stand for one that is."""
+        return set() if self.right else set(self.selected) - set(self.truth.hidden)
+
+    @property
+    def ratios(self) -> list[tuple[float, float]]:
+        """Held-out errors in torque and in position after each step over those before it."""
+        return [
+            (new.torque_rms / max(old.torque_rms, 1e-300), new.position_rms / max(old.position_rms, 1e-300))
+            for old, new in pairwise(self.errors)
+        ]
+
+    @property
+    def fall(self) -> tuple[float, float]:
+        """Held-out errors of the base model in torque and in position over those of the final one; 1 if it failed."""
+        if not self.errors:
+            return 1.0, 1.0
+        first, last = self.errors[0], self.errors[-1]
+        return first.torque_rms / max(last.torque_rms, 1e-300), first.position_rms / max(last.position_rms, 1e-300)
+
+    @property
+    def line(self) -> str:
+        """All of it on one line."""
+        truth = f"{self.truth.name:28s} {self.truth.label:42s}"
+        if self.failure:
+            return f"{truth} failed: {self.failure}"
+        parts = [
+            f"{truth} {'+'.join(self.selected) or 'nothing':42s} {self.exact:9s}",
+            "torque " + (" ".join(f"{torque:.2f}" for torque, _ in self.ratios) or "-"),
+            "position " + (" ".join(f"{position:.2f}" for _, position in self.ratios) or "-"),
+            f"{self.seconds:5.1f} s",
+        ]
+        if self.groups:
+            parts.append("alike: " + "; ".join(" = ".join(group) for group in self.groups))
+        if self.unexplained:
+            parts.append(f"unexplained: {self.unexplained.partition(';')[0]}")
+        if self.deviations:
+            parts.append("z: " + " ".join(f"{name} {z:+.1f}" for name, z in self.deviations.items()))
+        return "  ".join(parts)
+
+
+def compare(
+    hidden: Sequence[str], selected: Sequence[str], groups: Sequence[Sequence[str]], unexplained: bool
+) -> Exact:
+    """Judge a selection: what the library lacks cannot be selected, but has to be noticed."""
+    known = set(hidden) & effects().keys()
+    if len(known) < len(set(hidden)) and not unexplained:
+        return Exact.NO
+    if set(selected) == known:
+        return Exact.YES
+    choices = [{id, *(other for group in groups if id in group for other in group)} for id in selected]
+    swapped = any(set(choice) == known and len(choice) == len(known) for choice in product(*choices))
+    return Exact.AMBIGUOUS if swapped else Exact.NO
+
+
+def examine(truth: Truth, folder: Path) -> Outcome:
+    """Diagnose one pair of recordings; an exception is an outcome, too."""
+    try:
+        train, holdout = read_pair(folder, truth.name)
+        begin = perf_counter()
+        found = diagnose([train], [holdout])
+        seconds = perf_counter() - begin
+    except Exception as error:  # the other cases still count
+        return Outcome(truth, failure=f"{type(error).__name__}: {error}")
+    where = found.json()["unexplained"]
+    named = (Verdict.SELECTED, Verdict.AMBIGUOUS)
+    return Outcome(
+        truth=truth,
+        selected=found.selected,
+        groups=found.ambiguous,
+        unexplained=str(where["where"]) if where["present"] else None,
+        errors=tuple(step.errors["holdout"] for step in found.steps),
+        claims=tuple(Claim(c.effect, c.score) for c in found.candidates if c.verdict in named),
+        deviations=deviations(truth, found),
+        torque=float(np.sqrt(np.mean(train.torque**2))),
+        seconds=seconds,
+        memory=peak_memory(),
+    )
+
+
+def deviations(truth: Truth, found: Diagnosis) -> dict[str, float]:
+    """Estimate minus truth in standard errors; none where the model lacks a true effect or has a wrong one."""
+    if set(found.selected) != set(truth.hidden):
+        return {}
+    return {
+        name: (estimate.value - truth.parameters[name]) / estimate.std
+        for name, estimate in found.model.estimates.items()
+        if name in truth.parameters and estimate.std > 0
+    }
+
+
+def examine_all(folder: Path, truths: Sequence[Truth], workers: int, terminal: Terminal) -> list[Outcome]:
+    """Diagnose every case and print a line for each; fewer if interrupted."""
+
+    def show(outcome: Outcome) -> None:
+        terminal.say(outcome.line)
+
+    work: Callable[[Truth], Outcome] = partial(examine, folder=folder)
+    return each(work, truths, workers=workers, title="diagnosing", terminal=terminal, show=show)
+
+
+# ------------------------------------------------------------------------------------------------------------- totals
+
+
+def wilson(hits: int, count: int, z: float = 1.96) -> tuple[float, float]:
+    """Confidence interval of a share, 95 % by default. Source: Wilson, JASA 22, 1927."""
+    if count == 0:
+        return 0.0, 1.0
+    share, weight = hits / count, z**2 / count
+    centre = share + weight / 2
+    half = z * np.sqrt(share * (1 - share) / count + weight / (4 * count))
+    return max(0.0, float((centre - half) / (1 + weight))), min(1.0, float((centre + half) / (1 + weight)))
+
+
+def rate(hits: int, count: int) -> str:
+    """`57 of 60, 95 % (86 to 98 %)`."""
+    if count == 0:
+        return "none"
+    low, high = wilson(hits, count)
+    return f"{hits} of {count}, {hits / count:.0%} ({100 * low:.0f} to {high:.0%})"
+
+
+def right_of(outcomes: Sequence[Outcome]) -> str:
+    """Rate of those that are right."""
+    return rate(sum(outcome.right for outcome in outcomes), len(outcomes))
+
+
+def is_clear(outcome: Outcome) -> bool:
+    """Whether something is hidden that changes the torque enough to be found."""
+    return outcome.truth.share is not None and outcome.truth.share >= CLEAR
+
+
+def tell_totals(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
+    """Print rates, false alarms, time and memory."""
+    nulls = [o for o in outcomes if not o.truth.hidden]
+    library = effects().keys()
+    outside = [o for o in outcomes if set(o.truth.hidden) - library]
+    inside = [o for o in outcomes if o.truth.hidden and o not in outside]
+    exact = [o.exact for o in outcomes]
+    steps = [ratio for o in outcomes for ratio in o.ratios]
+    alarms = sum(bool(o.selected) for o in nulls)
+    fallen = sum(min(o.fall) >= FALL for o in inside)
+    terminal.heading("Totals")
+    rows = [
+        ("right", right_of(outcomes)),
+        ("  exactly", rate(exact.count(Exact.YES), len(exact))),
+        ("  within a group of effects that look alike", str(exact.count(Exact.AMBIGUOUS))),
+        ("right where a library effect is hidden", right_of(inside)),
+        (f"  of at least {CLEAR:.0%} of the torque after the refit", right_of([o for o in inside if is_clear(o)])),
+        ("  with two effects", right_of([o for o in inside if len(o.truth.hidden) > 1])),
+        ("right outside the library (nothing selected, unexplained)", right_of(outside)),
+        ("false alarms where nothing is hidden", rate(alarms, len(nulls))),
+        ("  called unexplained there", rate(sum(o.unexplained is not None for o in nulls), len(nulls))),
+        ("spurious effects beside or instead of hidden ones", rate(sum(bool(o.spurious) for o in inside), len(inside))),
+        (f"both held-out errors fall by {FALL:g} or more where a library effect is hidden", rate(fallen, len(inside))),
+        ("steps that lower both held-out errors", rate(sum(max(pair) < 1 for pair in steps), len(steps))),
+        ("failed", str(sum(bool(o.failure) for o in outcomes))),
+    ]
+    done = [o for o in outcomes if not o.failure]
+    if done:
+        seconds = [o.seconds for o in done]
+        rows.append(("time, median and longest [s]", f"{np.median(seconds):.1f}, {max(seconds):.1f}"))
+        rows.append(("peak memory [MB]", f"{max(o.memory for o in done):.0f}"))
+    terminal.table(("", "rate (95 % interval)"), rows, left=("rate (95 % interval)",))
+
+
+def tell_by_effect(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
+    """Print for each effect how often it is right alone, found among others, and named wrongly."""
+    rows = []
+    for id in dict.fromkeys(["nothing", *effects(), *(id for o in outcomes for id in o.truth.hidden)]):
+        alone = [o for o in outcomes if o.truth.label == id]
+        paired = [o for o in outcomes if len(o.truth.hidden) > 1 and id in o.truth.hidden]
+        wrongly = sum(id in o.spurious for o in outcomes)
+        if alone or paired or wrongly:
+            found = sum(id in o.selected or o.right for o in paired)
+            right = sum(o.right for o in alone)
+            rows.append((id, f"{right} of {len(alone)}", f"{found} of {len(paired)}" if paired else "-", str(wrongly)))
+    terminal.heading("By effect")
+    terminal.table(("hidden", "right alone", "found in pairs", "selected wrongly"), rows)
+
+
+def tell_by_share(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
+    """Print how often a library effect is right, by the share of the torque that it changes."""
+    known = [o for o in outcomes if o.truth.hidden and set(o.truth.hidden) <= effects().keys()]
+    rows = []
+    for low, high in pairwise(SHARES):
+        some = [o for o in known if o.truth.share is not None and low <= o.truth.share < high]
+        if some:
+            rows.append((f"{low:.0%} to {high:.0%}", right_of(some)))
+    if rows:
+        terminal.heading("By the share of the torque that the base model misses after its refit")
+        terminal.table(("share", "right"), rows)
+
+
+def positive(text: str) -> int:
+    """Positive whole number, for argparse."""
+    if (value := int(text)) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is less than 1")
+    return value
+
+
+def take_workers(parser: argparse.ArgumentParser) -> None:
+    """Declare --workers."""
+    cores = os.cpu_count() or 1
+    parser.add_argument("--workers", type=positive, default=min(2, cores), help="processes (default %(default)s)")
