@@ -98,7 +98,7 @@ def cross_validate(grams: Array) -> tuple[Array, Array, Array]:
     ridge = RIDGE * np.eye(parameters)
 
     def solution(training: Array) -> Array:
-        return np.linalg.solve(training[..., :-1, :-1] + ridge, training[..., :-1, -1:])
+        return np.asarray(np.linalg.solve(training[..., :-1, :-1] + ridge, training[..., :-1, -1:]))
 
     def errors(theta: Array, testing: Array) -> Array:
         cross = np.swapaxes(testing[..., :-1, -1:], -1, -2) @ theta

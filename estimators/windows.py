@@ -33,7 +33,8 @@ from pendulum_env.recording import Recording
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
 LEAD_IN = 0.3  # [s] at the start, in which effects with memory still know a start that was not recorded
 TRIFLE = 0.01  # share of the torque; encoder noise below it hides nothing worth finding
-FEWEST = 100  # windows of a recording, as long as a shorter window gives more
+FEWEST = 100  # windows that a length has to leave clear of stick,
+CLEAR = 0.3  # or share of the recording
 SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity has no sign
 
 
@@ -114,7 +115,9 @@ class Windows:
         parts = []
         for variant, x in zip(variants, self.trace(variants), strict=True):
             linear = [self.column(c, x) for c in variant.columns]
-            fixed = sum((self.column(c, x) for c in variant.fixed), np.zeros(len(self.centers)))
+            # fixed columns are torques that hold like the command, and already averages over the triangle
+            fixed = sum((self.average(c.force(x)) for c in variant.fixed), np.zeros(len(self.centers)))
+            fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
             parts.append((np.column_stack(linear) if linear else np.empty((len(self.centers), 0)), fixed))
         return parts
 
@@ -337,15 +340,14 @@ def choose_half_width(recording: Recording) -> float:
             inertia = abs(float(np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]))
             break
     enough = TRIFLE * float(np.std(recording.torque))
-    chosen = widths[0]
-    for width in widths:
-        w = cut(recording, width)
-        if len(w.centers) < FEWEST:
-            break
-        chosen = width
-        if inertia * w.acceleration_noise <= max(0.7 * w.torque_noise, enough):
-            break
-    return chosen
+    cuts = [cut(recording, width) for width in widths]
+    covered = [len(w.centers) * width for w, width in zip(cuts, widths, strict=True)]  # [s], clear of stick
+    enough_windows = [
+        len(w.centers) >= FEWEST or time >= CLEAR * recording.duration for w, time in zip(cuts, covered, strict=True)
+    ]
+    feasible = [i for i, fine in enumerate(enough_windows) if fine] or [int(np.argmax(covered))]
+    quiet = [i for i in feasible if inertia * cuts[i].acceleration_noise <= max(0.7 * cuts[i].torque_noise, enough)]
+    return widths[quiet[0] if quiet else feasible[-1]]
 
 
 def dataset(windows: Sequence[Windows]) -> Dataset:

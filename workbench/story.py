@@ -29,6 +29,8 @@ def tell(diagnosis: Diagnosis, terminal: Terminal) -> None:
     if diagnosis.selected:
         for id in diagnosis.selected:
             terminal.say(f"- {id}: {effect(id).law}")
+    elif diagnosis.unexplained:
+        terminal.say("something, but no effect of the library explains it: see what is left unexplained")
     else:
         terminal.say(f"nothing: {enumerate_words([term.id for term in base.terms])} explain these recordings")
     terminal.heading("Errors")

@@ -98,10 +98,17 @@ class ActuatorLag(Term):
         return (x.torque + (memory[0] - x.torque) * np.exp(-duration / self.time_constant),)
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        keep = np.exp(-period / self.time_constant)  # tau_a[k + 1] = keep tau_a[k] + (1 - keep) tau[k]
+        ratio = period / self.time_constant
+        keep = np.exp(-ratio)  # tau_a[k + 1] = keep tau_a[k] + (1 - keep) tau[k]
         lagged, _ = lfilter([0.0, 1.0 - keep], [1.0, -keep], command, zi=[keep * command[0]])
         lagged[0] = command[0]
-        return (lagged,)
+        # What the equations of motion see of it at sample k is its average under a triangle from k - 1 to k + 1;
+        # within a period tau_a = tau + (tau_a[k] - tau) exp(-t / T), whose falling and rising moments are these.
+        falling = (ratio - 1.0 + keep) / ratio**2
+        rising = (1.0 - (1.0 + ratio) * keep) / ratio**2
+        after = 0.5 * command + (lagged - command) * falling
+        before = 0.5 * command + (lagged - command) * rising
+        return (after + np.concatenate([[before[0]], before[:-1]]),)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
@@ -130,8 +137,12 @@ class DeadTime(Term):
         return self.dead_time
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        # torque at an instant is the mean of the commands around it; that mean, delayed
-        return (np.interp(x.time - self.dead_time, x.time, x.torque),)
+        # The average of the held command under a triangle from one sample before to one after the instant, d earlier:
+        # with d = n + f periods it covers three periods, with these shares.
+        whole, share = divmod(self.dead_time / period, 1.0)
+        shares = (0.5 * (1 - share) ** 2, 0.5 + share - share**2, 0.5 * share**2)
+        index = np.arange(len(command))[:, None] - int(whole) - np.arange(3)
+        return (command[np.maximum(index, 0)] @ np.array(shares),)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
