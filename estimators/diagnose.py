@@ -37,6 +37,9 @@ TIE = 5.0  # nats within which two effects count as equally likely
 ALIKE = 1.15  # and ratio of held-out errors within which they do
 ASTRAY = 2.5  # times the position error that noise gives
 BETTER = 0.8  # share of the held-out position error to which a refinement has to lower it
+FLIGHT = 0.93  # share of the error of flights, fitted and held out, to which an effect has to lower it
+IN_FLIGHT = 6  # starts from which they are fitted, of those that promise most
+NO_WORSE = 1.02  # ratio of held-out torque errors within which an effect may stay that only flights show
 SHORTER = 0.5  # share of the windows' length at a second look
 TEMPER = 10.0  # likelihood ratios are flattened by this: model errors are not white noise
 LOOSE = 2.5  # times the noise floor: transmissions leave more than this, and take long to search
@@ -102,7 +105,7 @@ class Search:
         variants = 1 + sum(1 for _ in after.terms[-1].grid(self.train.samples, self.screen.residual(before.terms)))
         enough = SURPRISE + 2 * np.log(variants)
         old, new = before.predicted_rms, after.predicted_rms
-        explained = (old**2 - new**2) / max(old**2 - self.floor**2, 1e-300)
+        explained = (old**2 - new**2) / (old**2 - self.floor**2) if old > self.floor else 0.0
         return self.nats(after, before) > enough and new < MATERIAL * old and explained > SHARE
 
     def step(self, added: str | None, terms: Sequence[Term]) -> Step:
@@ -123,12 +126,12 @@ class Search:
         phi, y = self.held_out.shared(terms)
         return float(np.sqrt(np.mean((y - phi @ theta) ** 2)))
 
-    def is_confirmed(self, after: Step, before: Step) -> bool:
+    def is_confirmed(self, after: Step, before: Step, torque: float = HELD_OUT) -> bool:
         """Whether held-out errors fall, both of them, and the parameters are those of a body with friction."""
         new, old = after.errors["holdout"], before.errors["holdout"]
         values = {name: estimate.value for name, estimate in after.model.estimates.items()}
         possible = values.get("inertia", 1.0) > 0 and values.get("coulomb", 0.0) >= 0
-        return possible and new.torque_rms < HELD_OUT * old.torque_rms and new.position_rms < old.position_rms
+        return possible and new.torque_rms < torque * old.torque_rms and new.position_rms < old.position_rms
 
     def is_as_good(self, rival: Step, chosen: Step) -> bool:
         """Whether a rival follows the held-out recordings as well as the model that was chosen, or nearly."""
@@ -149,6 +152,50 @@ class Search:
         if _position(refined) < BETTER * _position(last) and torque < ALIKE:
             return [*steps[:-1], refined]
         return steps
+
+    def grow_in_flight(self, steps: list[Step]) -> list[Step]:
+        """Add effects that free-running simulation calls for where the torque is too noisy to show them."""
+        while len(steps) <= MOST:
+            last = steps[-1]
+            found = self._best_in_flight(last)
+            if found is None:
+                break
+            steps = [*steps, found]
+        return steps
+
+    def _best_in_flight(self, last: Step) -> Step | None:
+        flights, checks = self.train.flights, self.holdout.flights
+        # the effect has to beat the same terms fitted in the same way
+        start = output_error.fit(flights, last.model.terms, last.model.theta)
+        last = self._with_errors(last.added, Model.build(start.terms, start.theta))
+        weights, check_weights = output_error.weigh(flights, start), output_error.weigh(checks, start)
+        before = output_error.rms(flights, start, weights), output_error.rms(checks, start, check_weights)
+        ranked = []
+        missing = [e for e in self.library.values() if not e.rugged and e.id not in {t.id for t in last.model.terms}]
+        for done, kind in enumerate(missing):
+            self.progress(f"flying {kind.id}", done / len(missing))
+            trial = self.screen.best(last.model.terms, kind)
+            variants = [trial.terms[-1]] if trial is not None else []
+            if kind.kind == "dissipative" and kind.shapes:  # friction near reversals, which windows hardly see
+                variants += list(kind.grid(self.train.samples, self.screen.residual(last.model.terms)))[::2]
+            points = [
+                output_error.Point((*start.terms, v), np.append(start.theta, np.zeros(len(v.columns))))
+                for v in variants
+            ]
+            promises = [output_error.promise(flights, point, weights) for point in points]
+            for i in np.argsort(promises)[:2]:
+                ranked.append((promises[i], complexity(variants[i]), points[i]))
+        ranked.sort(key=lambda entry: entry[:2])
+        best, error = None, FLIGHT * before[0]
+        for _, _, point in ranked[:IN_FLIGHT]:
+            self.progress(f"fitting the flights with {point.terms[-1].id}", 0.9)
+            point = output_error.fit(flights, point.terms, point.theta)
+            trained, checked = output_error.rms(flights, point, weights), output_error.rms(checks, point, check_weights)
+            if trained < error and checked < FLIGHT * before[1]:
+                step = self._with_errors(point.terms[-1].id, output_error.model(flights, point))
+                if self.is_confirmed(step, last, torque=NO_WORSE):
+                    best, error = step, trained
+        return best
 
     def settle(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Search every shape parameter again, now that all terms are in."""
@@ -217,20 +264,24 @@ def complexity(term: Term) -> int:
     return len(term.columns) + len(term.shapes)
 
 
-def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
-    """Hold out the end of each recording."""
-    parts = [recording.split(1 - HOLDOUT_SHARE) for recording in recordings]
-    return [part[0] for part in parts], [part[1] for part in parts]
-
-
-def gather(recordings: Sequence[Recording], holdout: Sequence[Recording] = ()) -> tuple[Evidence, Evidence]:
+def gather(
+    recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0
+) -> tuple[Evidence, Evidence]:
     """Training and held-out evidence; without held-out recordings, the end of each recording is held out.
+
+    Args:
+        recordings: to fit.
+        holdout: to check on.
+        shorter: factor on the lengths of the windows.
 
     Raises:
         IdentificationError: if a part holds too little motion.
     """
-    training, testing = (list(recordings), list(holdout)) if holdout else split(recordings)
-    return Evidence.of(training), Evidence.of(testing)
+    widths = [shorter * choose_half_width(recording) for recording in recordings]
+    if not holdout:
+        share = 1 - HOLDOUT_SHARE
+        return Evidence.of(recordings, widths, (0.0, share)), Evidence.of(recordings, widths, (share, 1.0))
+    return Evidence.of(recordings, widths), Evidence.of(holdout, [shorter * choose_half_width(r) for r in holdout])
 
 
 def diagnose(
@@ -251,19 +302,18 @@ def diagnose(
         IdentificationError: if the recordings hold too little motion.
     """
     progress("reading the motion", 0.0)
-    training, testing = (list(recordings), list(holdout)) if holdout else split(recordings)
-    widths = [[choose_half_width(recording) for recording in part] for part in (training, testing)]
-    search, steps = look(training, testing, widths, base, progress)
+    search, steps = look(*gather(recordings, holdout), base, progress)
     if search.is_astray(steps[-1]):
         progress("fitting the flights", 0.9)
         steps = search.fly(steps)
     if search.is_astray(steps[-1]):
         # What happens near reversals shows in windows that come closer to them, if through more noise.
-        shorter = [[SHORTER * width for width in part] for part in widths]
-        closer, found = look(training, testing, shorter, base, progress)
+        closer, found = look(*gather(recordings, holdout, SHORTER), base, progress)
         found = closer.fly(found)
         if len(found) > 1 and _position(found[-1]) < BETTER * _position(steps[-1]):
             search, steps = closer, found
+    if search.is_astray(steps[-1]):
+        steps = search.grow_in_flight(steps)
     train = search.train
     candidates, groups = judge(search, base, steps)
     model, fit = fit_terms(train, steps[-1].model.terms)
@@ -278,15 +328,9 @@ def diagnose(
     return Diagnosis(tuple(steps), tuple(candidates), tuple(groups), tuple(unexplained), floor, advice)
 
 
-def look(
-    training: Sequence[Recording],
-    testing: Sequence[Recording],
-    widths: Sequence[Sequence[float]],
-    base: Sequence[Term],
-    progress: Progress,
-) -> tuple[Search, list[Step]]:
-    """Search with windows of the given half widths [s] for the training and the testing recordings."""
-    search = Search(Evidence.of(training, widths[0]), Evidence.of(testing, widths[1]), progress)
+def look(train: Evidence, test: Evidence, base: Sequence[Term], progress: Progress) -> tuple[Search, list[Step]]:
+    """Search the library; returns the steps from the base model to the final one."""
+    search = Search(train, test, progress)
     start = search.settle(base)
     grown = search.grow(start)[-1].model.terms
     terms = search.challenge(start, grown)
@@ -331,7 +375,7 @@ def judge(search: Search, base: Sequence[Term], steps: Sequence[Step]) -> tuple[
         ratio = after.errors["holdout"].torque_rms / before.errors["holdout"].torque_rms
         verdicts[term.id] = Candidate(
             term.id,
-            float(1.0 / total),
+            float((1.0 + sum(odds[id] for id in group)) / total),
             Verdict.SELECTED,
             ratio,
             f"lowers the held-out errors: torque {_fall(before, after, 'torque_rms')} N m, "
@@ -354,6 +398,10 @@ def judge(search: Search, base: Sequence[Term], steps: Sequence[Step]) -> tuple[
         else:
             verdict, reason = Verdict.NOT_EXCITED, f"these data hardly depend on it; it needs {term.reveal}"
         verdicts[term.id] = Candidate(term.id, score, verdict, ratio, reason)
+    for id in search.library:
+        if id not in verdicts:
+            reason = "what is left is smaller than what such an effect would leave"
+            verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason)
     order = {Verdict.SELECTED: 0, Verdict.AMBIGUOUS: 1, Verdict.REJECTED: 2, Verdict.NOT_EXCITED: 3}
     return sorted(verdicts.values(), key=lambda c: (order[c.verdict], -c.score)), groups
 
@@ -411,4 +459,4 @@ def add(model: Model, id: str, recordings: Sequence[Recording], holdout: Sequenc
     return Addition(before, search.report(id, terms), search.floor)
 
 
-__all__ = ["Addition", "Errors", "Progress", "add", "diagnose", "gather", "split"]
+__all__ = ["Addition", "Errors", "Progress", "add", "diagnose", "gather"]

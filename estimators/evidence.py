@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.free_running import Flights, position_rms, take_off
 from estimators.least_squares import Fit, solve
-from estimators.windows import Dataset, prepare
+from estimators.windows import WHOLE, Dataset, Part, prepare
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model, Samples, Term
 from pendulum_env.recording import Recording
@@ -40,9 +40,11 @@ class Evidence:
     flights: tuple[Flights, ...]
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], half_widths: Sequence[float] | None = None) -> Evidence:
-        """Prepare recordings; raises IdentificationError if they hold too little motion."""
-        data = prepare(recordings, half_widths)
+    def of(
+        cls, recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
+    ) -> Evidence:
+        """Prepare recordings, or a part of each; raises IdentificationError if they hold too little motion."""
+        data = prepare(recordings, half_widths, part)
         return cls(data, tuple(take_off(w) for w in data.windows))
 
     @property

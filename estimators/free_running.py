@@ -41,15 +41,16 @@ class Flights:
 def take_off(windows: Windows, seconds: float = SECONDS) -> Flights:
     """Cut a recording into flights that start where the velocity is known best, away from reversals."""
     recording = windows.recording
-    length = min(round(seconds * recording.rate), len(recording) - 1)
+    length = min(round(seconds * recording.rate), windows.stop - windows.first - 1)
     clear = distance_transform_cdt(np.r_[False, np.diff(np.sign(windows.samples.velocity)) == 0] & windows.moving)
     clear = np.minimum(clear, len(windows.kernel))
     reach = round(0.2 * seconds * recording.rate)
     first = []
-    for nominal in range(0, len(recording) - length, length):
-        low, high = max(0, nominal - reach // 2), min(len(recording) - length - 1, nominal + reach)
+    earliest, latest = windows.first, windows.stop - length - 1
+    for nominal in range(earliest, latest + 1, length):
+        low, high = max(earliest, nominal - reach // 2), min(latest, nominal + reach)
         first.append(low + int(np.argmax(clear[low : high + 1])))
-    starts = np.array(first or [0])
+    starts = np.array(first or [earliest])
     index = starts + np.arange(length + 1)[:, None]
     return Flights(
         windows=windows,

@@ -20,9 +20,10 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Term, simulate
 from pendulum_env.physics.simulation import delayed
 
-TURNS = 6
+TURNS = 12
 SHARES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step that are tried
 DIFFERENCE = 1e-3  # relative step of derivatives
+LEAP = 0.5  # largest step of a parameter from zero
 SMALLEST = 1e-3  # size against which a parameter near zero moves
 GRAIN = 0.004  # [s] between the positions that are compared
 
@@ -119,6 +120,11 @@ def residuals(flights: Sequence[Flights], points: Sequence[Point]) -> list[Array
     return [_errors(flight, points)[0] for flight in flights]
 
 
+def weigh(flights: Sequence[Flights], point: Point) -> list[Array]:
+    """Weight of each flight, (B, 1, 1) a recording, from its error at a point."""
+    return _weights(residuals(flights, [point]))
+
+
 def _weights(base: Sequence[Array]) -> list[Array]:
     """Weight of each flight, (B, 1, 1) a recording: flights that go astray at the top of the swing count less."""
     sizes = [np.sqrt(np.mean(part[:, :, :1] ** 2, axis=(1, 2))) for part in base]
@@ -152,8 +158,9 @@ def fit(flights: Sequence[Flights], terms: Sequence[Term], theta: Array, turns: 
         error, slopes, _ = _slopes(flights, point, weights)
         damping = np.diag(1e-3 * np.linalg.norm(slopes, axis=0) + 1e-12)
         target = np.concatenate([-error, np.zeros(len(values))])
-        step = np.clip(np.linalg.lstsq(np.vstack([slopes, damping]), target, rcond=None)[0], -0.5, 0.5)
         size = np.maximum(np.abs(values), SMALLEST)
+        longest = np.where(size > SMALLEST, 0.5, LEAP / SMALLEST)  # a parameter that was zero has to get somewhere
+        step = np.clip(np.linalg.lstsq(np.vstack([slopes, damping]), target, rcond=None)[0], -longest, longest)
         tried = [point.at(values + share * step * size) for share in SHARES]
         costs = np.sum(_stacked(flights, tried, weights)[0] ** 2, axis=0)
         best = int(np.argmin(costs))
@@ -161,6 +168,23 @@ def fit(flights: Sequence[Flights], terms: Sequence[Term], theta: Array, turns: 
             break
         point = tried[best]
     return point
+
+
+def rms(flights: Sequence[Flights], point: Point, weights: Sequence[Array] | None = None) -> float:
+    """Weighted root mean square error of the flights, the state at their start being free [rad]."""
+    parts = residuals(flights, [point])
+    weights = _weights(parts) if weights is None else weights
+    total = sum(float((weight * part**2).sum()) for part, weight in zip(parts, weights, strict=True))
+    return float(np.sqrt(total / sum(float(w.sum()) * part.shape[1] for w, part in zip(weights, parts, strict=True))))
+
+
+def promise(flights: Sequence[Flights], point: Point, weights: Sequence[Array]) -> float:
+    """Squared error that a linear fit of all parameters around a point would leave."""
+    error, slopes, _ = _slopes(flights, point, weights)
+    size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
+    step = np.linalg.lstsq(slopes / size, -error, rcond=1e-6)[0]
+    left = error + slopes / size @ step
+    return float(left @ left)
 
 
 def model(flights: Sequence[Flights], point: Point) -> Model:

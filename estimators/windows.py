@@ -31,6 +31,8 @@ from pendulum_env.physics.term import trace
 from pendulum_env.recording import Recording
 
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
+FOLDS, RUN = 10, 4  # of cross-validation: how many, and windows in a row in one
+LEAST_NOISE = 5e-4  # of the torque
 LEAD_IN = 0.3  # [s] at the start, in which effects with memory still know a start that was not recorded
 TRIFLE = 0.01  # share of the torque; encoder noise below it hides nothing worth finding
 FEWEST = 100  # windows that a length has to leave clear of stick,
@@ -65,6 +67,7 @@ class Windows:
         torque_noise: standard deviation of a window's torque from white noise [N m].
         acceleration_noise: the same for its acceleration [rad/s^2].
         velocity_noise: standard deviation of the smoothed velocity [rad/s].
+        first, stop: samples from which windows are taken, a part of the recording; the rest leads terms with memory in.
     """
 
     recording: Recording
@@ -76,6 +79,8 @@ class Windows:
     torque_noise: float
     acceleration_noise: float
     velocity_noise: float
+    first: int
+    stop: int
 
     @property
     def raw_torque_noise(self) -> float:
@@ -212,12 +217,17 @@ def _from_velocity(recording: Recording, window: Array, half_width: int) -> Moti
     return Motion(q, v, a, noise * 1.5 / np.sqrt(2 * half_width), noise * float(np.linalg.norm(slope_of_window)))
 
 
-def cut(recording: Recording, half_width: float) -> Windows:
-    """Windows of a recording.
+Part = tuple[float, float]  # shares of a recording where a part begins and ends
+WHOLE: Part = (0.0, 1.0)
+
+
+def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
+    """Windows of a recording, or of a part of it.
 
     Args:
         recording: at least 0.1 s longer than a window.
         half_width: of a window [s]; at least two samples are taken.
+        part: where windows are taken from.
     """
     m = max(2, round(half_width * recording.rate))
     smoothing = max(2, round(0.75 * m))
@@ -236,7 +246,8 @@ def cut(recording: Recording, half_width: float) -> Windows:
     near = binary_dilation(halted, iterations=guard)
     near[: guard + 1] = near[-guard - 1 :] = True
     lead_in = round(min(LEAD_IN, 0.1 * recording.duration) * recording.rate)
-    candidates = np.arange(guard + 1 + lead_in, len(v) - guard - 1, m)
+    first, stop = (round(share * len(v)) for share in part)
+    candidates = np.arange(max(guard + 1 + lead_in, first + m), min(len(v) - guard - 1, stop - m), m)
     held = np.convolve(window, [0.5, 0.5])
     return Windows(
         recording=recording,
@@ -248,6 +259,8 @@ def cut(recording: Recording, half_width: float) -> Windows:
         torque_noise=white_noise(recording.torque) * float(np.linalg.norm(held)),
         acceleration_noise=motion.acceleration_noise,
         velocity_noise=motion.velocity_noise,
+        first=first,
+        stop=stop,
     )
 
 
@@ -258,7 +271,8 @@ class Dataset:
     Attributes:
         windows: one entry a recording.
         weights: relative weight of each equation, (R,): recordings with more noise count less.
-        blocks: number of the contiguous stretch of time that each equation lies in, (R,), for cross-validation.
+        blocks: fold of each equation in cross-validation, (R,). Folds take turns along the recording, a few windows
+            each, so that an event that happens once (a stop that is hit, a payload that is lost) is in most of them.
         clusters: the same with shorter stretches, for standard errors under correlated residuals.
     """
 
@@ -306,7 +320,8 @@ class Dataset:
         """Root mean square over the windows of what measurement noise alone leaves [N m]."""
         counts = np.array([len(w.centers) for w in self.windows])
         levels = np.array([w.noise(inertia) for w in self.windows])
-        return float(np.sqrt(np.sum(counts * levels**2) / max(1, counts.sum())))
+        least = LEAST_NOISE * float(np.std(self.torque()))  # smoothing and integration are not exact either
+        return max(least, float(np.sqrt(np.sum(counts * levels**2) / max(1, counts.sum()))))
 
 
 def _numbers(windows: Sequence[Windows], length: float) -> Index:
@@ -351,7 +366,7 @@ def choose_half_width(recording: Recording) -> float:
 
 
 def dataset(windows: Sequence[Windows]) -> Dataset:
-    """Put windows of several recordings together, weighted by their noise and split into about ten blocks."""
+    """Put windows of several recordings together, weighted by their noise and split into folds."""
     total = sum(w.recording.duration for w in windows)
     reference = float(np.median([np.std(w.recording.torque) for w in windows]))
     levels = [max(w.noise(0.05), 0.003 * reference) for w in windows]
@@ -359,19 +374,19 @@ def dataset(windows: Sequence[Windows]) -> Dataset:
     return Dataset(
         tuple(windows),
         np.concatenate(weights),
-        _numbers(windows, total / 10),
+        np.arange(sum(len(w.centers) for w in windows)) // RUN % FOLDS,
         _numbers(windows, min(0.5, total / 30)),
     )
 
 
-def prepare(recordings: Sequence[Recording], half_widths: Sequence[float] | None = None) -> Dataset:
-    """Windowed equations of recordings, with window lengths fit to their noise unless given.
+def prepare(recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE) -> Dataset:
+    """Windowed equations of recordings or of a part of each, with window lengths fit to their noise unless given.
 
     Raises:
         IdentificationError: if too little of the motion is clear of stick to fit anything.
     """
     widths = half_widths or [choose_half_width(recording) for recording in recordings]
-    windows = [cut(recording, width) for recording, width in zip(recordings, widths, strict=True)]
+    windows = [cut(recording, width, part) for recording, width in zip(recordings, widths, strict=True)]
     usable = sum(len(w.centers) for w in windows)
     if usable < 20:
         names = ", ".join(recording.name for recording in recordings)

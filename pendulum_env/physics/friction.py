@@ -56,7 +56,7 @@ class Stribeck(Term):
     law = "fs exp(-(q'/vs)^2) sgn q'"
     kind = "dissipative"
     reveal = "slow motion, around and below the Stribeck velocity"
-    shapes = (Shape("stribeck_velocity", "rad/s", 0.02, 20.0),)
+    shapes = (Shape("stribeck_velocity", "rad/s", 0.01, 1e4),)
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -131,6 +131,11 @@ class Model:
             for id in data["terms"]:
                 kind = library.term(id)
                 shape = {s.name: float(data["theta"][f"{id}.{s.name}"]["value"]) for s in kind.shapes}
+                for s in kind.shapes:
+                    whole = shape[s.name] == round(shape[s.name]) or not s.integer
+                    if np.isfinite(shape[s.name]) and not (s.low <= shape[s.name] <= s.high and whole):
+                        allowed = f"{'a whole number ' if s.integer else ''}from {s.low:g} to {s.high:g}"
+                        raise ModelError(f"'{id}.{s.name}' is {shape[s.name]:g}, it has to be {allowed} {s.unit}")
                 terms.append(kind(**shape))
             parameters = Model.build(terms, 0.0).estimates
             for name, default in parameters.items():
@@ -146,7 +151,7 @@ class Model:
             raise ModelError(str(error)) from None
         if len({term.id for term in terms}) != len(terms):
             raise ModelError("the model names a term twice: each may appear once")
-        if not all(np.isfinite([e.value for e in estimates.values()])):
+        if not np.isfinite([[e.value, e.std] for e in estimates.values()]).all():
             raise ModelError("the model holds a parameter that is not a finite number")
         return cls(tuple(terms), estimates)
 

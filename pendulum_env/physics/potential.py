@@ -94,7 +94,7 @@ class HardStop(Term):
     kind = "potential"
     reveal = "motion up to the end of the range"
     beyond = "no stop within the range of motion, and none beyond it would show"
-    shapes = (Shape("stop", "rad", -100.0, 100.0),)
+    shapes = (Shape("stop", "rad", -1e6, 1e6),)
 
     @property
     def columns(self) -> tuple[Column, ...]:

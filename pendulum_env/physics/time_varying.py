@@ -22,7 +22,7 @@ class FrictionDrift(Term):
     law = "(b1 q' + f1 sgn q') exp(-t/T)"
     kind = "time-varying"
     reveal = "a recording from cold that lasts several warm-up times"
-    shapes = (Shape("warm_up", "s", 0.2, 1e4),)
+    shapes = (Shape("warm_up", "s", 0.01, 1e6),)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -76,7 +76,7 @@ class PeriodicDisturbance(Term):
     law = "s sin wt + c cos wt"
     kind = "time-varying"
     reveal = "a recording of many periods"
-    shapes = (Shape("frequency", "rad/s", 0.05, 2e3),)
+    shapes = (Shape("frequency", "rad/s", 1e-5, 1e5),)
 
     @property
     def columns(self) -> tuple[Column, ...]:

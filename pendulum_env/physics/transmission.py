@@ -24,6 +24,7 @@ from scipy.linalg import solve_banded
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
 
+UNBOUNDED = 1e6  # [rad], [rad/s]; a link beyond has broken loose from any real motion
 SUBSTEP = 1e-3  # [s], longest step of the link's motion
 
 
@@ -188,6 +189,6 @@ def _swing(
     for k in range(steps):
         middle_q = position + 0.5 * h * velocity
         middle_v = velocity + 0.5 * h * acceleration(k * h, position, velocity)
-        velocity = velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v)
-        position = position + h * middle_v
+        velocity = np.clip(velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v), -UNBOUNDED, UNBOUNDED)
+        position = np.clip(position + h * middle_v, -UNBOUNDED, UNBOUNDED)
     return position, velocity

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from estimators.diagnose import split
+from estimators.diagnose import gather
 from estimators.diagnosis import Diagnosis
 from estimators.evidence import Evidence
 from estimators.identify import Identification
@@ -42,18 +42,21 @@ class Case:
         identification: Identification | None = None,
     ) -> Case:
         """Gather a case; without held-out recordings, the end of each recording is held out, as in the diagnosis."""
-        train, test = (recordings, holdout) if holdout else split(recordings)
-        return cls(tuple(train), tuple(test), not holdout, diagnosis, identification)
+        return cls(tuple(recordings), tuple(holdout or recordings), not holdout, diagnosis, identification)
+
+    @cached_property
+    def _evidence(self) -> tuple[Evidence, Evidence]:
+        return gather(self.train, () if self.is_split else self.holdout)
 
     @cached_property
     def training(self) -> Evidence:
         """Windows and flights of the fitted recordings."""
-        return Evidence.of(self.train)
+        return self._evidence[0]
 
     @cached_property
     def testing(self) -> Evidence:
         """Windows and flights of the held-out recordings."""
-        return Evidence.of(self.holdout)
+        return self._evidence[1]
 
     @property
     def base(self) -> Model:

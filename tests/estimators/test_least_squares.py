@@ -1,0 +1,192 @@
+"""Least squares, cross-validation, standard errors, and searches over shape parameters: against first principles."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from estimators.least_squares import block_grams, cross_validate, solve
+from estimators.shapes import cross_entropy, gauss_newton
+from estimators.windows import Equations
+from pendulum_env.physics import Samples, Term, effect
+
+
+def regression(seed: int, rows: int = 300, columns: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns of very different size, y, and the truth behind it."""
+    rng = np.random.default_rng(seed)
+    phi = rng.standard_normal((rows, columns)) * 10.0 ** np.arange(-2, columns - 2)
+    theta = rng.standard_normal(columns)
+    return phi, phi @ theta + 0.3 * rng.standard_normal(rows), theta
+
+
+def test_solve_minimises_the_weighted_squares():
+    phi, y, _ = regression(0)
+    weights = np.random.default_rng(1).uniform(0.2, 2, len(y))
+    fit = solve(Equations(phi, y), weights, np.arange(len(y)) // 10)
+    expected = np.linalg.solve(phi.T @ (phi * weights[:, None] ** 2), phi.T @ (y * weights**2))
+    np.testing.assert_allclose(fit.theta, expected, rtol=1e-9)
+    np.testing.assert_allclose(fit.residual, y - phi @ expected, atol=1e-9)
+    assert fit.rms == pytest.approx(np.sqrt(np.mean(fit.residual**2)))
+
+
+def test_solve_with_two_equal_columns_shares_between_them_and_says_so():
+    phi, y, _ = regression(0, columns=2)
+    fit = solve(Equations(np.column_stack([phi, phi[:, 1]]), y), np.ones(len(y)), np.arange(len(y)) // 10)
+    alone = solve(Equations(phi, y), np.ones(len(y)), np.arange(len(y)) // 10)
+    assert fit.theta[1] == pytest.approx(fit.theta[2])
+    assert fit.theta[1] + fit.theta[2] == pytest.approx(alone.theta[1])
+    assert fit.condition > 1e10
+    np.testing.assert_allclose(np.abs(fit.worst_direction), [0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
+
+
+def test_a_jacobian_of_shapes_widens_the_standard_errors_and_leaves_the_parameters():
+    phi, y, _ = regression(0)
+    clusters = np.arange(len(y)) // 10
+    plain = solve(Equations(phi[:, :3], y), np.ones(len(y)), clusters)
+    jacobian = (phi[:, 2] / 10 + 0.05 * np.random.default_rng(1).standard_normal(len(y)))[:, None]
+    fit = solve(Equations(phi[:, :3], y), np.ones(len(y)), clusters, jacobian)
+    np.testing.assert_array_equal(fit.theta, plain.theta)
+    assert fit.covariance.shape == (4, 4)
+    assert fit.std[2] > 1.5 * plain.std[2]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_cross_validation_is_leaving_out_each_block_and_fitting_again(seed):
+    rng = np.random.default_rng(seed)
+    alternatives = []
+    for j in range(3):
+        phi, y, _ = regression(10 * seed + j)
+        alternatives.append(np.column_stack([phi, y]))
+    columns = np.stack(alternatives)
+    blocks = np.sort(rng.integers(0, 7, columns.shape[1]))
+    fitted, predicted, _ = cross_validate(block_grams(columns, blocks))
+    for system, of_all, of_others in zip(columns, fitted, predicted, strict=True):
+        phi, y = system[:, :-1], system[:, -1]
+        theta = np.linalg.lstsq(phi, y, rcond=None)[0]
+        assert of_all == pytest.approx(np.sum((y - phi @ theta) ** 2), rel=1e-6)
+        squares = 0.0
+        for block in range(7):
+            out = blocks == block
+            theta = np.linalg.lstsq(phi[~out], y[~out], rcond=None)[0]
+            squares += np.sum((y[out] - phi[out] @ theta) ** 2)
+        assert of_others == pytest.approx(squares, rel=1e-6)
+        assert of_others > of_all
+
+
+def test_an_irrelevant_column_lowers_the_fitted_error_but_not_the_predicted_one():
+    worse = 0
+    for seed in range(20):
+        phi, y, _ = regression(seed)
+        noise = np.random.default_rng(100 + seed).standard_normal((len(y), 8))
+        with_noise, without = np.column_stack([phi, noise, y]), np.column_stack([phi, 0 * noise, y])
+        fitted, predicted, _ = cross_validate(block_grams(np.stack([without, with_noise]), np.arange(len(y)) // 30))
+        assert fitted[1] < fitted[0]
+        worse += predicted[1] > predicted[0]
+    assert worse >= 17
+
+
+def coverage(memory: float, clustered: bool) -> np.ndarray:
+    """Errors of many estimates in units of their standard errors, (trials, P), under noise with memory."""
+    rng = np.random.default_rng(0)
+    scores = []
+    for _ in range(200):
+        white = rng.standard_normal((3, 2400))
+        noise, *columns = lfilter([1.0], [1.0, -memory], white)
+        phi = np.column_stack(columns) + np.array([0.0, 1.0])
+        clusters = np.arange(2400) // (60 if clustered else 1)
+        fit = solve(Equations(phi, phi @ [2.0, -1.0] + noise), np.ones(2400), clusters)
+        scores.append((fit.theta - [2.0, -1.0]) / fit.std)
+    return np.array(scores)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.8])
+def test_standard_errors_from_clusters_cover_the_truth_under_correlated_noise(memory):
+    scores = coverage(memory, clustered=True)
+    assert np.all(np.abs(np.sqrt(np.mean(scores**2, axis=0)) - 1) < 0.25)
+    assert np.mean(np.abs(scores) < 2) > 0.88
+
+
+def test_standard_errors_that_take_noise_for_white_do_not():
+    scores = coverage(0.8, clustered=False)
+    assert np.all(np.sqrt(np.mean(scores**2, axis=0)) > 1.7)
+
+
+def samples() -> Samples:
+    rng = np.random.default_rng(0)
+    time = np.arange(600) / 100
+    position, velocity = rng.uniform(-3, 3, 600), 2 * rng.standard_normal(600)
+    return Samples(time, position, velocity, 4 * rng.standard_normal(600))
+
+
+def projected(x: Samples, y: np.ndarray):
+    """Residuals of y after a fit of a variant's columns, beside a constant and a friction."""
+
+    def residuals(variants: list[Term]) -> list[np.ndarray]:
+        found = []
+        for variant in variants:
+            columns = [column.torque(x, 0.0) for column in variant.columns]
+            fixed = sum((column.torque(x, 0.0) for column in variant.fixed), np.zeros(len(y)))
+            phi = np.column_stack([np.ones(len(y)), np.sign(x.velocity), *columns])
+            found.append(y - fixed - phi @ np.linalg.lstsq(phi, y - fixed, rcond=None)[0])
+        return found
+
+    return residuals
+
+
+@pytest.mark.parametrize(
+    ("id", "shape", "truth", "start", "theta"),
+    [
+        ("stribeck", "stribeck_velocity", 0.6, 1.5, [0.4]),
+        ("stribeck", "stribeck_velocity", 0.6, 0.25, [0.4]),
+        ("torque_saturation", "limit", 5.0, 12.0, []),
+        ("friction_drift", "warm_up", 2.0, 6.0, [0.2, 0.5]),
+        ("periodic_disturbance", "frequency", 20.0, 20.3, [0.2, -0.1]),
+        ("hard_stop", "stop", 1.2, 0.8, [30.0]),
+        ("hard_stop", "stop", -1.2, -1.6, [30.0]),
+    ],
+)
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_gauss_newton_finds_the_minimum_over_a_shape_parameter(id, shape, truth, start, theta, noise):
+    x, kind = samples(), effect(id)
+    term = kind(**{shape: truth})
+    y = 0.3 + 0.8 * np.sign(x.velocity) + noise * np.random.default_rng(1).standard_normal(600)
+    y = y + sum(c * column.torque(x, 0.0) for c, column in zip(theta, term.columns, strict=True))
+    y = y + sum(column.torque(x, 0.0) for column in term.fixed)
+    residuals = projected(x, y)
+    found = gauss_newton(kind(**{shape: start}), residuals)
+    assert found.shape[shape] == pytest.approx(truth, rel=1e-3 if noise == 0 else 0.05)
+    least = np.linalg.norm(residuals([found])[0])
+    nearby = [kind(**{shape: found.shape[shape] * factor}) for factor in (0.99, 1.01)]
+    assert all(np.linalg.norm(residual) > least for residual in residuals(nearby))
+
+
+def test_gauss_newton_stays_within_the_limits_of_a_shape_parameter():
+    x = samples()
+    towards_zero = gauss_newton(
+        effect("stribeck")(stribeck_velocity=0.05),
+        lambda variants: [np.full(5, v.shape["stribeck_velocity"]) for v in variants],
+    )
+    assert towards_zero.shape["stribeck_velocity"] == effect("stribeck").shapes[0].low
+    spring = effect("spring")()
+    assert gauss_newton(spring, projected(x, x.position)) is spring
+
+
+def test_gauss_newton_leaves_integers_alone():
+    x = samples()
+    start = effect("cogging")(order=9.0)
+    assert gauss_newton(start, projected(x, np.sin(12 * x.position))) == start
+
+
+def test_cross_entropy_finds_a_minimum_among_many():
+    truth = effect("backlash")(gap=0.013, resonance=75.0, damping=12.0, gravity=21.0)
+    target = np.log(list(truth.shape.values()))
+
+    def errors(variants: list[Term]) -> list[float]:
+        away = [np.log(list(variant.shape.values())) - target for variant in variants]
+        return [float(np.sum(d**2) + 0.02 * np.sum(1 - np.cos(25 * d))) for d in away]
+
+    x = samples()
+    grid = list(effect("backlash").grid(x, x.torque))
+    found = cross_entropy(grid, errors)
+    assert errors([found])[0] < 0.5 * min(errors(grid))
+    np.testing.assert_allclose(np.log(list(found.shape.values())), target, atol=0.35)
+    assert cross_entropy(grid, errors) == found

@@ -1,0 +1,393 @@
+"""Simulation with set-valued friction: against an independent integrator, closed forms and the balance of energy."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from pendulum_env.physics import BASE, Coulomb, Gravity, Inertia, Samples, Term, Viscous, effect, effects, simulate
+from pendulum_env.physics.term import zero
+from pendulum_env.plant import hide, paper_plant
+
+THETA = (0.09, 2.0, 0.35, 0.8)  # inertia, gravity, viscous, coulomb
+INERTIA, MGL, B, FC = THETA
+Law = Callable[[float, float, float, float], float]  # of time, position, velocity and torque
+
+every_effect = pytest.mark.parametrize("id", effects())
+
+
+def two_tones(seconds: float, period: float, scale: float = 1.0) -> np.ndarray:
+    """The paper's torque, strong enough for several full turns in both directions [N m]."""
+    time = period * np.arange(round(seconds / period))
+    return scale * (3 * np.sin(12.07 * time) + 3 * np.sin(2.25 * time + 1))
+
+
+@dataclass(frozen=True)
+class Case:
+    """Terms with parameters, and their laws once more: torque against the motion, and magnitude of dry friction."""
+
+    terms: tuple[Term, ...]
+    theta: tuple[float, ...]
+    load: Law
+    dry: Law = lambda t, q, v, u: FC
+    torque: Law = lambda t, q, v, u: u
+
+
+def base_load(t: float, q: float, v: float, u: float) -> float:
+    return MGL * np.sin(q) + B * v
+
+
+CASES = {
+    "base": Case(BASE, THETA, base_load),
+    "stribeck": Case(
+        (*BASE, effect("stribeck")(stribeck_velocity=0.6)),
+        (*THETA, 0.45),
+        base_load,
+        lambda t, q, v, u: FC + 0.45 * np.exp(-((v / 0.6) ** 2)),
+    ),
+    "load_dependent_friction": Case(
+        (*BASE, effect("load_dependent_friction")()),
+        (*THETA, 0.1),
+        base_load,
+        lambda t, q, v, u: FC + 0.1 * abs(u),
+    ),
+    "position_dependent_friction": Case(
+        (*BASE, effect("position_dependent_friction")()),
+        (*THETA, 0.3, -0.2),
+        base_load,
+        lambda t, q, v, u: FC + 0.3 * np.sin(q) - 0.2 * np.cos(q),
+    ),
+    "cogging": Case(
+        (*BASE, effect("cogging")(order=9.0)),
+        (*THETA, 0.15, -0.1),
+        lambda t, q, v, u: base_load(t, q, v, u) + 0.15 * np.sin(9 * q) - 0.1 * np.cos(9 * q),
+    ),
+    "spring": Case(
+        (*BASE, effect("spring")()),
+        (*THETA, 0.5, -0.2),
+        lambda t, q, v, u: base_load(t, q, v, u) + 0.5 * q - 0.2,
+    ),
+    "hard_stop": Case(
+        (*BASE, effect("hard_stop")(stop=0.3)),
+        (*THETA, 40.0),
+        lambda t, q, v, u: base_load(t, q, v, u) + 40 * max(q - 0.3, 0.0),
+    ),
+    "torque_saturation": Case(
+        (*BASE, effect("torque_saturation")(limit=5.0)),
+        THETA,
+        base_load,
+        torque=lambda t, q, v, u: 5 * np.tanh(u / 5),
+    ),
+    "coulomb_asymmetry": Case(
+        (*BASE, effect("coulomb_asymmetry")()), (*THETA, 0.2), lambda t, q, v, u: base_load(t, q, v, u) + 0.2
+    ),
+    "friction_drift": Case(
+        (*BASE, effect("friction_drift")(warm_up=1.0)),
+        (*THETA, 0.15, 0.4),
+        lambda t, q, v, u: base_load(t, q, v, u) + 0.15 * v * np.exp(-t),
+        lambda t, q, v, u: FC + 0.4 * np.exp(-t),
+    ),
+}
+
+
+def reference(
+    case: Case, torque: np.ndarray, period: float, start: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity (N + 1,) and whether each period ends in stick, from event to event with DOP853."""
+    q, v, t = (*start, 0.0)
+    direction = np.sign(v)
+    path, stuck = [(q, v)], [False]
+    for u in torque:
+        end = t + period
+
+        def net(t: float, q: float, v: float, u: float = u) -> float:
+            return case.torque(t, q, v, u) - case.load(t, q, v, u)
+
+        def slope(t: float, x: np.ndarray, net: Law = net, u: float = u) -> list[float]:
+            friction = direction * case.dry(t, *x, u)  # noqa: B023
+            return [x[1], (net(t, *x) - friction) / INERTIA]
+
+        def stop(t: float, x: np.ndarray) -> float:
+            return x[1]
+
+        stop.terminal = True
+        while t < end:
+            if direction == 0:
+
+                def spare(t: float, net: Law = net, q: float = q, u: float = u) -> float:
+                    return case.dry(t, q, 0.0, u) - abs(net(t, q, 0.0))
+
+                if spare(t) >= 0:
+                    if spare(end) >= 0:
+                        t = end
+                        break
+                    t = brentq(spare, t, end)  # friction fades while the joint rests
+                direction = np.sign(net(t, q, 0.0))
+                ahead = 1e-9  # off the zero of the event
+                a = slope(t, np.array([q, 0.0]))[1]
+                t, q, v = t + ahead, q + 0.5 * a * ahead**2, a * ahead
+            stop.direction = -direction
+            leg = solve_ivp(slope, (t, end), [q, v], method="DOP853", rtol=1e-10, atol=1e-12, events=stop)
+            (q, v), t = leg.y[:, -1], leg.t[-1]
+            if leg.status == 1:
+                v, direction = 0.0, 0.0
+        path.append((q, v))
+        stuck.append(direction == 0)
+    return *np.transpose(path), np.array(stuck)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_motion_with_stick_is_that_of_an_integrator_that_goes_from_event_to_event(name):
+    case, period = CASES[name], 0.01
+    time = period * np.arange(150)
+    torque = 1.9 * np.sin(3 * time) + 1.2 * np.sin(7.3 * time + 1)  # weak: the joint sticks at every other reversal
+    position, velocity, stuck = reference(case, torque, period, (0.1, 0.0))
+    found = simulate(case.terms, np.array(case.theta), period, torque, 0.1, 0.0, longest_step=5e-4)
+    assert 0.05 < np.mean(stuck) < 0.8
+    assert np.ptp(position) > 0.5
+    np.testing.assert_allclose(found.position[:, 0], position, atol=5e-6)
+    np.testing.assert_allclose(found.velocity[:, 0], velocity, atol=1e-4)
+    assert np.all(found.velocity[stuck, 0] == 0)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_motion_between_stick_is_that_of_a_high_order_integrator(name):
+    case, period, start = CASES[name], 0.01, (-1.0, 8.0)
+    torque = np.full(40, 5.0)
+    position, velocity, stuck = reference(case, torque, period, start)
+    found = simulate(case.terms, np.array(case.theta), period, torque, *start, longest_step=2.5e-4)
+    assert not stuck.any()
+    np.testing.assert_allclose(found.position[:, 0], position, atol=5e-6)
+    np.testing.assert_allclose(found.velocity[:, 0], velocity, atol=1e-4)
+
+
+@pytest.mark.parametrize("sticks", [False, True])
+@pytest.mark.parametrize("name", ["base", "stribeck", "cogging", "spring", "torque_saturation"])
+def test_the_error_is_of_second_order_in_the_step(name, sticks):
+    case, period = CASES[name], 0.016
+    if sticks:
+        time, start = period * np.arange(60), (0.1, 0.0)
+        torque = 1.9 * np.sin(3 * time) + 1.2 * np.sin(7.3 * time + 1)
+    else:
+        torque, start = np.full(25, 5.0), (-1.0, 8.0)
+    position, _, stuck = reference(case, torque, period, start)
+    assert np.any(stuck) == sticks
+    steps = period / 2.0 ** np.arange(1, 5)
+    errors = [
+        np.sqrt(
+            np.mean(
+                (
+                    simulate(case.terms, np.array(case.theta), period, torque, *start, longest_step=h).position[:, 0]
+                    - position
+                )
+                ** 2
+            )
+        )
+        for h in steps
+    ]
+    order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert 1.8 < order < 2.6
+
+
+def has_energy(id: str) -> bool:
+    """Whether a term's energy is a matter of the columns alone: no memory, no delay, a constant inertia."""
+    term = effect(id)()
+    return type(term).advance is Term.advance and not term.delay and all(c.mass is zero for c in term.columns)
+
+
+@pytest.mark.parametrize("id", ["base", *filter(has_energy, effects())])
+def test_work_of_the_torque_is_stored_or_dissipated_by_the_energy_forms_of_the_columns(id):
+    model = paper_plant() if id == "base" else hide(paper_plant(), id)
+    period = 1e-3
+    torque = two_tones(2.0, period)
+    path = simulate(model.terms, model.theta, period, torque, 0.3, 0.0)
+    q, v = path.position[:, 0], path.velocity[:, 0]
+    time = period * np.arange(len(q))
+    work = np.sum(torque * np.diff(q))
+    stored = dissipated = 0.0
+    columns = list(zip(model.columns, model.theta, strict=True))
+    columns += [(column, 1.0) for term in model.terms for column in term.fixed]
+    # the command is held, so that power is taken at both ends of each period with the torque in it
+    before, after = (Samples(time[k], q[k], v[k], torque) for k in (slice(None, -1), slice(1, None)))
+    for column, coefficient in columns:
+        energy = 0.5 * column.mass(after) * v[1:] ** 2 - 0.5 * column.mass(before) * v[:-1] ** 2
+        if column.potential:
+            energy = energy + column.potential(after) - column.potential(before)
+        power = 0.5 * (column.power(before) + column.power(after))
+        stored += coefficient * np.sum(energy)
+        dissipated += coefficient * np.sum(power) * period
+    assert dissipated > 1
+    assert stored + dissipated == pytest.approx(work, rel=2e-4)
+
+
+@pytest.mark.parametrize("friction", ["base", "stribeck", "position_dependent_friction", "quadratic_drag"])
+def test_friction_never_creates_energy(friction):
+    model = paper_plant({"viscous": 0.0, "coulomb": 0.8})
+    model = model if friction == "base" else hide(model, friction)
+    rng = np.random.default_rng(0)
+    q0, v0 = rng.uniform(-3, 3, 40), rng.uniform(-6, 6, 40)
+    path = model.simulate(1e-3, np.zeros(2500), q0, v0)
+    mass, gravity = model.theta[:2]
+    energy = 0.5 * mass * path.velocity**2 + gravity * (1 - np.cos(path.position))
+    assert np.diff(energy, axis=0).max() < 1e-10
+    assert np.mean(path.velocity[-1] == 0) > 0.9
+
+
+@pytest.mark.parametrize("push", [-0.799999, 0.0, 0.3, 0.799999])
+def test_a_joint_at_rest_stays_exactly_where_it_is_while_friction_can_hold_it(push):
+    q = 0.7
+    path = simulate(BASE, np.array(THETA), 1e-3, np.full(2000, push + MGL * np.sin(q)), q, 0.0)
+    assert np.all(path.position == q)
+    assert np.all(path.velocity == 0)
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_a_joint_breaks_loose_with_the_command_that_exceeds_dry_friction(direction):
+    ramp = direction * np.linspace(0, 1.6, 1601)
+    path = simulate(BASE, np.array(THETA), 1e-3, ramp, 0.0, 0.0)
+    first = int(np.argmax(np.abs(ramp) > FC))
+    assert np.all(path.position[: first + 1] == 0)
+    assert direction * path.velocity[first + 1, 0] == pytest.approx(1e-3 * (abs(ramp[first]) - FC) / INERTIA, rel=0.01)
+
+
+def test_a_joint_held_by_friction_that_fades_breaks_loose_when_it_has_faded():
+    terms = (Inertia(), Coulomb(), effect("friction_drift")(warm_up=1.0))
+    path = simulate(terms, np.array([INERTIA, 0.5, 0.0, 1.0]), 1e-3, np.full(2000, 0.9), 0.0, 0.0)
+    leaves = np.flatnonzero(path.velocity[:, 0] > 0)[0] * 1e-3
+    assert leaves == pytest.approx(-np.log(0.4), abs=2e-3)
+
+
+def test_a_sliding_block_stops_where_its_energy_is_used_up():
+    path = simulate((Inertia(), Coulomb()), np.array([INERTIA, FC]), 1e-3, np.zeros(1000), 0.0, 4.0)
+    assert path.position[-1, 0] == pytest.approx(0.5 * INERTIA * 4.0**2 / FC, rel=1e-12)
+    stop = int(np.ceil(INERTIA * 4.0 / FC / 1e-3))
+    assert np.all(path.velocity[stop:] == 0)
+    assert np.all(path.velocity[: stop - 1] > 0)
+
+
+@every_effect
+def test_a_batch_is_its_pendulums_one_by_one(id):
+    model = hide(paper_plant(), id)
+    rng = np.random.default_rng(0)
+    torque = two_tones(0.3, 2e-3)[:, None] + rng.uniform(-1, 1, 3)
+    q, v, start = rng.uniform(-2, 2, 3), rng.uniform(-3, 3, 3), rng.uniform(0, 20, 3)
+    together = model.simulate(2e-3, torque, q, v, start)
+    for j in range(3):
+        alone = model.simulate(2e-3, torque[:, j], q[j], v[j], start[j])
+        np.testing.assert_allclose(together.position[:, j], alone.position[:, 0], rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(together.velocity[:, j], alone.velocity[:, 0], rtol=1e-10, atol=1e-10)
+
+
+@every_effect
+def test_a_batch_of_parameters_is_its_models_one_by_one(id):
+    model = hide(paper_plant(), id)
+    rng = np.random.default_rng(1)
+    theta = model.theta[:, None] * rng.uniform(0.8, 1.25, (len(model.theta), 3))
+    torque = two_tones(0.3, 2e-3)
+    together = simulate(model.terms, theta, 2e-3, torque, 0.5, -1.0, 9.0)
+    assert together.position.shape == (len(torque) + 1, 3)
+    for j in range(3):
+        alone = simulate(model.terms, theta[:, j], 2e-3, torque, 0.5, -1.0, 9.0)
+        np.testing.assert_allclose(together.position[:, j], alone.position[:, 0], rtol=1e-10, atol=1e-10)
+
+
+@every_effect
+def test_no_parameters_however_wild_make_a_simulation_return_nan(id):
+    model = hide(paper_plant(), id)
+    rng = np.random.default_rng(2)
+    wild = model.theta[:, None] * 10 ** rng.uniform(-3, 3, (len(model.theta), 60)) * rng.choice([-1, 1], 60)
+    wild[:, :20] = rng.standard_normal((len(wild), 20)) * 1e3
+    path = simulate(model.terms, wild, 5e-3, two_tones(0.5, 5e-3), 0.3, 2.0, 9.0)
+    assert np.isfinite(path.position).all()
+    assert np.isfinite(path.velocity).all()
+
+
+@pytest.mark.parametrize("samples", [1, 7, 50])
+def test_dead_time_shifts_the_response_exactly(samples):
+    torque, late = two_tones(2.0, 2e-3), np.array(THETA)
+    prompt = simulate(BASE, late, 2e-3, torque, 0.0, 0.0)
+    delayed = simulate((*BASE, effect("dead_time")(dead_time=2e-3 * samples)), late, 2e-3, torque, 0.0, 0.0)
+    np.testing.assert_allclose(delayed.position[samples:], prompt.position[:-samples], atol=1e-11)
+    np.testing.assert_array_equal(delayed.position[: samples + 1], 0.0)
+
+
+@pytest.mark.parametrize("dead_time", [0.004, 0.0071])
+def test_commands_before_the_first_still_arrive_after_it(dead_time):
+    torque, terms = two_tones(1.0, 1e-3), (*BASE, effect("dead_time")(dead_time=dead_time))
+    whole = simulate(terms, np.array(THETA), 1e-3, torque, 0.0, 0.0)
+    q, v = (part[400] for part in whole)
+    rest = simulate(terms, np.array(THETA), 1e-3, torque[400:], q, v, before=torque[380:400])
+    np.testing.assert_allclose(rest.position, whole.position[400:], atol=1e-11)
+
+
+def test_actuator_lag_answers_a_step_on_a_free_inertia_as_the_closed_form_says():
+    lag, step, time = 0.03, 2.0, 1e-3 * np.arange(301)
+    path = simulate(
+        (Inertia(), effect("actuator_lag")(time_constant=lag)),
+        np.array([INERTIA]),
+        1e-3,
+        np.full(300, step),
+        0.0,
+        0.0,
+        memory={"actuator_lag": (np.zeros(1),)},
+    )
+    fade = 1 - np.exp(-time / lag)
+    velocity = step / INERTIA * (time - lag * fade)
+    position = step / INERTIA * (0.5 * time**2 - lag * time + lag**2 * fade)
+    np.testing.assert_allclose(path.velocity[:, 0], velocity, atol=2e-4 * velocity.max())
+    np.testing.assert_allclose(path.position[:, 0], position, atol=2e-4 * position.max())
+
+
+def test_actuator_lag_starts_from_the_torque_that_has_acted_for_long():
+    terms = (Inertia(), effect("actuator_lag")(time_constant=0.03))
+    path = simulate(terms, np.array([INERTIA]), 1e-3, np.full(100, 2.0), 0.0, 0.0)
+    np.testing.assert_allclose(path.velocity[:, 0], 2.0 / INERTIA * 1e-3 * np.arange(101), rtol=1e-12)
+
+
+def test_presliding_friction_is_a_spring_of_stiffness_f_over_d_for_small_displacements():
+    displacement, push = 0.02, 0.002
+    terms = (Inertia(), Coulomb(), effect("presliding")(displacement=displacement))
+    path = simulate(terms, np.array([INERTIA, FC, FC]), 1e-3, np.full(3000, push), 0.0, 0.0)
+    q = path.position[:, 0]
+    stiffness = FC / displacement
+    assert np.ptp(q[:400]) == pytest.approx(2 * push / stiffness, rel=0.01)  # swings to twice the rest
+    crossings = np.flatnonzero((q[:-1] < push / stiffness) & (q[1:] >= push / stiffness))
+    period = np.mean(np.diff(crossings)) * 1e-3
+    assert period == pytest.approx(2 * np.pi * np.sqrt(INERTIA / stiffness), rel=0.01)
+
+
+def test_presliding_friction_far_beyond_its_displacement_is_dry_friction():
+    terms = (Inertia(), Gravity(), Viscous(), Coulomb(), effect("presliding")(displacement=1e-3))
+    torque = np.full(600, 5.0)
+    smooth = simulate(terms, np.array([*THETA, FC]), 1e-3, torque, -1.0, 8.0)
+    dry = simulate(BASE, np.array(THETA), 1e-3, torque, -1.0, 8.0)
+    np.testing.assert_allclose(smooth.position, dry.position, atol=0.01)
+
+
+def test_joint_flexibility_swings_at_the_eigenfrequency_of_two_masses():
+    link, resonance = 0.06, 40.0  # J, and sqrt(k / J)
+    terms = (Inertia(), effect("joint_flexibility")(resonance=resonance, damping=0.01, gravity=0.1))
+    start = {"joint_flexibility": (np.zeros(1), np.zeros(1))}
+    path = simulate(terms, np.array([INERTIA, link]), 5e-4, np.zeros(2000), 0.0, 1.0, memory=start)
+    v = path.velocity[:, 0] - path.velocity[:, 0].mean()
+    crossings = np.flatnonzero((v[:-1] < 0) & (v[1:] >= 0))
+    frequency = 2 * np.pi / (np.mean(np.diff(crossings)) * 5e-4)
+    assert frequency == pytest.approx(resonance * np.sqrt(INERTIA / (INERTIA - link)), rel=0.01)
+
+
+def test_a_stiff_transmission_is_rigid():
+    terms = (*BASE, effect("joint_flexibility")(resonance=800.0, damping=200.0, gravity=MGL / 0.06))
+    torque = two_tones(0.4, 1e-3)
+    elastic = simulate(terms, np.array([*THETA, 0.06]), 1e-3, torque, 0.0, 0.0, longest_step=1e-4)
+    rigid = simulate(BASE, np.array(THETA), 1e-3, torque, 0.0, 0.0)
+    np.testing.assert_allclose(elastic.position, rigid.position, atol=0.01)
+
+
+def test_the_command_is_held_over_each_period():
+    torque = np.random.default_rng(0).standard_normal(200)
+    path = simulate((Inertia(),), np.array([INERTIA]), 0.01, torque, 0.0, 0.0)
+    np.testing.assert_allclose(path.velocity[1:, 0], np.cumsum(torque) * 0.01 / INERTIA, rtol=1e-10, atol=1e-12)
+    assert path.position.shape == (201, 1)

@@ -1,0 +1,322 @@
+"""Terms: what every base term and every effect of the library promises, and how users add their own."""
+
+from dataclasses import FrozenInstanceError, dataclass, fields
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from pendulum_env.physics import BASE, Column, Model, Samples, Term, effect, effects, library, register
+from pendulum_env.physics.term import trace
+
+TERMS = {term.id: term for term in BASE} | {id: kind() for id, kind in effects().items()}
+COLUMNS = {
+    f"{column.name}{' (fixed)' * (column in term.fixed)}": (id, part, place)
+    for id, term in TERMS.items()
+    for part in ("columns", "fixed")
+    for place, column in enumerate(getattr(term, part))
+}
+WITH_MEMORY = [id for id, term in TERMS.items() if type(term).advance is not Term.advance]
+LAWS = ("mass", "force", "dry")
+
+every_term = pytest.mark.parametrize("id", TERMS)
+every_effect = pytest.mark.parametrize("id", effects())
+every_column = pytest.mark.parametrize("name", COLUMNS)
+
+
+def motion(shape: tuple[int, ...], seed: int = 0) -> Samples:
+    """Random samples of that shape: several turns, both directions, both signs of torque."""
+    rng = np.random.default_rng(seed)
+    time, position = rng.uniform(0, 20, shape), rng.uniform(-8, 8, shape)
+    return Samples(time, position, 4 * rng.standard_normal(shape), 3 * rng.standard_normal(shape))
+
+
+def recorded(seed: int, seconds: float = 8.0, rate: float = 200.0, scale: float = 1.0, drift: float = 0.0) -> Samples:
+    """A smooth random motion in time order, around an angle that drifts [rad/s]."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(seconds * rate)) / rate
+    w, phase, size = rng.uniform(0.5, 12, 5), rng.uniform(0, 6.3, 5), scale * rng.uniform(0.2, 1, 5)
+    angle = np.outer(time, w) + phase
+    torque = 3 * np.sin(time * w[0]) + np.cos(angle[:, 1])
+    return Samples(time, np.sin(angle) @ size + drift * time, np.cos(angle) @ (size * w) + drift, torque)
+
+
+def at(x: Samples, index: int) -> Samples:
+    """One of the samples, as numbers."""
+    memory = {id: tuple(np.float64(state[index]) for state in states) for id, states in x.memory.items()}
+    return Samples(x.time[index], x.position[index], x.velocity[index], x.torque[index], memory)
+
+
+def remembering(term: Term, x: Samples) -> Samples:
+    """The samples with the state in which the term starts there."""
+    if type(term).advance is Term.advance:
+        return x
+    return Samples(x.time, x.position, x.velocity, x.torque, {term.id: term.start(x)})
+
+
+def column(name: str) -> tuple[Term, Column]:
+    id, part, place = COLUMNS[name]
+    return TERMS[id], getattr(TERMS[id], part)[place]
+
+
+def test_the_library_holds_the_base_terms_and_the_effects_that_are_a_contract():
+    assert [term.id for term in BASE] == ["inertia", "gravity", "viscous", "coulomb"]
+    promised = """torque_offset gravity_tilt coulomb_asymmetry viscous_asymmetry stribeck quadratic_drag
+        load_dependent_friction position_dependent_friction cogging torque_ripple spring actuator_lag dead_time
+        torque_saturation friction_drift payload_change periodic_disturbance backlash joint_flexibility presliding
+        encoder_eccentricity hard_stop"""
+    assert set(promised.split()) <= effects().keys()
+
+
+def test_no_two_terms_share_an_id_and_no_two_columns_a_name():
+    assert len(TERMS) == len(BASE) + len(effects())
+    names = [column.name for term in TERMS.values() for column in term.columns]
+    names += [f"{term.id}.{shape.name}" for term in TERMS.values() for shape in term.shapes]
+    assert len(set(names)) == len(names)
+
+
+@every_term
+def test_term_says_its_law_its_kind_and_what_would_reveal_it(id):
+    term = TERMS[id]
+    assert term.id == id
+    assert term.law.strip()
+    assert term.reveal.strip()
+    assert term.kind in {"inertial", "potential", "dissipative", "actuation", "time-varying", "transmission", "sensor"}
+    assert type(term).__doc__.strip()
+    assert all(c.name.split(".")[0] == id and c.unit for c in (*term.columns, *term.fixed))
+    assert term.columns or term.fixed
+
+
+@every_term
+def test_term_is_an_immutable_value(id):
+    term = TERMS[id]
+    twin = type(term)(**term.shape)
+    assert twin == term
+    assert hash(twin) == hash(term)
+    name = next((field.name for field in fields(term)), "id")
+    with pytest.raises(FrozenInstanceError):
+        setattr(term, name, 1.0)
+
+
+@every_term
+def test_fields_are_the_shape_parameters_and_start_within_their_limits(id):
+    term = TERMS[id]
+    assert [field.name for field in fields(term)] == [shape.name for shape in term.shapes]
+    names = {c.name for base in BASE for c in base.columns}
+    for shape in term.shapes:
+        assert shape.low <= term.shape[shape.name] <= shape.high
+        assert shape.unit
+        assert not shape.follows or shape.follows in names
+
+
+@every_column
+@pytest.mark.parametrize("shape", [(7,), (5, 3)], ids=["series", "batch"])
+def test_laws_broadcast_each_sample_for_itself(name, shape):
+    term, item = column(name)
+    x = remembering(term, motion(shape))
+    flat = [np.ravel(np.broadcast_to(part, shape)) for part in (x.time, x.position, x.velocity, x.torque)]
+    memory = {id: tuple(np.ravel(np.broadcast_to(s, shape)) for s in states) for id, states in x.memory.items()}
+    series = Samples(*flat, memory)
+    a = np.linspace(-3, 3, series.time.size)
+    for law in [*(getattr(item, part) for part in LAWS), item.potential, item.power, lambda y: item.torque(y, a[0])]:
+        if law is None:
+            continue
+        together = np.ravel(np.broadcast_to(law(x), shape))
+        alone = [law(at(series, k)) for k in range(series.time.size)]
+        assert all(np.ndim(value) == 0 for value in alone)
+        np.testing.assert_allclose(together, alone, rtol=1e-12, atol=1e-12)
+
+
+@every_column
+def test_torque_is_mass_times_acceleration_plus_force_plus_directed_dry_friction(name):
+    term, item = column(name)
+    x = remembering(term, motion((50,)))
+    a = np.random.default_rng(1).standard_normal(50)
+    expected = item.mass(x) * a + item.force(x) + item.dry(x) * np.sign(x.velocity)
+    np.testing.assert_allclose(item.torque(x, a) * np.ones(50), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", [name for name in COLUMNS if column(name)[1].potential])
+def test_force_is_the_slope_of_the_potential_and_the_potential_depends_on_the_angle_alone(name):
+    _, item = column(name)
+    x, step = motion((400,)), 1e-5
+    ends = [item.potential(Samples(x.time, x.position + d, x.velocity, x.torque)) for d in (step, -step)]
+    np.testing.assert_allclose(item.force(x) * np.ones(400), (ends[0] - ends[1]) / (2 * step), atol=1e-6)
+    other = motion((400,), seed=1)
+    elsewhere = Samples(other.time, x.position, other.velocity, other.torque)
+    np.testing.assert_array_equal(item.potential(x), item.potential(elsewhere))
+
+
+@every_column
+def test_power_is_velocity_times_the_torque_that_stores_nothing(name):
+    term, item = column(name)
+    x = remembering(term, motion((400,)))
+    lost = 0.0 if item.potential else x.velocity * item.force(x)
+    np.testing.assert_allclose(item.power(x) * np.ones(400), lost + item.dry(x) * np.abs(x.velocity), rtol=1e-14)
+
+
+@pytest.mark.parametrize("id", ["viscous", "coulomb", "stribeck", "quadratic_drag", "load_dependent_friction"])
+def test_friction_loses_power_in_every_motion(id):
+    (item,) = TERMS[id].columns
+    assert np.all(item.power(motion((1000,))) >= 0)
+
+
+@every_effect
+@pytest.mark.parametrize(
+    "motion",
+    [
+        {"seconds": 3.0, "scale": 0.1},
+        {"seconds": 8.0},
+        {"seconds": 30.0, "drift": -6.0},
+        {"seconds": 200.0, "scale": 1.5},
+        {"seconds": 6.0, "drift": 60.0},
+    ],
+    ids=["short and small", "usual", "many turns", "long", "fast"],
+)
+def test_grid_offers_valid_variants_on_random_motion(id, motion):
+    kind = effects()[id]
+    rng = np.random.default_rng(0)
+    x = recorded(1, rate=50.0, **motion)
+    wandering = 0.02 * np.cumsum(rng.standard_normal(len(x.time)))
+    residual = wandering - wandering.mean() + np.sin(0.04 * x.time)
+    variants = list(kind.grid(x, residual))
+    assert len(set(variants)) == len(variants)
+    for variant in variants:
+        assert type(variant) is kind
+        for shape in kind.shapes:
+            value = variant.shape[shape.name]
+            assert isinstance(value, float)
+            assert shape.low <= value <= shape.high, f"{shape.name} = {value:g}"
+            assert not shape.integer or value == round(value)
+    assert variants or kind.shapes  # only a search over shapes may have nowhere to start
+
+
+@pytest.mark.parametrize("id", WITH_MEMORY)
+def test_a_joint_that_rests_for_long_stays_in_the_state_in_which_it_starts(id):
+    term = TERMS[id]
+    closeness = 0.01 if term.kind == "transmission" else 1e-9  # the link hangs to first order in its stretch
+    x = motion((20,))
+    x = Samples(x.time, 0.3 * x.position, np.zeros(20), x.torque)
+    memory = term.start(x)
+    for state, later in zip(memory, term.advance(memory, x, 0.05), strict=True):
+        np.testing.assert_allclose(later, state * np.ones(20), atol=closeness)
+
+
+@pytest.mark.parametrize("id", WITH_MEMORY)
+def test_memory_of_a_batch_is_that_of_each_pendulum(id):
+    term, x, later = TERMS[id], motion((6,)), motion((6,), seed=1)
+    together = term.advance(term.start(x), later, 0.003)
+    for k in range(6):
+        alone = term.advance(term.start(at(x, k)), at(later, k), 0.003)
+        np.testing.assert_allclose([state[k] for state in together], alone, rtol=1e-12)
+
+
+@pytest.mark.parametrize("id", ["actuator_lag", "presliding"])
+def test_two_short_advances_are_one_long_advance(id):
+    term, x = TERMS[id], motion((30,))
+    start = term.start(motion((30,), seed=1))
+    once = term.advance(start, x, 0.01)
+    twice = term.advance(term.advance(start, x, 0.004), x, 0.006)
+    np.testing.assert_allclose(once, twice, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("id", "closeness"), [("presliding", 0.02), ("joint_flexibility", 0.02), ("backlash", 1e-9)])
+def test_state_along_a_recording_is_the_state_advanced_from_sample_to_sample(id, closeness):
+    term, x = TERMS[id], recorded(3, seconds=3.0, rate=1000.0, scale=0.5)
+    (generic,) = trace([term], x, x.torque, 1e-3)
+    settled = slice(300, -2)  # the start was not recorded
+    for state, expected in zip(term.trace(x, x.torque, 1e-3), generic, strict=True):
+        error = np.sqrt(np.mean((state - expected)[settled] ** 2))
+        assert error < closeness * np.std(expected[settled])
+
+
+@pytest.mark.parametrize(
+    ("id", "delay"), [(id, delay) for id in ("actuator_lag", "dead_time") for delay in (1e-4, 1.3e-3, 4e-3, 0.03)]
+)
+def test_torque_that_comes_late_is_averaged_as_the_second_difference_of_the_position_averages_it(id, delay):
+    """That is, under a triangle from the sample before to the sample after."""
+    period, fine = 2e-3, 400
+    command = np.random.default_rng(0).standard_normal(150)
+    held = np.repeat(command, fine)
+    if id == "dead_time":
+        late = np.r_[np.full(round(delay / period * fine), command[0]), held][: len(held)]
+    else:
+        keep = np.exp(-period / fine / delay)
+        late, _ = lfilter([0.0, 1 - keep], [1.0, -keep], held, zi=[keep * command[0]])
+    ramp = (np.arange(fine) + 0.5) / fine**2
+    triangle = np.r_[ramp, ramp[::-1]]
+    expected = [late[(k - 1) * fine : (k + 1) * fine] @ triangle for k in range(40, 149)]
+    time = period * np.arange(150)
+    x = Samples(time, np.zeros(150), np.zeros(150), np.r_[command[0], 0.5 * (command[1:] + command[:-1])])
+    (state,) = effect(id)(delay).trace(x, command, period)
+    np.testing.assert_allclose(state[40:149], expected, atol=0.01)
+
+
+@pytest.fixture
+def bare_library(monkeypatch) -> None:
+    """The library without users' effects, restored after the test."""
+    monkeypatch.setattr(library, "_registered", {})
+
+
+def cubic() -> type[Term]:
+    @dataclass(frozen=True)
+    class CubicDamping(Term):
+        """Damping that grows with the cube of the speed."""
+
+        id = "cubic_damping"
+        law = "c q'^3"
+        kind = "dissipative"
+
+        @property
+        def columns(self) -> tuple[Column, ...]:
+            return (Column("cubic_damping", "N m s^3/rad^3", force=lambda x: x.velocity**3),)
+
+    return CubicDamping
+
+
+@pytest.mark.usefixtures("bare_library")
+def test_a_registered_effect_takes_part_in_the_library_in_models_and_in_simulation():
+    kind = cubic()
+    assert register(kind) is kind
+    assert list(effects())[-1] == "cubic_damping"
+    assert effect("cubic_damping") is kind
+    model = Model.build(BASE, np.array([0.1, 2.0, 0.1, 0.0])).add(kind(), 0.05)
+    assert Model.from_json(model.json()) == model
+    plain = Model.build(BASE, np.array([0.1, 2.0, 0.1, 0.0]))
+    torque = np.zeros(300)
+    assert np.ptp(model.simulate(1e-3, torque, 2.0, 0.0).velocity) < np.ptp(
+        plain.simulate(1e-3, torque, 2.0, 0.0).velocity
+    )
+
+
+def test_a_registered_effect_is_gone_with_its_registration(bare_library, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(library, "_registered", {})
+        register(cubic())
+        assert "cubic_damping" in effects()
+    assert "cubic_damping" not in effects()
+
+
+@pytest.mark.usefixtures("bare_library")
+@pytest.mark.parametrize("taken", ["stribeck", "inertia", "cubic_damping"])
+def test_an_id_cannot_be_taken_twice(taken):
+    register(cubic())
+    kind = cubic()
+    kind.id = taken
+    with pytest.raises(ValueError, match=f"effect id '{taken}' is taken: choose another id for CubicDamping"):
+        register(kind)
+
+
+@pytest.mark.usefixtures("bare_library")
+def test_registering_the_same_effect_again_changes_nothing():
+    kind = cubic()
+    register(kind)
+    register(kind)
+    assert list(effects().values()).count(kind) == 1
+
+
+def test_an_unknown_effect_is_refused_with_the_nearest_and_all_known_ones():
+    with pytest.raises(ValueError, match=r"unknown effect 'stribek': did you mean stribeck\? Known: actuator_lag, .*"):
+        effect("stribek")
+    with pytest.raises(ValueError, match=r"unknown effect 'xyzzy': Known: "):
+        effect("xyzzy")

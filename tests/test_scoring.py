@@ -1,0 +1,84 @@
+"""Scores of the benchmarks: what counts as right, and that the truth is told in the models' own names and signs."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import known_truth
+from benchmarks.figures import Curve
+from benchmarks.independent_plant import LIBRARY, random_case, simulate, write_case
+from benchmarks.scoring import Exact, compare, wilson
+from benchmarks.truth import Truth
+from estimators.evidence import Evidence
+from pendulum_env.physics import BASE, Model, effect
+from pendulum_env.recording import Recording
+
+OFFSETS = ("torque_offset", "coulomb_asymmetry")
+
+
+@pytest.mark.parametrize(
+    ("hidden", "selected", "groups", "unexplained", "expected"),
+    [
+        ((), (), (), False, Exact.YES),
+        ((), ("spring",), (), False, Exact.NO),
+        (("spring",), ("spring",), (), True, Exact.YES),
+        (("spring", "cogging"), ("cogging", "spring"), (), False, Exact.YES),
+        (("spring", "cogging"), ("spring",), (), False, Exact.NO),
+        (("spring",), ("spring", "cogging"), (), False, Exact.NO),
+        (("coulomb_asymmetry",), ("torque_offset",), (OFFSETS,), False, Exact.AMBIGUOUS),
+        (("coulomb_asymmetry",), ("torque_offset",), (), False, Exact.NO),
+        (("coulomb_asymmetry",), (), (OFFSETS,), False, Exact.NO),
+        (("knocks",), (), (), True, Exact.YES),
+        (("knocks",), (), (), False, Exact.NO),
+        (("knocks",), ("spring",), (), True, Exact.NO),
+    ],
+)
+def test_only_the_truth_is_exact(hidden, selected, groups, unexplained, expected) -> None:
+    assert compare(hidden, selected, groups, unexplained) is expected
+
+
+def test_wilson_interval_is_that_of_the_textbook() -> None:
+    assert wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
+    assert wilson(45, 50) == pytest.approx((0.7864, 0.9565), abs=1e-4)
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_curve_sorts_cases_into_bins() -> None:
+    curve = Curve.of("size", "right", (0.0, 1.0, 2.0, 3.0), [(0.5, True), (0.7, False), (2.0, True)])
+    assert curve.bins == ((0.0, 1.0, 1, 2, 0.6), (2.0, 3.0, 1, 1, 2.0))
+
+
+@pytest.mark.parametrize("id", sorted(set(LIBRARY) - {"backlash"}))  # impacts do not repeat from sampled motion
+def test_the_true_parameters_explain_the_recording(id: str) -> None:
+    sensors = {"rate": 1000.0, "counts": None, "torque_noise": 0.0, "seconds": 8.0, "excitation": "two_tone"}
+    case = random_case(np.random.default_rng(5), [id], **sensors)
+    (run,) = simulate([(case.plant, case.train)])
+    truth = Truth.of(id, run.truth)
+    kind, values = effect(id), dict(truth.parameters)
+    values |= {f"{id}.{shape.name}": values[shape.follows] for shape in kind.shapes if shape.follows}
+    term = kind(**{shape.name: values[f"{id}.{shape.name}"] for shape in kind.shapes})
+    evidence = Evidence.of([Recording(id, run.time, run.position, run.torque)])
+
+    def error(*terms) -> float:
+        names = [column.name for term in terms for column in term.columns]
+        return evidence.errors(Model.build(terms, [values[name] for name in names])).torque_rms
+
+    assert error(*BASE, term) < 0.3 * error(*BASE)
+
+
+def test_known_truth_prints_a_line_for_each_recording_and_totals(tmp_path: Path, capsys) -> None:
+    case = random_case(np.random.default_rng(3), ["torque_offset"], rate=200.0, seconds=6.0, excitation="two_tone")
+    train, holdout = simulate([(case.plant, case.train), (case.plant, case.holdout)])
+    write_case(tmp_path, "one", train, holdout)
+    assert known_truth.main([str(tmp_path), "--workers", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert "one " in printed and "false alarms where nothing is hidden" in printed
+
+
+def test_known_truth_refuses_what_is_not_there(tmp_path: Path, capsys) -> None:
+    assert known_truth.main([str(tmp_path)]) == 2
+    (tmp_path / "truth.json").write_text(json.dumps({}))
+    assert known_truth.main([str(tmp_path), "--only", "stribek"]) == 2
+    assert "unknown recording 'stribek'" in capsys.readouterr().err
