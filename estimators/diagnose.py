@@ -140,6 +140,8 @@ class Search:
 
     def is_astray(self, step: Step) -> bool:
         """Whether free-running simulation errs by much more than noise makes it."""
+        if any(term.kind == "transmission" for term in step.model.terms):
+            return False  # its impacts are too sharp to follow as closely, and other effects would only paper over that
         noise = position_noise(self.train.flights, step.model.terms, step.model.theta)
         return step.errors["train"].position_rms > ASTRAY * noise
 
@@ -303,7 +305,7 @@ def diagnose(
     """
     progress("reading the motion", 0.0)
     search, steps = look(*gather(recordings, holdout), base, progress)
-    if search.is_astray(steps[-1]):
+    if search.is_astray(steps[-1]) or any(term.kind == "transmission" for term in steps[-1].model.terms):
         progress("fitting the flights", 0.9)
         steps = search.fly(steps)
     if search.is_astray(steps[-1]):
