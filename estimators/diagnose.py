@@ -1,269 +1,25 @@
-"""Diagnosis: which physical effects does the model lack?
-
-A search over the library in four moves, each on data that the move before has not used up:
-
-1. add: the effect that best predicts blocks of the training data it was not fitted to;
-2. confirm: it must lower the error on held-out recordings, in torque and in free-running simulation;
-3. swap and prune: once all are in, each is challenged by every other effect and by its own absence;
-4. compare: effects that fit as well as a selected one, without being more complex, are reported together with it.
-
-It stops when nothing that is left lowers the errors by more than chance and by more than a few per cent.
-"""
+"""Diagnosis: which physical effects does the model lack?"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from estimators import output_error
-from estimators.diagnosis import Candidate, Diagnosis, Step, Verdict
-from estimators.evidence import Errors, Evidence, fit_terms
-from estimators.free_running import position_noise
+from estimators.diagnosis import Diagnosis, Step
+from estimators.evidence import Evidence, fit_terms
 from estimators.regions import profiles, stand_out
-from estimators.screen import Screen, Trial
+from estimators.search import BETTER, Progress, Search, has_transmission, look, no_progress, position_error
+from estimators.verdicts import judge
 from estimators.windows import choose_half_width
-from pendulum_env.physics import BASE, Model, Term, effects
+from pendulum_env._typing import Array
+from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics import effect as find_effect
 from pendulum_env.recording import Recording
 
-MATERIAL = 0.97  # an effect has to lower the cross-validated torque error to this share of it
-SHARE = 0.2  # and to explain this much of what noise does not
-HELD_OUT = 0.96  # and the held-out torque error to this
-SURPRISE = 10.0  # and to be this many nats likelier than its absence, besides the number of variants tried
-TIE = 5.0  # nats within which two effects count as equally likely
-ALIKE = 1.15  # and ratio of held-out errors within which they do
-ASTRAY = 2.5  # times the position error that noise gives
-BETTER = 0.8  # share of the held-out position error to which a refinement has to lower it
-FLIGHT = 0.93  # share of the error of flights, fitted and held out, to which an effect has to lower it
-IN_FLIGHT = 6  # starts from which they are fitted, of those that promise most
-NO_WORSE = 1.02  # ratio of held-out torque errors within which an effect may stay that only flights show
-SHORTER = 0.5  # share of the windows' length at a second look
-TEMPER = 10.0  # likelihood ratios are flattened by this: model errors are not white noise
-LOOSE = 2.5  # times the noise floor: transmissions leave more than this, and take long to search
-MOST = 6  # effects in one model
 HOLDOUT_SHARE = 0.3  # end of each recording that is held out when no recording is
-
-Progress = Callable[[str, float], None]  # what is being done, share of the work that is done
-
-
-def no_progress(what: str, share: float) -> None:
-    """Show nothing."""
-
-
-@dataclass
-class Search:
-    """Training and held-out evidence with the trials made on them."""
-
-    train: Evidence
-    holdout: Evidence
-    progress: Progress = no_progress
-
-    def __post_init__(self) -> None:
-        self.screen = Screen(self.train.data)
-        self.held_out = Screen(self.holdout.data)
-        self.library = effects()
-        inertia = fit_terms(self.train, BASE)[0].theta[0]
-        self.floor = self.train.data.noise(abs(float(inertia)))
-
-    def nats(self, better: Trial, worse: Trial) -> float:
-        """Log likelihood ratio of two trials from their cross-validated errors."""
-        count = len(self.train.data.weights)
-        return count * float(np.log(max(worse.predicted_rms, 1e-12) / max(better.predicted_rms, 1e-12)))
-
-    def alternatives(self, terms: Sequence[Term], barred: Sequence[str] = ()) -> list[Trial]:
-        """The best variant of every effect that the terms lack, best prediction first; ties to the simpler effect."""
-        present = {term.id for term in terms} | set(barred)
-        missing = [effect for id, effect in self.library.items() if id not in present]
-        if any(term.kind == "transmission" for term in terms):  # a joint has one
-            missing = [effect for effect in missing if effect.kind != "transmission"]
-        missing.sort(key=lambda effect: effect.kind == "transmission")  # last: they take long to search
-        least = self.screen.trial(terms).predicted_rms
-        trials: list[Trial] = []
-        for done, effect in enumerate(missing):
-            if effect.kind == "transmission" and (least < LOOSE * self.floor or len(terms) > len(BASE)):
-                continue  # something simpler explains it; or a transmission would have shown before all else
-            self.progress(f"screening {effect.id}", done / len(missing))
-            trial = self.screen.best(terms, effect)
-            if trial is not None:
-                trials.append(trial)
-                least = min(least, trial.predicted_rms)
-        trials.sort(key=lambda trial: trial.predicted_rms)
-        return self._simplest_first(trials)
-
-    def _simplest_first(self, trials: list[Trial]) -> list[Trial]:
-        if not trials:
-            return []
-        ties = [trial for trial in trials if self.nats(trials[0], trial) < TIE]
-        ties.sort(key=lambda trial: complexity(trial.terms[-1]))
-        return ties + trials[len(ties) :]
-
-    def is_material(self, after: Trial, before: Trial) -> bool:
-        """Whether the last term of `after` lowers the predicted error by more than chance and by more than a trifle."""
-        variants = 1 + sum(1 for _ in after.terms[-1].grid(self.train.samples, self.screen.residual(before.terms)))
-        enough = SURPRISE + 2 * np.log(variants)
-        old, new = before.predicted_rms, after.predicted_rms
-        explained = (old**2 - new**2) / (old**2 - self.floor**2) if old > self.floor else 0.0
-        return self.nats(after, before) > enough and new < MATERIAL * old and explained > SHARE
-
-    def step(self, added: str | None, terms: Sequence[Term]) -> Step:
-        """Fit the terms to the training data and take the errors; without standard errors, which take longer."""
-        _, theta = self.screen.project(*self.screen.shared(terms))
-        return self._with_errors(added, Model.build(terms, theta))
-
-    def report(self, added: str | None, terms: Sequence[Term]) -> Step:
-        """The same with standard errors."""
-        return self._with_errors(added, fit_terms(self.train, terms)[0])
-
-    def _with_errors(self, added: str | None, model: Model) -> Step:
-        return Step(added, model, {"train": self.train.errors(model), "holdout": self.holdout.errors(model)})
-
-    def held_out_rms(self, terms: Sequence[Term]) -> float:
-        """Torque error on the held-out data of the terms fitted to the training data [N m]."""
-        _, theta = self.screen.project(*self.screen.shared(terms))
-        phi, y = self.held_out.shared(terms)
-        return float(np.sqrt(np.mean((y - phi @ theta) ** 2)))
-
-    def is_confirmed(self, after: Step, before: Step, torque: float = HELD_OUT) -> bool:
-        """Whether held-out errors fall, both of them, and the parameters are those of a body with friction."""
-        new, old = after.errors["holdout"], before.errors["holdout"]
-        values = {name: estimate.value for name, estimate in after.model.estimates.items()}
-        possible = values.get("inertia", 1.0) > 0 and values.get("coulomb", 0.0) >= 0
-        return possible and new.torque_rms < torque * old.torque_rms and new.position_rms < old.position_rms
-
-    def is_as_good(self, rival: Step, chosen: Step) -> bool:
-        """Whether a rival follows the held-out recordings as well as the model that was chosen, or nearly."""
-        new, old = rival.errors["holdout"], chosen.errors["holdout"]
-        return new.torque_rms < ALIKE * old.torque_rms and new.position_rms < ALIKE * old.position_rms
-
-    def is_astray(self, step: Step) -> bool:
-        """Whether free-running simulation errs by much more than noise makes it."""
-        if any(term.kind == "transmission" for term in step.model.terms):
-            return False  # its impacts are too sharp to follow as closely, and other effects would only paper over that
-        noise = position_noise(self.train.flights, step.model.terms, step.model.theta)
-        return step.errors["train"].position_rms > ASTRAY * noise
-
-    def fly(self, steps: list[Step]) -> list[Step]:
-        """The steps with the last model refined by free-running simulation, if held-out flights gain much by it."""
-        last = steps[-1]
-        point = output_error.fit(self.train.flights, last.model.terms, last.model.theta)
-        refined = self._with_errors(last.added, output_error.model(self.train.flights, point))
-        torque = refined.errors["holdout"].torque_rms / last.errors["holdout"].torque_rms
-        if _position(refined) < BETTER * _position(last) and torque < ALIKE:
-            return [*steps[:-1], refined]
-        return steps
-
-    def grow_in_flight(self, steps: list[Step]) -> list[Step]:
-        """Add effects that free-running simulation calls for where the torque is too noisy to show them."""
-        while len(steps) <= MOST:
-            last = steps[-1]
-            found = self._best_in_flight(last)
-            if found is None:
-                break
-            steps = [*steps, found]
-        return steps
-
-    def _best_in_flight(self, last: Step) -> Step | None:
-        flights, checks = self.train.flights, self.holdout.flights
-        # the effect has to beat the same terms fitted in the same way
-        start = output_error.fit(flights, last.model.terms, last.model.theta)
-        last = self._with_errors(last.added, Model.build(start.terms, start.theta))
-        weights, check_weights = output_error.weigh(flights, start), output_error.weigh(checks, start)
-        before = output_error.rms(flights, start, weights), output_error.rms(checks, start, check_weights)
-        ranked = []
-        missing = [e for e in self.library.values() if not e.rugged and e.id not in {t.id for t in last.model.terms}]
-        for done, kind in enumerate(missing):
-            self.progress(f"flying {kind.id}", done / len(missing))
-            trial = self.screen.best(last.model.terms, kind)
-            variants = [trial.terms[-1]] if trial is not None else []
-            if kind.kind == "dissipative" and kind.shapes:  # friction near reversals, which windows hardly see
-                variants += list(kind.grid(self.train.samples, self.screen.residual(last.model.terms)))[::2]
-            points = [
-                output_error.Point((*start.terms, v), np.append(start.theta, np.zeros(len(v.columns))))
-                for v in variants
-            ]
-            promises = [output_error.promise(flights, point, weights) for point in points]
-            for i in np.argsort(promises)[:2]:
-                ranked.append((promises[i], complexity(variants[i]), points[i]))
-        ranked.sort(key=lambda entry: entry[:2])
-        best, error = None, FLIGHT * before[0]
-        for _, _, point in ranked[:IN_FLIGHT]:
-            self.progress(f"fitting the flights with {point.terms[-1].id}", 0.9)
-            point = output_error.fit(flights, point.terms, point.theta)
-            trained, checked = output_error.rms(flights, point, weights), output_error.rms(checks, point, check_weights)
-            if trained < error and checked < FLIGHT * before[1]:
-                step = self._with_errors(point.terms[-1].id, output_error.model(flights, point))
-                if self.is_confirmed(step, last, torque=NO_WORSE):
-                    best, error = step, trained
-        return best
-
-    def settle(self, terms: Sequence[Term]) -> tuple[Term, ...]:
-        """Search every shape parameter again, now that all terms are in."""
-        trial = self.screen.trial(terms)
-        for term in terms:
-            if any(not shape.integer for shape in term.shapes):
-                trial = self.screen.refine(trial, term.id)
-        return trial.terms
-
-    def grow(self, base: tuple[Term, ...]) -> list[Step]:
-        """Add effects one at a time while they help."""
-        steps = [self.step(None, base)]
-        while len(steps) <= MOST:
-            terms = steps[-1].model.terms
-            before = self.screen.trial(terms)
-            for trial in self.alternatives(terms)[:3]:
-                if not self.is_material(trial, before):
-                    continue
-                self.progress(f"confirming {trial.terms[-1].id}", 0.9)
-                candidate = self.step(trial.terms[-1].id, self.settle(trial.terms))
-                if self.is_confirmed(candidate, steps[-1]):
-                    steps.append(candidate)
-                    break
-            else:
-                break
-        return steps
-
-    def challenge(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> tuple[Term, ...]:
-        """Swap added effects for others that do clearly better in their place, and drop those that are not needed."""
-        for _ in range(MOST):
-            current = self.screen.trial(terms)
-            changed = False
-            for term in terms[len(base) :]:
-                others = tuple(t for t in terms if t is not term)
-                without = self.screen.trial(others)
-                if not self.is_material(replace(current, terms=(*others, term)), without):
-                    terms, changed = others, True
-                    break
-                if len(others) > len(base):
-                    rivals = self.alternatives(others, barred=[term.id])
-                    if rivals and self.nats(rivals[0], current) > SURPRISE:
-                        terms, changed = self.settle(rivals[0].terms), True
-                        break
-            if not changed:
-                break
-        return terms
-
-    def ladder(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> list[Step]:
-        """Steps from the base to the final terms, at each the one that helps most."""
-        steps, left = [self.report(None, base)], list(terms[len(base) :])
-        while left:
-            present = steps[-1].model.terms
-            trials = [self.screen.trial((*present, term)) for term in left]
-            best = min(trials, key=lambda trial: trial.predicted_rms).terms[-1]
-            left.remove(best)
-            steps.append(self.report(best.id, (*present, best)))
-        return steps
-
-
-def _position(step: Step) -> float:
-    return step.errors["holdout"].position_rms
-
-
-def complexity(term: Term) -> int:
-    """Number of parameters of a term."""
-    return len(term.columns) + len(term.shapes)
+SHORTER = 0.5  # share of the windows' length at a second look
 
 
 def gather(
@@ -305,19 +61,19 @@ def diagnose(
     """
     progress("reading the motion", 0.0)
     search, steps = look(*gather(recordings, holdout), base, progress)
-    if search.is_astray(steps[-1]) or any(term.kind == "transmission" for term in steps[-1].model.terms):
+    if search.is_astray(steps[-1]) or has_transmission(steps[-1].model.terms):
         progress("fitting the flights", 0.9)
         steps = search.fly(steps)
     if search.is_astray(steps[-1]):
         # What happens near reversals shows in windows that come closer to them, if through more noise.
         closer, found = look(*gather(recordings, holdout, SHORTER), base, progress)
         found = closer.fly(found)
-        if len(found) > 1 and _position(found[-1]) < BETTER * _position(steps[-1]):
+        if len(found) > 1 and position_error(found[-1]) < BETTER * position_error(steps[-1]):
             search, steps = closer, found
     if search.is_astray(steps[-1]):
         steps = search.grow_in_flight(steps)
     train = search.train
-    candidates, groups = judge(search, base, steps)
+    candidates, groups = judge(search, steps)
     model, fit = fit_terms(train, steps[-1].model.terms)
     floor = train.data.noise(abs(float(model.theta[0])))
     left = fit.residual
@@ -330,109 +86,12 @@ def diagnose(
     return Diagnosis(tuple(steps), tuple(candidates), tuple(groups), tuple(unexplained), floor, advice)
 
 
-def look(train: Evidence, test: Evidence, base: Sequence[Term], progress: Progress) -> tuple[Search, list[Step]]:
-    """Search the library; returns the steps from the base model to the final one."""
-    search = Search(train, test, progress)
-    start = search.settle(base)
-    grown = search.grow(start)[-1].model.terms
-    terms = search.challenge(start, grown)
-    if {term.id for term in terms} != {term.id for term in grown}:
-        terms = search.settle(terms)
-    steps = search.ladder(start, terms)
-    if not all(search.is_confirmed(after, before) for before, after in pairwise(steps)):
-        steps = search.ladder(start, grown)
-    return search, steps
-
-
-def is_structured(residual: np.ndarray, floor: float) -> bool:
+def is_structured(residual: Array, floor: float) -> bool:
     """Whether a residual is above the noise floor and correlated from window to window."""
     excess = float(np.sqrt(np.mean(residual**2))) / floor
     centred = residual - residual.mean()
     correlation = float(centred[1:] @ centred[:-1] / max(centred @ centred, 1e-300))
     return excess > 2.0 or (excess > 1.3 and correlation > 0.3)
-
-
-def judge(search: Search, base: Sequence[Term], steps: Sequence[Step]) -> tuple[list[Candidate], list[tuple[str, ...]]]:
-    """Verdict on every effect, and the groups that cannot be told apart."""
-    final = search.screen.trial(steps[-1].model.terms)
-    verdicts: dict[str, Candidate] = {}
-    groups: list[tuple[str, ...]] = []
-    near_floor = final.predicted_rms < LOOSE * search.floor  # then nothing as large as a transmission is in question
-    settled = [id for id, effect in search.library.items() if effect.kind == "transmission" and near_floor]
-    for before, after in pairwise(steps):
-        term = next(t for t in final.terms if t.id == after.added)
-        others = tuple(t for t in final.terms if t is not term)
-        rivals = search.alternatives(others, barred=[term.id, *settled])
-        odds = {rival.terms[-1].id: np.exp(-search.nats(final, rival) / TEMPER) for rival in rivals}
-        total = 1.0 + sum(odds.values())
-        group = [
-            rival.terms[-1].id
-            for rival in rivals
-            if search.nats(final, rival) < TIE
-            and complexity(rival.terms[-1]) <= complexity(term)
-            and search.is_as_good(search.step(rival.terms[-1].id, rival.terms), steps[-1])
-        ]
-        if group:
-            groups.append((term.id, *group))
-        ratio = after.errors["holdout"].torque_rms / before.errors["holdout"].torque_rms
-        verdicts[term.id] = Candidate(
-            term.id,
-            float((1.0 + sum(odds[id] for id in group)) / total),
-            Verdict.SELECTED,
-            ratio,
-            f"lowers the held-out errors: torque {_fall(before, after, 'torque_rms')} N m, "
-            f"free-running position {_fall(before, after, 'position_rms')} rad",
-        )
-        for id in group:
-            verdicts[id] = Candidate(
-                id, float(odds[id] / total), Verdict.AMBIGUOUS, ratio, f"fits as well as {term.id} in these data"
-            )
-    for trial in search.alternatives(final.terms):
-        term = trial.terms[-1]
-        if term.id in verdicts:
-            continue
-        ratio, excited = _held_out_ratio(search, final.terms, term)
-        score = float(np.clip(1 - np.exp(-max(0.0, search.nats(trial, final)) / (TEMPER * SURPRISE)), 0, 1)) * 0.5
-        if term.beyond:
-            verdict, reason = Verdict.NOT_EXCITED, f"{term.beyond}; it needs {term.reveal}"
-        elif excited:
-            verdict, reason = Verdict.REJECTED, _why_rejected(ratio, len(steps) > 1)
-        else:
-            verdict, reason = Verdict.NOT_EXCITED, f"these data hardly depend on it; it needs {term.reveal}"
-        verdicts[term.id] = Candidate(term.id, score, verdict, ratio, reason)
-    for id in search.library:
-        if id not in verdicts:
-            reason = "what is left is smaller than what such an effect would leave"
-            verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason)
-    order = {Verdict.SELECTED: 0, Verdict.AMBIGUOUS: 1, Verdict.REJECTED: 2, Verdict.NOT_EXCITED: 3}
-    return sorted(verdicts.values(), key=lambda c: (order[c.verdict], -c.score)), groups
-
-
-def _held_out_ratio(search: Search, terms: Sequence[Term], term: Term) -> tuple[float, bool]:
-    """Held-out torque error with the term over that without, and whether the data depend on the term at all."""
-    ratio = search.held_out_rms((*terms, term)) / search.held_out_rms(terms)
-    columns, fixed = search.screen.columns([term])[0]
-    phi, _ = search.screen.shared(terms)
-    own = np.column_stack([columns, fixed])
-    own = own[:, np.linalg.norm(own, axis=0) > 0]
-    if own.shape[1] == 0:
-        return ratio, False
-    left = own - phi @ np.linalg.lstsq(phi, own, rcond=1e-10)[0]
-    excited = float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(own, axis=0))) > 1e-3
-    return ratio, excited
-
-
-def _fall(before: Step, after: Step, error: str) -> str:
-    old, new = (getattr(step.errors["holdout"], error) for step in (before, after))
-    return f"{old:.3g} -> {new:.3g}"
-
-
-def _why_rejected(ratio: float, something_found: bool) -> str:
-    where = "once the selected effects are in" if something_found else "beside the base model"
-    change = 100 * (ratio - 1)
-    if change >= 0:
-        return f"does not lower the held-out torque error {where} ({change:+.1f} %)"
-    return f"lowers the held-out torque error by {-change:.1f} % only {where}: no more than chance would"
 
 
 @dataclass(frozen=True)
@@ -459,6 +118,3 @@ def add(model: Model, id: str, recordings: Sequence[Recording], holdout: Sequenc
     trial = search.screen.best(before.model.terms, kind)
     terms = search.settle(trial.terms) if trial else (*before.model.terms, kind())
     return Addition(before, search.report(id, terms), search.floor)
-
-
-__all__ = ["Addition", "Errors", "Progress", "add", "diagnose", "gather"]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from estimators.diagnose import HELD_OUT, add
+from estimators.diagnose import add
 from estimators.diagnosis import Step
+from estimators.search import HELD_OUT
 from pendulum_env.physics import effect
 from workbench.command import Command
 from workbench.inputs import argument, check_outputs, read_model, read_recordings, take_recordings, wrote

@@ -1,0 +1,106 @@
+"""Verdicts: what the data say of every effect of the library, and which effects they cannot tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from estimators.diagnosis import Candidate, Step, Verdict
+from estimators.screen import Trial
+from estimators.search import LOOSE, SURPRISE, TEMPER, TIE, Search, complexity
+from pendulum_env.physics import Term
+
+
+def judge(search: Search, steps: Sequence[Step]) -> tuple[list[Candidate], list[tuple[str, ...]]]:
+    """Verdict on every effect of the library, and the groups that these data cannot tell apart."""
+    final = search.screen.trial(steps[-1].model.terms)
+    verdicts: dict[str, Candidate] = {}
+    groups: list[tuple[str, ...]] = []
+    for before, after in pairwise(steps):
+        chosen, *alike = _judge_selected(search, final, before, after, steps[-1])
+        verdicts.update({candidate.effect: candidate for candidate in (chosen, *alike)})
+        if alike:
+            groups.append(tuple(candidate.effect for candidate in (chosen, *alike)))
+    for trial in search.alternatives(final.terms):
+        if trial.terms[-1].id not in verdicts:
+            verdicts[trial.terms[-1].id] = _judge_left_out(search, final, trial, len(steps) > 1)
+    for id in search.library:
+        if id not in verdicts:
+            reason = "what is left is smaller than what such an effect would leave"
+            verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason)
+    order = list(Verdict)
+    return sorted(verdicts.values(), key=lambda candidate: (order.index(candidate.verdict), -candidate.score)), groups
+
+
+def _judge_selected(search: Search, final: Trial, before: Step, after: Step, last: Step) -> list[Candidate]:
+    """The effect added from `before` to `after`, followed by those that would do as well in its place."""
+    term = next(t for t in final.terms if t.id == after.added)
+    others = tuple(t for t in final.terms if t is not term)
+    # near the noise floor nothing as large as a transmission is in question
+    near_floor = final.predicted_rms < LOOSE * search.floor
+    out_of_question = [id for id, kind in search.library.items() if kind.kind == "transmission" and near_floor]
+    rivals = search.alternatives(others, barred=[term.id, *out_of_question])
+    odds = {rival.terms[-1].id: float(np.exp(-search.nats(final, rival) / TEMPER)) for rival in rivals}
+    total = 1.0 + sum(odds.values())
+
+    def looks_the_same(rival: Trial) -> bool:
+        # one that is simpler may fit a little worse, one that is more complex has to fit better
+        margin = TIE if complexity(rival.terms[-1]) <= complexity(term) else 0.0
+        return search.nats(final, rival) < margin and search.is_as_good(search.step(None, rival.terms), last)
+
+    alike = [rival.terms[-1].id for rival in rivals if looks_the_same(rival)]
+    ratio = after.errors["holdout"].torque_rms / before.errors["holdout"].torque_rms
+    reason = (
+        f"lowers the held-out errors: torque {_fall(before, after, 'torque_rms')} N m, "
+        f"free-running position {_fall(before, after, 'position_rms')} rad"
+    )
+    share = (1.0 + sum(odds[id] for id in alike)) / total
+    return [
+        Candidate(term.id, share, Verdict.SELECTED, ratio, reason),
+        *(
+            Candidate(id, odds[id] / total, Verdict.AMBIGUOUS, ratio, f"fits as well as {term.id} in these data")
+            for id in alike
+        ),
+    ]
+
+
+def _judge_left_out(search: Search, final: Trial, trial: Trial, something_found: bool) -> Candidate:
+    """An effect that the final model does without, from its best trial beside it."""
+    term = trial.terms[-1]
+    ratio, excited = _held_out_ratio(search, final.terms, term)
+    score = 0.5 * (1 - float(np.exp(-max(0.0, search.nats(trial, final)) / (TEMPER * SURPRISE))))
+    if term.beyond:
+        return Candidate(term.id, score, Verdict.NOT_EXCITED, ratio, f"{term.beyond}; it needs {term.reveal}")
+    if not excited:
+        reason = f"these data hardly depend on it; it needs {term.reveal}"
+        return Candidate(term.id, score, Verdict.NOT_EXCITED, ratio, reason)
+    return Candidate(term.id, score, Verdict.REJECTED, ratio, _why_rejected(ratio, something_found))
+
+
+def _held_out_ratio(search: Search, terms: Sequence[Term], term: Term) -> tuple[float, bool]:
+    """Held-out torque error with the term over that without, and whether the data depend on the term at all."""
+    ratio = search.held_out_rms((*terms, term)) / search.held_out_rms(terms)
+    columns, fixed = search.screen.columns([term])[0]
+    phi, _ = search.screen.shared(terms)
+    own = np.column_stack([columns, fixed])
+    own = own[:, np.linalg.norm(own, axis=0) > 0]
+    if own.shape[1] == 0:
+        return ratio, False
+    left = own - phi @ np.linalg.lstsq(phi, own, rcond=1e-10)[0]
+    excited = float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(own, axis=0))) > 1e-3
+    return ratio, excited
+
+
+def _fall(before: Step, after: Step, error: str) -> str:
+    old, new = (getattr(step.errors["holdout"], error) for step in (before, after))
+    return f"{old:.3g} -> {new:.3g}"
+
+
+def _why_rejected(ratio: float, something_found: bool) -> str:
+    where = "once the selected effects are in" if something_found else "beside the base model"
+    change = 100 * (ratio - 1)
+    if change >= 0:
+        return f"does not lower the held-out torque error {where} ({change:+.1f} %)"
+    return f"lowers the held-out torque error by {-change:.1f} % only {where}: no more than chance would"
