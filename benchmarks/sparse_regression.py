@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from benchmarks.scoring import Exact, compare
 from benchmarks.truth import Truth, read_pair
+from estimators.dataset import Dataset
 from estimators.diagnose import gather
 from estimators.search import Search
-from estimators.windows import Dataset
 from pendulum_env.physics import BASE, Term
 
 Array = NDArray[np.float64]

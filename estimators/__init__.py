@@ -3,10 +3,10 @@
 from estimators.compare import Comparison, compare
 from estimators.diagnose import add, diagnose
 from estimators.diagnosis import Diagnosis, Verdict
+from estimators.equations import IdentificationError
 from estimators.evidence import Errors, Evidence, fit_terms
 from estimators.identify import Identification, identify
 from estimators.schemes import SCHEMES, scheme
-from estimators.windows import IdentificationError
 
 __all__ = [
     "SCHEMES",

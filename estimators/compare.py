@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from estimators.dataset import dataset
 from estimators.evidence import Errors, Evidence
 from estimators.regions import Profile, Region, profiles, stand_out
-from estimators.windows import dataset
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.dataset import choose_half_width
 from estimators.diagnosis import Diagnosis, Step
 from estimators.evidence import Evidence, fit_terms
 from estimators.regions import profiles, stand_out
 from estimators.search import BETTER, Progress, Search, has_transmission, look, no_progress, position_error
 from estimators.verdicts import judge
-from estimators.windows import choose_half_width
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics import effect as find_effect

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators.dataset import Dataset, prepare
 from estimators.free_running import Flights, position_rms, take_off
 from estimators.least_squares import Fit, solve
-from estimators.windows import WHOLE, Dataset, Part, prepare
+from estimators.windows import WHOLE, Part
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model, Samples, Term
 from pendulum_env.recording import Recording

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators.equations import Equations, IdentificationError
 from estimators.identifiability import Doubt, identifiability, is_driven
 from estimators.least_squares import Fit, solve
 from estimators.measurements import Measurements, measure, remember
 from estimators.recursion import evenly, history
 from estimators.schemes import SCHEMES, FilteredDynamic, FilteredHamiltonian, FilteredPower, Scheme, give
-from estimators.windows import Equations, IdentificationError
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.term import zero

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.windows import Equations
+from estimators.equations import Equations
 from pendulum_env._typing import Array, Index
 
 RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite

@@ -19,7 +19,10 @@ from math import comb
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from estimators.windows import HALF_WIDTHS, LEAD_IN, SLOWEST, IdentificationError, white_noise
+from estimators.dataset import HALF_WIDTHS
+from estimators.equations import IdentificationError
+from estimators.motion import white_noise
+from estimators.windows import LEAD_IN, SLOWEST
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.term import Memory

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.windows import Equations
+from estimators.equations import Equations
 from pendulum_env._typing import Array, Index, Mask
 
 PRIOR = 1e7  # P(0) on the diagonal, the paper's "10E6"

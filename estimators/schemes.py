@@ -28,8 +28,8 @@ from typing import ClassVar, NamedTuple, Protocol
 import numpy as np
 from scipy.signal import lfilter
 
+from estimators.equations import Equations
 from estimators.measurements import Measurements, remember
-from estimators.windows import Equations
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Column, Term
 

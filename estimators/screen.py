@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from estimators.dataset import Dataset
 from estimators.least_squares import block_grams, cross_validate
 from estimators.shapes import Residuals, continuous, cross_entropy, gauss_newton
-from estimators.windows import Dataset
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from estimators.windows import IdentificationError
+from estimators.equations import IdentificationError
 from pendulum_env.lookup import find
 from pendulum_env.physics import ModelError
 from pendulum_env.recording import RecordingError

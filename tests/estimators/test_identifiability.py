@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Plant
+from estimators.equations import IdentificationError
 from estimators.identifiability import identifiability
 from estimators.identify import identify
 from estimators.measurements import measure
-from estimators.windows import IdentificationError
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from estimators.equations import Equations
 from estimators.least_squares import block_grams, cross_validate, solve
 from estimators.shapes import cross_entropy, gauss_newton
-from estimators.windows import Equations
 from pendulum_env.physics import Samples, Term, effect
 
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from estimators.equations import IdentificationError
 from estimators.measurements import choose_smoothing, measure, window
-from estimators.windows import IdentificationError
 from pendulum_env.recording import Recording
 
 

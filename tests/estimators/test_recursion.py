@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
+from estimators.equations import Equations
 from estimators.measurements import measure
 from estimators.recursion import PRIOR, State, evenly, history, start, step
 from estimators.schemes import SCHEMES, Energy
-from estimators.windows import Equations
 from pendulum_env.physics import BASE
 
 

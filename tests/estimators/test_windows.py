@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
+from estimators.dataset import choose_half_width, dataset, prepare
+from estimators.equations import IdentificationError
 from estimators.least_squares import solve
-from estimators.windows import IdentificationError, bump, choose_half_width, cut, dataset, prepare, white_noise
+from estimators.motion import white_noise
+from estimators.windows import bump, cut
 from pendulum_env.physics import BASE, Inertia, Viscous
 from pendulum_env.recording import Recording
 

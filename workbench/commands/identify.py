@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estimators.equations import IdentificationError
 from estimators.evidence import Evidence, fit_terms
 from estimators.identify import Identification, identify
 from estimators.schemes import PAPER, SCHEMES, Scheme, scheme
-from estimators.windows import IdentificationError
 from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE, Estimate, Model, Term
 from pendulum_env.recording import Recording

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.free_running import SECONDS
-from estimators.windows import Windows, white_noise
+from estimators.motion import white_noise
+from estimators.windows import Windows
 from workbench.report.case import Case
 from workbench.report.section import Section
 
