@@ -30,6 +30,7 @@ SURPRISE = 10.0  # and to be this many nats likelier than its absence, besides t
 TIE = 5.0  # nats within which two effects count as equally likely
 ALIKE = 1.15  # and ratio of held-out errors within which they do
 ASTRAY = 2.5  # times the position error that noise gives
+LEAST_POSITION = 1e-3  # and of this share of the motion, which no initial state or integration is worth chasing below
 BETTER = 0.8  # share of the held-out position error to which a refinement has to lower it
 FLIGHT = 0.93  # share of the error of flights, fitted and held out, to which an effect has to lower it
 IN_FLIGHT = 6  # starts from which they are fitted, of those that promise most
@@ -134,7 +135,9 @@ class Search:
         """Whether free-running simulation errs by much more than noise makes it."""
         if has_transmission(step.model.terms):
             return False  # its impacts are too sharp to follow as closely, and other effects would only paper over that
-        noise = position_noise(self.train.flights, step.model.terms, step.model.theta)
+        flights = self.train.flights
+        motion = float(np.std(np.concatenate([flight.position.ravel() for flight in flights])))
+        noise = max(LEAST_POSITION * motion, position_noise(flights, step.model.terms, step.model.theta))
         return step.errors["train"].position_rms > ASTRAY * noise
 
     def fly(self, steps: list[Step]) -> list[Step]:

@@ -26,7 +26,7 @@ def judge(search: Search, steps: Sequence[Step]) -> tuple[list[Candidate], list[
     for trial in search.alternatives(final.terms):
         if trial.terms[-1].id not in verdicts:
             verdicts[trial.terms[-1].id] = _judge_left_out(search, final, trial, len(steps) > 1)
-    for id in search.library:
+    for id in search.library.keys() - {term.id for term in final.terms}:
         if id not in verdicts:
             reason = "what is left is smaller than what such an effect would leave"
             verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason)

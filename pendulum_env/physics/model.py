@@ -132,10 +132,12 @@ class Model:
                 kind = library.term(id)
                 shape = {s.name: float(data["theta"][f"{id}.{s.name}"]["value"]) for s in kind.shapes}
                 for s in kind.shapes:
-                    whole = shape[s.name] == round(shape[s.name]) or not s.integer
-                    if np.isfinite(shape[s.name]) and not (s.low <= shape[s.name] <= s.high and whole):
+                    value = shape[s.name]
+                    if not np.isfinite(value):
+                        continue  # refused below, with all others
+                    if not (s.low <= value <= s.high and (value.is_integer() or not s.integer)):
                         allowed = f"{'a whole number ' if s.integer else ''}from {s.low:g} to {s.high:g}"
-                        raise ModelError(f"'{id}.{s.name}' is {shape[s.name]:g}, it has to be {allowed} {s.unit}")
+                        raise ModelError(f"'{id}.{s.name}' is {value:g}, it has to be {allowed} {s.unit}")
                 terms.append(kind(**shape))
             parameters = Model.build(terms, 0.0).estimates
             for name, default in parameters.items():

@@ -134,16 +134,16 @@ def test_a_window_is_an_average(half_width):
     assert np.all(window > 0)
 
 
-def test_windows_of_several_recordings_share_one_set_of_equations_and_no_block():
+def test_windows_of_several_recordings_share_equations_and_folds_but_no_cluster():
     runs = simulate([(Plant(), Experiment(rate=500, seconds=6, seed=seed)) for seed in range(2)])
     parts = [cut(recorded(run), 0.012) for run in runs]
     data = dataset(parts)
     equations = data.equations(BASE)
     first = len(parts[0].centers)
     assert len(equations.y) == len(data.weights) == first + len(parts[1].centers)
-    for numbers in (data.blocks, data.clusters):
-        assert not set(numbers[:first]) & set(numbers[first:])
-        assert np.all(np.diff(numbers) >= 0)
+    assert not set(data.clusters[:first]) & set(data.clusters[first:])
+    assert np.all(np.diff(data.clusters) >= 0)
+    assert set(data.blocks[:first]) == set(data.blocks[first:]) == set(range(10))
     np.testing.assert_array_equal(equations.y[:first], dataset(parts[:1]).equations(BASE).y)
 
 

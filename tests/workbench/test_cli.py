@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import estimators.diagnose
+import estimators.search
 from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.recording import read_recording
 from workbench.cli import main
@@ -19,7 +19,7 @@ FEW = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogg
 @pytest.fixture
 def few_effects(monkeypatch):
     known = {id: effects()[id] for id in FEW}
-    monkeypatch.setattr(estimators.diagnose, "effects", lambda: known)
+    monkeypatch.setattr(estimators.search, "effects", lambda: known)
 
 
 @pytest.fixture(scope="module")
