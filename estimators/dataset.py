@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from estimators.equations import Equations, IdentificationError
 from estimators.windows import WHOLE, Part, Windows, cut
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import BASE, Samples, Term
+from pendulum_env.physics.actuation import TorqueOffset
+from pendulum_env.physics.friction import PositionDependentFriction, QuadraticDrag, Stribeck, ViscousAsymmetry
+from pendulum_env.physics.potential import Cogging, GravityTilt
 from pendulum_env.recording import Recording
 
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
@@ -98,6 +101,39 @@ def _widths(recording: Recording) -> tuple[float, ...]:
     return tuple(h for h in HALF_WIDTHS if h >= 0.99 * shortest) or (shortest,)
 
 
+def _smooth_laws(w: Windows) -> tuple[Term, ...]:
+    """Terms that together follow nearly any smooth torque: what they leave is noise."""
+    fast = max(float(np.percentile(np.abs(w.samples.velocity), 95)), 0.1)
+    return (
+        *BASE,
+        TorqueOffset(),
+        GravityTilt(),
+        ViscousAsymmetry(),
+        QuadraticDrag(),
+        PositionDependentFriction(),
+        *(Stribeck(share * fast) for share in (0.05, 0.2)),
+        *(Cogging(order) for order in (2.0, 3.0)),
+    )
+
+
+def calibrate(w: Windows) -> Windows:
+    """Windows whose noise is no more than what is left of the torque when every smooth law is fitted to it.
+
+    Torque that changes from sample to sample, under fast control or a random binary signal, looks like noise by itself;
+    but real torque shows in the acceleration too, and cancels.
+    """
+    laws = _smooth_laws(w)
+    phi = np.column_stack([w.columns([law])[0][0] for law in laws])
+    freedom = len(phi) - phi.shape[1]
+    if freedom < phi.shape[1]:
+        return w
+    scale = np.maximum(np.linalg.norm(phi, axis=0), 1e-300)
+    theta = np.linalg.lstsq(phi / scale, w.torque(), rcond=1e-10)[0] / scale
+    left = float(np.linalg.norm(w.torque() - phi @ theta)) / np.sqrt(freedom)
+    factor = min(1.0, left / max(w.noise(abs(float(theta[0]))), 1e-300))
+    return replace(w, torque_noise=factor * w.torque_noise, acceleration_noise=factor * w.acceleration_noise)
+
+
 def choose_half_width(recording: Recording) -> float:
     """Shortest half width [s] at which encoder noise no longer dominates torque noise.
 
@@ -105,20 +141,23 @@ def choose_half_width(recording: Recording) -> float:
     is all noise, which falls with the window's length to the power -2.5.
     """
     widths = _widths(recording)
-    inertia = 0.0
-    for width in reversed(widths):  # the longest that leaves enough windows knows inertia best
-        equations = dataset((cut(recording, width),)).equations(BASE)
-        if len(equations.y) >= 20:
+    cuts = [cut(recording, width) for width in widths]
+    inertia, real = 0.0, 1.0  # and share of the torque noise that is real
+    for w in reversed(cuts):  # the longest that leaves enough windows knows best
+        equations = dataset((w,)).equations(BASE)
+        if len(equations.y) >= 40:
             inertia = abs(float(np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]))
+            real = calibrate(w).torque_noise / max(w.torque_noise, 1e-300)
             break
     enough = TRIFLE * float(np.std(recording.torque))
-    cuts = [cut(recording, width) for width in widths]
     covered = [len(w.centers) * width for w, width in zip(cuts, widths, strict=True)]  # [s], clear of stick
     enough_windows = [
         len(w.centers) >= FEWEST or time >= CLEAR * recording.duration for w, time in zip(cuts, covered, strict=True)
     ]
     feasible = [i for i, fine in enumerate(enough_windows) if fine] or [int(np.argmax(covered))]
-    quiet = [i for i in feasible if inertia * cuts[i].acceleration_noise <= max(0.7 * cuts[i].torque_noise, enough)]
+    quiet = [
+        i for i in feasible if inertia * cuts[i].acceleration_noise <= max(0.7 * real * cuts[i].torque_noise, enough)
+    ]
     return widths[quiet[0] if quiet else feasible[-1]]
 
 
@@ -143,7 +182,7 @@ def prepare(recordings: Sequence[Recording], half_widths: Sequence[float] | None
         IdentificationError: if too little of the motion is clear of stick to fit anything.
     """
     widths = half_widths or [choose_half_width(recording) for recording in recordings]
-    windows = [cut(recording, width, part) for recording, width in zip(recordings, widths, strict=True)]
+    windows = [calibrate(cut(recording, width, part)) for recording, width in zip(recordings, widths, strict=True)]
     usable = sum(len(w.centers) for w in windows)
     if usable < 20:
         names = ", ".join(recording.name for recording in recordings)

@@ -9,10 +9,13 @@ import numpy as np
 
 from estimators.dataset import choose_half_width
 from estimators.diagnosis import Diagnosis, Step
-from estimators.evidence import Evidence, fit_terms
-from estimators.regions import profiles, stand_out
+from estimators.evidence import Evidence
+from estimators.identifiability import identifiability
+from estimators.measurements import measure
+from estimators.regions import Region, profiles, stand_out
 from estimators.search import BETTER, Progress, Search, has_transmission, look, no_progress, position_error
 from estimators.verdicts import judge
+from estimators.windows import SLOWEST
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics import effect as find_effect
@@ -61,6 +64,7 @@ def diagnose(
     """
     progress("reading the motion", 0.0)
     search, steps = look(*gather(recordings, holdout), base, progress)
+    window_share = 1.0
     if search.is_astray(steps[-1]) or has_transmission(steps[-1].model.terms):
         progress("fitting the flights", 0.9)
         steps = search.fly(steps)
@@ -69,21 +73,40 @@ def diagnose(
         closer, found = look(*gather(recordings, holdout, SHORTER), base, progress)
         found = closer.fly(found)
         if len(found) > 1 and position_error(found[-1]) < BETTER * position_error(steps[-1]):
-            search, steps = closer, found
+            search, steps, window_share = closer, found, SHORTER
     if search.is_astray(steps[-1]):
         steps = search.grow_in_flight(steps)
-    train = search.train
     candidates, groups = judge(search, steps)
-    model, fit = fit_terms(train, steps[-1].model.terms)
-    floor = train.data.noise(abs(float(model.theta[0])))
-    left = fit.residual
-    unexplained = stand_out(profiles(train.samples, left, floor)) if is_structured(left, floor) else []
-    advice = tuple(
+    doubts = identifiability([measure(recording) for recording in recordings], steps[-1].model.terms)
+    look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {search.library[group[-1]].reveal}"
         for group in groups
-    )
+    ]
     progress("done", 1.0)
-    return Diagnosis(tuple(steps), tuple(candidates), tuple(groups), tuple(unexplained), floor, advice)
+    return Diagnosis(
+        steps=tuple(steps),
+        candidates=tuple(candidates),
+        ambiguous=tuple(groups),
+        unexplained=tuple(unexplained(search, steps[-1])),
+        noise_floor=search.floor,
+        advice=(*look_alike, *(doubt.text for doubt in doubts)),
+        window_share=window_share,
+    )
+
+
+def unexplained(search: Search, last: Step) -> list[Region]:
+    """Regions that the final model leaves unexplained, in torque or else in free-running motion."""
+    left = search.train.residual(last.model.terms, last.model.theta)
+    if is_structured(left, search.floor):
+        return stand_out(profiles(search.train.samples, left, search.floor))
+    if search.is_astray(last):
+        error = last.errors["train"].position_rms
+        text = (
+            f"the torque fits where the joint moves freely, but free-running simulation errs by {error:.2g} rad: "
+            "something acts near reversals or at rest, where velocity is close to zero"
+        )
+        return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
+    return []
 
 
 def is_structured(residual: Array, floor: float) -> bool:

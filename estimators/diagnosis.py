@@ -80,6 +80,7 @@ class Diagnosis:
         unexplained: regions whose residual no candidate explains, empty when the noise floor is reached.
         noise_floor: torque error that measurement noise alone gives [N m].
         advice: experiments that would settle what is open, in words.
+        window_share: length of the windows used, relative to the length that the noise asks for.
     """
 
     steps: tuple[Step, ...]
@@ -88,6 +89,7 @@ class Diagnosis:
     unexplained: tuple[Region, ...]
     noise_floor: float
     advice: tuple[str, ...]
+    window_share: float = 1.0
 
     @property
     def model(self) -> Model:

@@ -76,7 +76,7 @@ def fly(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
     for term in terms:
         (x,) = flights.windows.trace([term])
         memory.update({id: tuple(series[first] for series in state) for id, state in x.memory.items()})
-    longest = max((term.delay for term in terms), default=0.0)
+    longest = sum(term.delay for term in terms)
     reach = np.arange(-int(np.ceil(longest * recording.rate)) - 1, 0)[:, None] + first
     before = np.where(reach >= 0, recording.torque[np.maximum(reach, 0)], 0.0)
     path = simulate(

@@ -178,6 +178,12 @@ def rms(flights: Sequence[Flights], point: Point, weights: Sequence[Array] | Non
     return float(np.sqrt(total / sum(float(w.sum()) * part.shape[1] for w, part in zip(weights, parts, strict=True))))
 
 
+def sizes(flights: Sequence[Flights], point: Point) -> Array:
+    """Root mean square error of each flight, of all recordings in a row [rad]."""
+    parts = residuals(flights, [point])
+    return np.concatenate([np.sqrt(np.mean(part**2, axis=(1, 2))) for part in parts]) + 1e-12
+
+
 def promise(flights: Sequence[Flights], point: Point, weights: Sequence[Array]) -> float:
     """Squared error that a linear fit of all parameters around a point would leave."""
     error, slopes, _ = _slopes(flights, point, weights)
@@ -194,7 +200,8 @@ def model(flights: Sequence[Flights], point: Point) -> Model:
     scores = np.zeros((int(which.max()) + 1, slopes.shape[1]))
     np.add.at(scores, which.astype(int), slopes * error[:, None])
     bread = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12, hermitian=True)
-    relative = np.sqrt(np.diag(bread @ scores.T @ scores @ bread))
+    few = len(scores) / max(1, len(scores) - slopes.shape[1])  # small samples
+    relative = np.sqrt(few * np.diag(bread @ scores.T @ scores @ bread))
     std = relative * np.maximum(np.abs(point.values), SMALLEST)
     names = [f"{term.id}.{shape.name}" for term in point.terms for shape in continuous(term)]
     count = len(point.theta)

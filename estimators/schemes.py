@@ -20,7 +20,6 @@ pair, here that is an option (`PAPER`), as momentum is linear in the parameters 
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Protocol
@@ -31,6 +30,7 @@ from scipy.signal import lfilter
 from estimators.equations import Equations
 from estimators.measurements import Measurements, remember
 from pendulum_env._typing import Array, Mask
+from pendulum_env.lookup import find
 from pendulum_env.physics import Column, Term
 
 CUTOFF = 200.0  # lambda [rad/s], the paper's 31.83 Hz
@@ -320,9 +320,4 @@ def scheme(id: str) -> Scheme:
     Raises:
         ValueError: if there is none; the message names the nearest and all that exist.
     """
-    known = {item.id: item for item in SCHEMES}
-    if id not in known:
-        near = difflib.get_close_matches(id, known, n=1)
-        hint = f" did you mean {near[0]}?" if near else ""
-        raise ValueError(f"unknown scheme '{id}':{hint} Known: {', '.join(known)}")
-    return known[id]
+    return find("scheme", id, {item.id: item for item in SCHEMES})

@@ -1,4 +1,4 @@
-"""The search for what a model lacks: effects added, swapped and pruned, each move on data the one before has not used.
+"""The search for what a model lacks: effects added, confirmed on held-out data, swapped and pruned.
 
 1. add: the effect that best predicts stretches of the training data it was not fitted to;
 2. confirm: it must lower the error on held-out recordings, in torque and in free-running simulation;
@@ -33,6 +33,7 @@ ASTRAY = 2.5  # times the position error that noise gives
 LEAST_POSITION = 1e-3  # and of this share of the motion, which no initial state or integration is worth chasing below
 BETTER = 0.8  # share of the held-out position error to which a refinement has to lower it
 FLIGHT = 0.93  # share of the error of flights, fitted and held out, to which an effect has to lower it
+SURE = 3.5  # standard errors by which flights have to gain
 IN_FLIGHT = 6  # starts from which they are fitted, of those that promise most
 NO_WORSE = 1.02  # ratio of held-out torque errors within which an effect may stay that only flights show
 TEMPER = 10.0  # likelihood ratios are flattened by this: model errors are not white noise
@@ -58,7 +59,7 @@ class Search:
         self.screen = Screen(self.train.data)
         self.held_out = Screen(self.holdout.data)
         self.library = effects()
-        inertia = fit_terms(self.train, BASE)[0].theta[0]
+        inertia = self.screen.project(*self.screen.shared(BASE))[1][0]
         self.floor = self.train.data.noise(abs(float(inertia)))
 
     def nats(self, better: Trial, worse: Trial) -> float:
@@ -152,9 +153,8 @@ class Search:
 
     def grow_in_flight(self, steps: list[Step]) -> list[Step]:
         """Add effects that free-running simulation calls for where the torque is too noisy to show them."""
-        while len(steps) <= MOST:
-            last = steps[-1]
-            found = self._best_in_flight(last)
+        while len(steps) <= MOST and self.is_astray(steps[-1]):
+            found = self._best_in_flight(steps[-1])
             if found is None:
                 break
             steps = [*steps, found]
@@ -188,11 +188,17 @@ class Search:
             self.progress(f"fitting the flights with {point.terms[-1].id}", 0.9)
             point = output_error.fit(flights, point.terms, point.theta)
             trained, checked = output_error.rms(flights, point, weights), output_error.rms(checks, point, check_weights)
-            if trained < error and checked < FLIGHT * before[1]:
+            if trained < error and checked < FLIGHT * before[1] and self._beats(point, start):
                 step = self._with_errors(point.terms[-1].id, output_error.model(flights, point))
                 if self.is_confirmed(step, last, torque=NO_WORSE):
                     best, error = step, trained
         return best
+
+    def _beats(self, point: output_error.Point, start: output_error.Point) -> bool:
+        """Whether flights err less by far more than they scatter, fitted and held-out ones taken together."""
+        flights = (*self.train.flights, *self.holdout.flights)
+        gains = np.log(output_error.sizes(flights, start) / output_error.sizes(flights, point))
+        return float(gains.mean()) > SURE * float(gains.std(ddof=1)) / np.sqrt(len(gains))
 
     def settle(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Search every shape parameter again, now that all terms are in."""

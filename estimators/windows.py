@@ -91,9 +91,10 @@ class Windows:
 
     def column(self, column: Column, x: Samples) -> Array:
         """Averages (R,) of a column of the regressor, `x` being the samples with the term's state variables."""
-        numerov = np.convolve(self.kernel, [1 / 12, 10 / 12, 1 / 12])
         smooth = column.force(x) + column.dry(x) * np.sign(x.velocity)
-        averages = self.average(column.mass(x) * self.acceleration) + self.average(smooth, numerov)
+        # torque samples are averages over the triangle already
+        kernel = self.kernel if column.of_torque else np.convolve(self.kernel, [1 / 12, 10 / 12, 1 / 12])
+        averages = self.average(column.mass(x) * self.acceleration) + self.average(smooth, kernel)
         return np.nan_to_num(averages, nan=0.0, posinf=0.0, neginf=0.0)  # a state that diverged explains nothing
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 from functools import cache
 from importlib.metadata import entry_points
 
+from pendulum_env.lookup import find
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime, TorqueOffset, TorqueRipple, TorqueSaturation
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.friction import (
@@ -83,12 +83,7 @@ def effect(id: str) -> type[Term]:
     Raises:
         ValueError: if there is none; the message names the nearest and all that exist.
     """
-    known = effects()
-    if id not in known:
-        near = difflib.get_close_matches(id, known, n=1)
-        hint = f" did you mean {near[0]}?" if near else ""
-        raise ValueError(f"unknown effect '{id}':{hint} Known: {', '.join(sorted(known))}")
-    return known[id]
+    return find("effect", id, effects())
 
 
 def term(id: str) -> type[Term]:

@@ -46,7 +46,7 @@ class Case:
 
     @cached_property
     def _evidence(self) -> tuple[Evidence, Evidence]:
-        return gather(self.train, () if self.is_split else self.holdout)
+        return gather(self.train, () if self.is_split else self.holdout, self.diagnosis.window_share)
 
     @cached_property
     def training(self) -> Evidence:
