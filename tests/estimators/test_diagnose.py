@@ -42,6 +42,7 @@ NULLS = {
     "steps": Case(experiment=run(5, excitation="steps"), plant=Plant(0.12, 1.2, 0.2, 1.0)),
     "weak": Case(experiment=run(6, 12.0, scale=0.6)),
     "exact": Case(experiment=run(7, counts=None, torque_noise=0.0)),
+    "position control": Case(experiment=run(8, 12.0, 200.0, excitation="pd_loop", counts=65_536)),
 }
 SINGLES = {
     "stribeck": Case(
@@ -115,6 +116,21 @@ def recordings() -> dict[str, Recording]:
 def diagnosis(recordings) -> Callable[[str], Diagnosis]:
     """Diagnose a case, once."""
     return cache(lambda name: diagnose([recordings[name]]))
+
+
+def test_torque_that_jumps_every_sample_is_not_taken_for_noise():
+    # a random binary command beside a slow one; its differences dwarf the noise of 0.02 N m
+    rng = np.random.default_rng(5)
+    time = np.arange(3000) / 250
+    command = 3 * np.sin(9 * time) + rng.choice([-2.0, 2.0], len(time))
+    hidden = {"quadratic_drag": {"drag": 0.05}, "gravity_tilt": {"tilt_cos": 0.3}}
+    cases = [(Plant(effects=effects), run(9, 12.0, 250.0, counts=None)) for effects in ({}, hidden)]
+    plain, spoiled = (
+        diagnose([Recording("fast", r.time, r.position, r.torque)]) for r in simulate(cases, commands=[command] * 2)
+    )
+    assert plain.selected == ()
+    assert plain.noise_floor < 0.05
+    assert set(spoiled.selected) == set(hidden)
 
 
 @pytest.mark.parametrize("name", NULLS)
