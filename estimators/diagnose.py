@@ -9,11 +9,12 @@ import numpy as np
 
 from estimators.dataset import choose_half_width
 from estimators.diagnosis import Diagnosis, Step
+from estimators.equations import IdentificationError
 from estimators.evidence import Evidence
-from estimators.identifiability import identifiability
+from estimators.identifiability import identifiability, is_driven
 from estimators.measurements import measure
 from estimators.regions import Region, profiles, stand_out
-from estimators.search import BETTER, Progress, Search, has_transmission, look, no_progress, position_error
+from estimators.search import BETTER, Progress, Search, has_transmission, impossible, look, no_progress, position_error
 from estimators.verdicts import judge
 from estimators.windows import SLOWEST
 from pendulum_env._typing import Array
@@ -36,8 +37,13 @@ def gather(
         shorter: factor on the lengths of the windows.
 
     Raises:
-        IdentificationError: if a part holds too little motion.
+        IdentificationError: if a part holds too little motion, or torque is never applied.
     """
+    if not any(is_driven(measure(recording)) for recording in recordings):
+        names = ", ".join(recording.name for recording in recordings)
+        raise IdentificationError(
+            f"{names}: torque is never applied, so that only ratios of parameters are known: record with torque"
+        )
     widths = [shorter * choose_half_width(recording) for recording in recordings]
     if not holdout:
         share = 1 - HOLDOUT_SHARE
@@ -89,14 +95,29 @@ def diagnose(
         ambiguous=tuple(groups),
         unexplained=tuple(unexplained(search, steps[-1])),
         noise_floor=search.floor,
-        advice=(*look_alike, *(doubt.text for doubt in doubts)),
+        advice=(*look_alike, *(doubt.text for doubt in doubts), *upside_down(steps[-1].model)),
         window_share=window_share,
     )
+
+
+def upside_down(model: Model) -> list[str]:
+    """A word of doubt where gravity has the wrong sign."""
+    gravity = model.estimates.get("gravity")
+    if gravity is None or gravity.value > -3 * gravity.std:
+        return []
+    return ["gravity came out negative: position 0 seems to be the upright position, it should hang down"]
 
 
 def unexplained(search: Search, last: Step) -> list[Region]:
     """Regions that the final model leaves unexplained, in torque or else in free-running motion."""
     left = search.train.residual(last.model.terms, last.model.theta)
+    wrong = impossible(last.model)
+    if wrong:
+        text = (
+            f"{' and '.join(wrong)} came out negative, which no body has: check the signs of torque and position, "
+            "or record a motion of more than one frequency"
+        )
+        return [Region("velocity", -np.inf, np.inf, 0.0, 0.0, text)]
     if is_structured(left, search.floor):
         return stand_out(profiles(search.train.samples, left, search.floor))
     if search.is_astray(last):

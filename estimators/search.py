@@ -122,10 +122,7 @@ class Search:
 
     def is_confirmed(self, after: Step, before: Step, torque: float = HELD_OUT) -> bool:
         """Whether held-out errors fall, both of them, and the parameters are those of a body with friction."""
-        new, old = after.errors["holdout"], before.errors["holdout"]
-        values = {name: estimate.value for name, estimate in after.model.estimates.items()}
-        possible = values.get("inertia", 1.0) > 0 and values.get("coulomb", 0.0) >= 0
-        return possible and new.torque_rms < torque * old.torque_rms and new.position_rms < old.position_rms
+        return objection(after, before, torque) is None
 
     def is_as_good(self, rival: Step, chosen: Step) -> bool:
         """Whether a rival follows the held-out recordings as well as the model that was chosen, or nearly."""
@@ -147,12 +144,16 @@ class Search:
         point = output_error.fit(self.train.flights, last.model.terms, last.model.theta)
         refined = self._with_errors(last.added, output_error.model(self.train.flights, point))
         torque = refined.errors["holdout"].torque_rms / last.errors["holdout"].torque_rms
-        if position_error(refined) < BETTER * position_error(last) and torque < ALIKE:
+        if position_error(refined) < BETTER * position_error(last) and torque < NO_WORSE:
             return [*steps[:-1], refined]
         return steps
 
     def grow_in_flight(self, steps: list[Step]) -> list[Step]:
-        """Add effects that free-running simulation calls for where the torque is too noisy to show them."""
+        """Add effects that free-running simulation calls for where the torque is too noisy to show them.
+
+        Such an effect may leave the torque as it is beside the same terms fitted in the same way, but it has to lower
+        both errors of the step before.
+        """
         while len(steps) <= MOST and self.is_astray(steps[-1]):
             found = self._best_in_flight(steps[-1])
             if found is None:
@@ -164,7 +165,7 @@ class Search:
         flights, checks = self.train.flights, self.holdout.flights
         # the effect has to beat the same terms fitted in the same way
         start = output_error.fit(flights, last.model.terms, last.model.theta)
-        last = self._with_errors(last.added, Model.build(start.terms, start.theta))
+        refitted = self._with_errors(last.added, Model.build(start.terms, start.theta))
         weights, check_weights = output_error.weigh(flights, start), output_error.weigh(checks, start)
         before = output_error.rms(flights, start, weights), output_error.rms(checks, start, check_weights)
         ranked = []
@@ -190,7 +191,7 @@ class Search:
             trained, checked = output_error.rms(flights, point, weights), output_error.rms(checks, point, check_weights)
             if trained < error and checked < FLIGHT * before[1] and self._beats(point, start):
                 step = self._with_errors(point.terms[-1].id, output_error.model(flights, point))
-                if self.is_confirmed(step, last, torque=NO_WORSE):
+                if self.is_confirmed(step, refitted, NO_WORSE) and self.is_confirmed(step, last, torque=1.0):
                     best, error = step, trained
         return best
 
@@ -256,6 +257,35 @@ class Search:
             left.remove(best)
             steps.append(self.report(best.id, (*present, best)))
         return steps
+
+
+def impossible(model: Model) -> list[str]:
+    """Names of parameters whose values no body with friction has."""
+    values = {name: estimate.value for name, estimate in model.estimates.items()}
+    negative = [name for name in ("inertia", "coulomb") if values.get(name, 0.0) < 0]
+    return negative if values.get("inertia", 1.0) != 0 else ["inertia", *negative]
+
+
+def objection(after: Step, before: Step, torque: float = HELD_OUT) -> str | None:
+    """What speaks against an added effect, None if nothing does.
+
+    Args:
+        after: the step with the effect.
+        before: the step without it.
+        torque: share of the held-out torque error to which it has to lower it.
+    """
+    new, old = after.errors["holdout"], before.errors["holdout"]
+    wrong = impossible(after.model)
+    if wrong:
+        return f"makes {' and '.join(wrong)} negative"
+    if new.position_rms >= old.position_rms:
+        return (
+            f"does not lower the held-out error of free-running simulation "
+            f"({old.position_rms:.3g} -> {new.position_rms:.3g} rad)"
+        )
+    if new.torque_rms >= torque * old.torque_rms:
+        return f"does not clearly lower the held-out torque error ({old.torque_rms:.3g} -> {new.torque_rms:.3g} N m)"
+    return None
 
 
 def position_error(step: Step) -> float:

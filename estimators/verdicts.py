@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.diagnosis import Candidate, Step, Verdict
 from estimators.screen import Trial
-from estimators.search import LOOSE, SURPRISE, TEMPER, TIE, Search, complexity
+from estimators.search import HELD_OUT, LOOSE, SURPRISE, TEMPER, TIE, Search, complexity, objection
 from pendulum_env.physics import Term
 
 
@@ -25,7 +25,7 @@ def judge(search: Search, steps: Sequence[Step]) -> tuple[list[Candidate], list[
             groups.append(tuple(candidate.effect for candidate in (chosen, *alike)))
     for trial in search.alternatives(final.terms):
         if trial.terms[-1].id not in verdicts:
-            verdicts[trial.terms[-1].id] = _judge_left_out(search, final, trial, len(steps) > 1)
+            verdicts[trial.terms[-1].id] = _judge_left_out(search, trial, steps)
     for id in search.library.keys() - {term.id for term in final.terms}:
         if id not in verdicts:
             reason = "what is left is smaller than what such an effect would leave"
@@ -66,17 +66,18 @@ def _judge_selected(search: Search, final: Trial, before: Step, after: Step, las
     ]
 
 
-def _judge_left_out(search: Search, final: Trial, trial: Trial, something_found: bool) -> Candidate:
+def _judge_left_out(search: Search, trial: Trial, steps: Sequence[Step]) -> Candidate:
     """An effect that the final model does without, from its best trial beside it."""
-    term = trial.terms[-1]
-    ratio, excited = _held_out_ratio(search, final.terms, term)
-    score = 0.5 * (1 - float(np.exp(-max(0.0, search.nats(trial, final)) / (TEMPER * SURPRISE))))
+    *others, term = trial.terms
+    ratio, excited = _held_out_ratio(search, others, term)
+    nats = search.nats(trial, search.screen.trial(others))
+    score = 0.5 * (1 - float(np.exp(-max(0.0, nats) / (TEMPER * SURPRISE))))
     if term.beyond:
         return Candidate(term.id, score, Verdict.NOT_EXCITED, ratio, f"{term.beyond}; it needs {term.reveal}")
     if not excited:
         reason = f"these data hardly depend on it; it needs {term.reveal}"
         return Candidate(term.id, score, Verdict.NOT_EXCITED, ratio, reason)
-    return Candidate(term.id, score, Verdict.REJECTED, ratio, _why_rejected(ratio, something_found))
+    return Candidate(term.id, score, Verdict.REJECTED, ratio, _why_rejected(search, trial, ratio, steps))
 
 
 def _held_out_ratio(search: Search, terms: Sequence[Term], term: Term) -> tuple[float, bool]:
@@ -98,9 +99,12 @@ def _fall(before: Step, after: Step, error: str) -> str:
     return f"{old:.3g} -> {new:.3g}"
 
 
-def _why_rejected(ratio: float, something_found: bool) -> str:
-    where = "once the selected effects are in" if something_found else "beside the base model"
-    change = 100 * (ratio - 1)
-    if change >= 0:
-        return f"does not lower the held-out torque error {where} ({change:+.1f} %)"
-    return f"lowers the held-out torque error by {-change:.1f} % only {where}: no more than chance would"
+def _why_rejected(search: Search, trial: Trial, ratio: float, steps: Sequence[Step]) -> str:
+    where = "once the selected effects are in" if len(steps) > 1 else "beside the base model"
+    if ratio >= 1:
+        return f"does not lower the held-out torque error {where} ({100 * (ratio - 1):+.3g} %)"
+    lowered = f"lowers the held-out torque error by {100 * (1 - ratio):.1f} % {where}"
+    if ratio > HELD_OUT:
+        return f"{lowered}: no more than chance would"
+    speaks_against = objection(search.step(trial.terms[-1].id, trial.terms), steps[-1])
+    return f"{lowered}, but {speaks_against or 'that is too little of what noise leaves to explain'}"

@@ -92,6 +92,18 @@ def read_recordings(paths: Sequence[str], unwrap: bool, terminal: Terminal) -> l
     return recordings
 
 
+def keep_apart(recordings: Sequence[str], holdout: Sequence[str]) -> None:
+    """Refuse recordings that are named twice: what is held out must not be fitted.
+
+    Raises:
+        InputError: if a file is named twice.
+    """
+    places = [Path(name).resolve() for name in (*recordings, *holdout)]
+    for name, place in zip((*recordings, *holdout), places, strict=True):
+        if places.count(place) > 1:
+            raise InputError(f"{name}: is named twice: a recording that is held out must not be fitted as well")
+
+
 def read_model(path: str) -> Model:
     """Read a model that can be compared with recordings: one with inertia.
 
@@ -115,7 +127,7 @@ def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> 
     resolved = [path.resolve() for path in given]
     for path, place in zip(given, resolved, strict=True):
         if place in {Path(name).resolve() for name in inputs}:
-            raise InputError(f"{path}: is one of the recordings: name another file to write to")
+            raise InputError(f"{path}: is one of the inputs: name another file to write to")
         if resolved.count(place) > 1:
             raise InputError(f"{path}: is named for two outputs: name two files")
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 from importlib.metadata import entry_points
+from types import ModuleType
 
 from pendulum_env.lookup import find
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime, TorqueOffset, TorqueRipple, TorqueSaturation
@@ -68,8 +70,18 @@ def register(effect: type[Term]) -> type[Term]:
 
 @cache
 def _installed() -> tuple[type[Term], ...]:
-    loaded: list[type[Term]] = [point.load() for point in entry_points(group=ENTRY_POINTS)]
-    return tuple(loaded)
+    found = []
+    for point in entry_points(group=ENTRY_POINTS):
+        try:
+            kind = point.load()
+        except Exception as error:  # whatever another package does wrong must not end this one
+            warnings.warn(f"the effects of '{point.value}' cannot be loaded: {error}", stacklevel=2)
+            continue
+        if isinstance(kind, type) and issubclass(kind, Term):
+            found.append(kind)
+        elif not isinstance(kind, ModuleType):  # a module has registered its effects by being loaded
+            warnings.warn(f"'{point.value}' is no effect: name a subclass of Term, or a module", stacklevel=2)
+    return tuple(found)
 
 
 def effects() -> dict[str, type[Term]]:

@@ -345,8 +345,8 @@ def test_a_missing_output_folder_is_refused_before_the_work_starts(argv, runs, t
 def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refused):
     train, out = runs / "train.csv", tmp_path / "out.json"
     content = train.read_bytes()
-    assert "is one of the recordings" in refused("identify", train, "-o", train)
-    assert "is one of the recordings" in refused("diagnose", train, "--holdout", runs / "holdout.csv", "--json", train)
+    assert "is one of the inputs" in refused("identify", train, "-o", train)
+    assert "is one of the inputs" in refused("diagnose", train, "--holdout", runs / "holdout.csv", "--json", train)
     assert "two outputs" in refused("diagnose", train, "--json", out, "-o", out)
     assert "is a folder" in refused("diagnose", train, "--json", tmp_path)
     assert train.read_bytes() == content

@@ -22,7 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the errors of the model, and where they are."""
-    check_outputs([arguments.json], arguments.recordings)
+    check_outputs([arguments.json], [arguments.model, *arguments.recordings])
     model = read_model(arguments.model)
     recordings = read_recordings(arguments.recordings, arguments.unwrap, terminal)
     with terminal.progress("comparing"):

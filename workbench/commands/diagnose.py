@@ -10,7 +10,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE
 from workbench.command import Command
 from workbench.commands.identify import six_schemes
-from workbench.inputs import check_outputs, read_model, read_recordings, take_recordings, wrote
+from workbench.inputs import check_outputs, keep_apart, read_model, read_recordings, take_recordings, wrote
 from workbench.story import tell
 from workbench.terminal import Terminal
 
@@ -30,6 +30,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
     outputs = [arguments.json, arguments.report, arguments.output]
     check_outputs(outputs, [*arguments.recordings, *arguments.holdout])
+    keep_apart(arguments.recordings, arguments.holdout)
     base = read_model(arguments.model).terms if arguments.model else BASE
     recordings = read_recordings(arguments.recordings, arguments.unwrap, terminal)
     holdout = read_recordings(arguments.holdout, arguments.unwrap, terminal)

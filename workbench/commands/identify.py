@@ -84,7 +84,8 @@ def tell(found: Identification, model: Model | None, terminal: Terminal) -> None
         values = [_shown(result.model.estimates[name], name in result.withheld) for name in names]
         rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
     if model is not None:
-        rows.append(("windows (saved)", *(_shown(model.estimates[name]) for name in names), ""))
+        withheld = {name for doubt in found.doubts for name in doubt.withheld}
+        rows.append(("windows (saved)", *(_shown(model.estimates[name], name in withheld) for name in names), ""))
     terminal.table(("scheme", *(f"{column.name} [{column.unit}]" for column in columns), "residual"), rows)
     for doubt in found.doubts:
         terminal.say(f"warning: {doubt.text}", style="yellow")
