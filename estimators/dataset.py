@@ -165,7 +165,7 @@ def dataset(windows: Sequence[Windows]) -> Dataset:
     """Put windows of several recordings together, weighted by their noise and split into folds."""
     total = sum(w.recording.duration for w in windows)
     reference = float(np.median([np.std(w.recording.torque) for w in windows]))
-    levels = [max(w.noise(0.05), 0.003 * reference) for w in windows]
+    levels = [max(w.noise(0.05), 0.003 * reference, 1e-12) for w in windows]
     weights = [np.full(len(w.centers), min(levels) / level) for w, level in zip(windows, levels, strict=True)]
     return Dataset(
         tuple(windows),

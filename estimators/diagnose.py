@@ -11,7 +11,7 @@ from estimators.dataset import choose_half_width
 from estimators.diagnosis import Diagnosis, Step
 from estimators.equations import IdentificationError
 from estimators.evidence import Evidence
-from estimators.identifiability import identifiability, is_driven
+from estimators.identifiability import identifiability
 from estimators.measurements import measure
 from estimators.regions import Region, profiles, stand_out
 from estimators.search import BETTER, Progress, Search, has_transmission, impossible, look, no_progress, position_error
@@ -39,7 +39,7 @@ def gather(
     Raises:
         IdentificationError: if a part holds too little motion, or torque is never applied.
     """
-    if not any(is_driven(measure(recording)) for recording in recordings):
+    if not any(recording.torque.any() for recording in recordings):
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
             f"{names}: torque is never applied, so that only ratios of parameters are known: record with torque"

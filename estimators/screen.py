@@ -25,11 +25,15 @@ Columns = tuple[Array, Array]  # windowed linear columns (R, P) and the sum of f
 
 @dataclass(frozen=True)
 class Trial:
-    """A set of terms with its errors on the training data [N m]: fitted, and of blocks predicted from the others."""
+    """A set of terms with its errors on the training data [N m]: fitted, and of blocks predicted from the others.
+
+    Both count the torque noise that the terms filter out, of variance `hidden` [(N m)^2].
+    """
 
     terms: tuple[Term, ...]
     fitted_rms: float
     predicted_rms: float
+    hidden: float = 0.0
 
 
 @dataclass
@@ -73,7 +77,8 @@ class Screen:
         trials = []
         for (terms, phi, y), theta, *squares in zip(systems, solutions, fitted, predicted, strict=True):
             gain, hidden = self._gain(terms, phi, y, theta) ** 2 / self._normal, self._hidden_noise(terms)
-            trials.append(Trial(tuple(terms), *(float(np.sqrt(max(gain * s + hidden, 0.0))) for s in squares)))
+            rms = [float(np.sqrt(max(gain * square + hidden, 0.0))) for square in squares]
+            trials.append(Trial(tuple(terms), rms[0], rms[1], hidden))
         return trials
 
     def trials(self, terms: Sequence[Term], variants: Sequence[Term]) -> list[Trial]:

@@ -67,6 +67,12 @@ class Search:
         count = len(self.train.data.weights)
         return count * float(np.log(max(worse.predicted_rms, 1e-12) / max(better.predicted_rms, 1e-12)))
 
+    def margin(self, one: Trial, other: Trial) -> float:
+        """Nats within which two trials tie; the noise that a term filters out is known to a quarter only."""
+        count = len(self.train.data.weights)
+        unsure = 0.25 * abs(one.hidden - other.hidden) / max(one.predicted_rms, 1e-12) ** 2
+        return TIE + 0.5 * count * unsure
+
     def alternatives(self, terms: Sequence[Term], barred: Sequence[str] = ()) -> list[Trial]:
         """The best variant of every effect that the terms lack, best prediction first; ties to the simpler effect."""
         present = {term.id for term in terms} | set(barred)
@@ -90,7 +96,7 @@ class Search:
     def _simplest_first(self, trials: list[Trial]) -> list[Trial]:
         if not trials:
             return []
-        ties = [trial for trial in trials if self.nats(trials[0], trial) < TIE]
+        ties = [trial for trial in trials if self.nats(trials[0], trial) < self.margin(trials[0], trial)]
         ties.sort(key=lambda trial: complexity(trial.terms[-1]))
         return ties + trials[len(ties) :]
 
@@ -127,7 +133,10 @@ class Search:
     def is_as_good(self, rival: Step, chosen: Step) -> bool:
         """Whether a rival follows the held-out recordings as well as the model that was chosen, or nearly."""
         new, old = rival.errors["holdout"], chosen.errors["holdout"]
-        return new.torque_rms < ALIKE * old.torque_rms and new.position_rms < ALIKE * old.position_rms
+        if new.torque_rms >= ALIKE * old.torque_rms:
+            return False
+        noise = position_noise(self.holdout.flights, chosen.model.terms, chosen.model.theta)
+        return new.position_rms < max(ALIKE * old.position_rms, noise)
 
     def is_astray(self, step: Step) -> bool:
         """Whether free-running simulation errs by much more than noise makes it."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.diagnosis import Candidate, Step, Verdict
 from estimators.screen import Trial
-from estimators.search import HELD_OUT, LOOSE, SURPRISE, TEMPER, TIE, Search, complexity, objection
+from estimators.search import HELD_OUT, LOOSE, SURPRISE, TEMPER, Search, complexity, objection
 from pendulum_env.physics import Term
 
 
@@ -47,7 +47,7 @@ def _judge_selected(search: Search, final: Trial, before: Step, after: Step, las
 
     def looks_the_same(rival: Trial) -> bool:
         # one that is simpler may fit a little worse, one that is more complex has to fit better
-        margin = TIE if complexity(rival.terms[-1]) <= complexity(term) else 0.0
+        margin = search.margin(final, rival) if complexity(rival.terms[-1]) <= complexity(term) else 0.0
         return search.nats(final, rival) < margin and search.is_as_good(search.step(None, rival.terms), last)
 
     alike = [rival.terms[-1].id for rival in rivals if looks_the_same(rival)]

@@ -166,7 +166,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
     halted = ~moving
     halted[1:] |= np.sign(v[1:]) != np.sign(v[:-1])
-    guard = m + 1
+    guard = m + 1 + smoothing // 3  # the smoothed velocity may cross zero a little off the true one
     near = binary_dilation(halted, iterations=guard)
     near[: guard + 1] = near[-guard - 1 :] = True
     lead_in = round(min(LEAD_IN, 0.1 * recording.duration) * recording.rate)
