@@ -224,17 +224,26 @@ class Search:
         while len(steps) <= MOST:
             terms = steps[-1].model.terms
             before = self.screen.trial(terms)
+            confirmed: list[tuple[Trial, Step]] = []
             for trial in self.alternatives(terms)[:3]:
+                if confirmed and not self._is_level(trial, confirmed[0][0]):
+                    break
                 if not self.is_material(trial, before):
                     continue
                 self.progress(f"confirming {trial.terms[-1].id}", 0.9)
                 candidate = self.step(trial.terms[-1].id, self.settle(trial.terms))
                 if self.is_confirmed(candidate, steps[-1]):
-                    steps.append(candidate)
-                    break
-            else:
+                    confirmed.append((trial, candidate))
+            if not confirmed:
                 break
+            # what the torque cannot tell apart, the motion may
+            steps.append(min((step for _, step in confirmed), key=lambda step: step.errors["train"].position_rms))
         return steps
+
+    def _is_level(self, one: Trial, other: Trial) -> bool:
+        """Whether two trials tie, and their last terms are equally complex."""
+        level = complexity(one.terms[-1]) == complexity(other.terms[-1])
+        return level and abs(self.nats(one, other)) < self.margin(one, other)
 
     def challenge(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> tuple[Term, ...]:
         """Swap added effects for others that do clearly better in their place, and drop those that are not needed."""
