@@ -12,8 +12,6 @@ from estimators.screen import Trial
 from estimators.search import HELD_OUT, LOOSE, SURPRISE, TEMPER, Search, complexity, objection
 from pendulum_env.physics import Term
 
-BY_CHANCE = 3.0  # nats that one more parameter may gain where it means nothing
-
 
 def judge(search: Search, steps: Sequence[Step]) -> tuple[list[Candidate], list[tuple[str, ...]]]:
     """Verdict on every effect of the library, and the groups that these data cannot tell apart."""
@@ -48,9 +46,9 @@ def _judge_selected(search: Search, final: Trial, before: Step, after: Step, las
     total = 1.0 + sum(odds.values())
 
     def looks_the_same(rival: Trial) -> bool:
-        # one that is simpler may fit a little worse, one that is more complex has to fit better
-        margin = search.margin(final, rival) if complexity(rival.terms[-1]) <= complexity(term) else -BY_CHANCE
-        return search.nats(final, rival) < margin and search.is_as_good(search.step(None, rival.terms), last)
+        simple = complexity(rival.terms[-1]) <= complexity(term)
+        level = search.nats(final, rival) < search.margin(final, rival)
+        return simple and level and search.is_as_good(search.step(None, rival.terms), last)
 
     alike = [rival.terms[-1].id for rival in rivals if looks_the_same(rival)]
     ratio = after.errors["holdout"].torque_rms / before.errors["holdout"].torque_rms
