@@ -37,6 +37,12 @@ class Flights:
     position: Array
     velocity: Array
 
+    def before(self, delay: float) -> Array:
+        """Commands before the first of every flight, as far back as `delay` [s] reaches, oldest first (M, B) [N m]."""
+        recording = self.windows.recording
+        reach = np.arange(-int(np.ceil(delay * recording.rate)) - 1, 0)[:, None] + self.first
+        return np.where(reach >= 0, recording.torque[np.maximum(reach, 0)], 0.0)
+
 
 def take_off(windows: Windows, seconds: float = SECONDS) -> Flights:
     """Cut a recording into flights that start where the velocity is known best, away from reversals."""
@@ -74,11 +80,10 @@ def fly(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
     recording, first = flights.windows.recording, flights.first
     memory = {}
     for term in terms:
+        if term.delay:
+            continue  # a simulation delays the command itself
         (x,) = flights.windows.trace([term])
         memory.update({id: tuple(series[first] for series in state) for id, state in x.memory.items()})
-    longest = sum(term.delay for term in terms)
-    reach = np.arange(-int(np.ceil(longest * recording.rate)) - 1, 0)[:, None] + first
-    before = np.where(reach >= 0, recording.torque[np.maximum(reach, 0)], 0.0)
     path = simulate(
         terms,
         theta,
@@ -87,8 +92,8 @@ def fly(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
         flights.position[0],
         flights.velocity,
         recording.time[first],
-        before=before,
-        memory={id: state for id, state in memory.items() if id != "dead_time"},
+        before=flights.before(sum(term.delay for term in terms)),
+        memory=memory,
     )
     return path.position
 

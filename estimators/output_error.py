@@ -95,14 +95,11 @@ def _command(flights: Flights, delay: float) -> Array:
     """Held command in every flight, (N, B), `delay` [s] late."""
     if delay == 0:
         return flights.torque
-    recording = flights.windows.recording
-    reach = np.arange(-int(np.ceil(delay * recording.rate)) - 1, 0)[:, None] + flights.first
-    before = np.where(reach >= 0, recording.torque[np.maximum(reach, 0)], 0.0)
-    return delayed(flights.torque, before, delay * recording.rate)
+    return delayed(flights.torque, flights.before(delay), delay * flights.windows.recording.rate)
 
 
-def _errors(flights: Flights, points: Sequence[Point]) -> tuple[Array, Array]:
-    """Position errors (B, N, V) at V points, free of what another initial state would explain, and that span (B, N, 2).
+def _errors(flights: Flights, points: Sequence[Point]) -> Array:
+    """Position errors (B, N, V) at V points, free of what another initial state would explain.
 
     The part of each flight's error that its two initial-state sensitivities can explain is taken out.
     """
@@ -112,12 +109,12 @@ def _errors(flights: Flights, points: Sequence[Point]) -> tuple[Array, Array]:
     sensitivity = np.moveaxis((path[:, -2:] - path[:, :1]) / NUDGE[:, None], 2, 0)  # (B, N, 2)
     frames, _ = np.linalg.qr(sensitivity)
     error = np.moveaxis(path[:, :-2] - measured[:, None], 2, 0)  # (B, N, V)
-    return error - frames @ (np.swapaxes(frames, 1, 2) @ error), frames
+    return np.asarray(error - frames @ (np.swapaxes(frames, 1, 2) @ error))
 
 
 def residuals(flights: Sequence[Flights], points: Sequence[Point]) -> list[Array]:
     """Residuals of V points over all flights: for each recording (B, N, V)."""
-    return [_errors(flight, points)[0] for flight in flights]
+    return [_errors(flight, points) for flight in flights]
 
 
 def weigh(flights: Sequence[Flights], point: Point) -> list[Array]:
