@@ -47,11 +47,19 @@ class Regression(NamedTuple):
 
 
 class Scheme(Protocol):
-    """What a scheme offers."""
+    """What a scheme offers; filtered ones also have a `cutoff` and `order`, and a sum over time its `window`."""
 
     @property
     def id(self) -> str:
         """Name in files and on the command line."""
+
+    @property
+    def view(self) -> str:
+        """Which of the three views it takes of a column."""
+
+    @property
+    def guard(self) -> float | None:
+        """Distance to stick and reversals [s]."""
 
     @property
     def unit(self) -> str:
@@ -131,15 +139,24 @@ def exponential_average(series: Array, cutoff: float, period: float, order: int 
     Raises:
         ValueError: if lambda is beyond the Nyquist frequency.
     """
+    a = forgets(cutoff, period)
+    for _ in range(order):
+        series = lfilter([1 - a], [1, -a], series, axis=0)
+    return series
+
+
+def forgets(cutoff: float, period: float) -> float:
+    """Share a of F that is left after a sample.
+
+    Raises:
+        ValueError: if lambda is beyond the Nyquist frequency.
+    """
     if not 0 < cutoff < np.pi / period:
         raise ValueError(
             f"a filter at {cutoff:g} rad/s needs samples at more than {cutoff / np.pi:.4g} Hz, these are at "
             f"{1 / period:.4g} Hz: lower the cutoff or sample faster"
         )
-    a = (2 - cutoff * period) / (2 + cutoff * period)
-    for _ in range(order):
-        series = lfilter([1 - a], [1, -a], series, axis=0)
-    return series
+    return (2 - cutoff * period) / (2 + cutoff * period)
 
 
 def _filtered(equations: Equations, gate: Mask, cutoff: float, order: int, period: float) -> Regression:
@@ -168,6 +185,7 @@ class Dynamic:
 
     guard: float | None = GUARD
     id: ClassVar[str] = "dynamic"
+    view: ClassVar[str] = "torque"
     unit: ClassVar[str] = "N m"
     drifts: ClassVar[bool] = False
     borrows: ClassVar[str | None] = None
@@ -189,6 +207,7 @@ class FilteredDynamic:
     order: int = 1
     guard: float | None = GUARD  # [s]
     id: ClassVar[str] = "filtered_dynamic"
+    view: ClassVar[str] = "impulse"
     unit: ClassVar[str] = "N m"
     drifts: ClassVar[bool] = False
     borrows: ClassVar[str | None] = None
@@ -213,6 +232,7 @@ class Energy:
     window: float | None = 0.05
     guard: float | None = None
     id: ClassVar[str] = "energy"
+    view: ClassVar[str] = "energy"
     unit: ClassVar[str] = "J"
     borrows: ClassVar[str | None] = None
 
@@ -244,6 +264,7 @@ class FilteredPower:
     order: int = 1
     guard: float | None = GUARD  # [s]
     id: ClassVar[str] = "filtered_power"
+    view: ClassVar[str] = "energy"
     unit: ClassVar[str] = "W"
     drifts: ClassVar[bool] = False
     borrows: ClassVar[str | None] = None
@@ -266,6 +287,7 @@ class Hamiltonian:
     borrows: str | None = None
     guard: float | None = GUARD  # [s]
     id: ClassVar[str] = "hamiltonian"
+    view: ClassVar[str] = "impulse"
     unit: ClassVar[str] = "N m"
     drifts: ClassVar[bool] = False
 
@@ -286,6 +308,7 @@ class FilteredHamiltonian:
     borrows: str | None = None
     guard: float | None = GUARD  # [s]
     id: ClassVar[str] = "filtered_hamiltonian"
+    view: ClassVar[str] = "impulse"
     unit: ClassVar[str] = "N m"
     drifts: ClassVar[bool] = False
 

@@ -9,13 +9,14 @@ stick. Source of the set-valued law: Acary and Brogliato, Numerical Methods for 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from pendulum_env._typing import Array, ArrayLike
+from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.physics.term import Law, Memory, Samples, Term, zero
 
 LONGEST_STEP = 1e-3  # [s], of the integrator; a recording with a longer period is simulated in substeps
@@ -40,6 +41,11 @@ class Balance:
         self._mass = [(coefficient, column.mass) for column, coefficient in weighted if column.mass is not zero]
         self._force = [(coefficient, column.force) for column, coefficient in weighted if column.force is not zero]
         self._dry = [(coefficient, column.dry) for column, coefficient in weighted if column.dry is not zero]
+
+    @property
+    def remembers(self) -> bool:
+        """Whether any term has state variables."""
+        return bool(self._remembering)
 
     def start(self, x: Samples) -> dict[str, Memory]:
         """State variables of all terms that have any, for a joint that has been as in `x` for long."""
@@ -117,6 +123,29 @@ def delayed(torque: Array, before: Array, periods: float) -> Array:
     line = np.concatenate([np.repeat(oldest, missing, axis=0), before, torque])
     first = len(line) - len(torque) - whole
     return (1 - share) * line[first : first + len(torque)] + share * line[first - 1 : first - 1 + len(torque)]
+
+
+class CommandLine:
+    """The way of a command to the joint, one period at a time: terms of the model may delay it."""
+
+    def __init__(self, terms: Sequence[Term], period: float, substeps: int) -> None:
+        """Nothing has been commanded before."""
+        self._substeps = substeps
+        self._periods = sum(term.delay for term in terms) / (period / substeps)  # delay in substeps
+        self._history: list[Array] = []
+
+    def push(self, torque: Array) -> Iterable[Array]:
+        """Torque that acts in each substep of the period over which `torque`, () or (B,), is commanded."""
+        if self._periods == 0:
+            return itertools.repeat(torque, self._substeps)
+        now = np.repeat(np.asarray(torque, dtype=float)[None], self._substeps, axis=0)
+        before = np.repeat(np.array(self._history or [np.zeros_like(torque)]), self._substeps, axis=0)
+        self._history = [*self._history[-int(np.ceil(self._periods / self._substeps)) :], torque]
+        return iter(delayed(now, before, self._periods))
+
+    def forget(self, which: Mask) -> None:
+        """Those pendulums (B,) start anew."""
+        self._history = [np.where(which, 0.0, torque) for torque in self._history]
 
 
 def simulate(

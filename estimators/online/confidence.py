@@ -1,0 +1,85 @@
+"""Honest covariances online: equations come in short clusters of time, within which errors may be correlated.
+
+theta - truth = P sum_k phi_k e_k. With the sums of a cluster, A = sum phi phi' and b = sum phi y, its score is
+b - A theta, and the covariance is P (sum of the scores' squares) P: it knows correlated errors and those of a filter.
+As time goes on, neighbouring clusters are merged, so that there are always a few dozen. Forgetting makes the weights of
+older clusters fall with the square, as it must.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pendulum_env._typing import Array, Mask
+
+CLUSTER = 0.1  # [s], the shortest, longer than the filters' memory
+MOST = 48  # clusters; at this number, neighbours are merged
+FEWEST = 10  # beyond the parameters, before which the covariance is a rough guess
+GUESS = 20.0  # variance of a guess, in units of that of white errors
+
+
+class Clusters:
+    """Sums over clusters for (B, S) regressions with P parameters each."""
+
+    def __init__(self, batch: tuple[int, int], parameters: int, period: float) -> None:
+        """Take the shape (B, S), the number of parameters and the time between samples [s]."""
+        self._shortest = max(2, round(CLUSTER / period))
+        self._left = np.zeros((MOST, *batch, parameters, parameters + 1))  # A and b
+        self._now = np.zeros((*batch, parameters, parameters + 1))
+        self._used = np.zeros(batch, dtype=int)  # equations in the cluster to come
+        self._meat = np.zeros((*batch, parameters, parameters))
+        self._known = np.zeros(batch, dtype=int)  # clusters that hold equations
+        self._length, self._filled, self._done = self._shortest, 0, 0
+
+    def reset(self, which: Mask) -> None:
+        """Those of the B start anew; the others keep their clusters."""
+        self._left[:, which] = 0.0
+        for series in (self._now, self._used, self._meat, self._known):
+            series[which] = 0
+        if which.all():
+            self._length, self._filled, self._done = self._shortest, 0, 0
+
+    def take(self, phi: Array, y: Array, usable: Mask) -> bool:
+        """Take in one equation each, phi (B, S, P), y (B, S); returns whether a cluster is complete."""
+        row = phi * usable[..., None]
+        self._now[..., :-1] += row[..., :, None] * row[..., None, :]
+        self._now[..., -1] += row * y[..., None]
+        self._used += usable
+        self._filled += 1
+        return self._filled >= self._length
+
+    def seconds(self, rate: float) -> float:
+        """Length of a cluster now [s]."""
+        return self._length / rate
+
+    def fade(self, share: Array) -> None:
+        """Multiply all sums so far by a matrix (B, S, P, P): what is left of them in the inverse of P."""
+        self._left[: self._done] = share @ self._left[: self._done]
+
+    def close(self, theta: Array, forgetting: float) -> None:
+        """Complete a cluster: theta (B, S, P) are the estimates, `forgetting` the factor for every equation used."""
+        if forgetting < 1:
+            self._left[: self._done] *= (forgetting**self._used)[..., None, None]
+        self._left[self._done] = self._now
+        self._done, self._filled = self._done + 1, 0
+        self._now[:], self._used[:] = 0.0, 0
+        if self._done == MOST:
+            half = MOST // 2
+            self._left[:half] = self._left[0::2] + self._left[1::2]
+            self._left[half:] = 0.0
+            self._done, self._length = half, 2 * self._length
+        left = self._left[: self._done]
+        score = left[..., -1] - (left[..., :-1] @ theta[..., None])[..., 0]  # (clusters, B, S, P)
+        self._meat = np.einsum("c...i,c...j->...ij", score, score)
+        self._known = np.count_nonzero(np.einsum("c...ii->c...", left[..., :-1]), axis=0)
+
+    def covariance(self, P: Array, squares: Array, count: Array) -> Array:
+        """Covariance (B, S, P, P) for P of unit noise, sums of squared errors and counts of equations (B, S)."""
+        parameters = P.shape[-1]
+        free = np.maximum(count - parameters, 1.0)
+        known = self._known >= parameters + FEWEST
+        guess = (GUESS * squares / free)[..., None, None] * P
+        if not known.any():
+            return guess
+        correction = self._known / np.maximum(self._known - parameters, 1)
+        return np.where(known[..., None, None], correction[..., None, None] * (P @ self._meat @ P), guess)
