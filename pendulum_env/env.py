@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from pendulum_env.backends import BACKENDS, Sample, Sensor, Setup, Start, Status
+from pendulum_env.backends import BACKENDS, Replay, RigidBody, Sample, Sensor, Setup, Start, Status
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
@@ -95,14 +95,18 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self._make = find("backend", backend, BACKENDS)
         self.backend = self._make(self._setup)
         self.backend.open()
-        played = getattr(self.backend, "recording", None)
-        self.rate: float = rate if played is None else played.rate
+        self.rate = self.backend.recording.rate if isinstance(self.backend, Replay) else float(rate)
         self.metadata = {**self.metadata, "render_fps": max(1, round(self.rate))}
         high = np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32)
         self.observation_space = gym.spaces.Box(-high, high, dtype=np.float32)
         self.action_space = gym.spaces.Box(-self.max_torque, self.max_torque, (1,), dtype=np.float32)
         self._renderer = Renderer(render_mode) if render_mode is not None else None
         self._running = False
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the plant is a model, that can start anywhere and be replaced."""
+        return isinstance(self.backend, RigidBody)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -121,7 +125,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         options = options or {}
         for name in options:
             find("option of reset", name, {"position": 0, "velocity": 0, "theta": 0})
-        if options and not hasattr(self.backend, "model"):
+        if options and not self.simulated:
             raise ValueError(f"the {type(self.backend).__name__} backend starts as it is: reset it without options")
         if self._running:
             self.backend.disable()

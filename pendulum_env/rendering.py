@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MODES = ("human", "rgb_array")
-SIZE = 480  # [pixels]
+WIDTH, HEIGHT = 600, 480  # [pixels]
 FRAMES = 50.0  # per second of simulated time, in a window
 PAPER, INK, ARM, TORQUE = (250, 249, 246), (40, 44, 52), (52, 101, 164), (204, 92, 40)
 
@@ -50,20 +50,20 @@ class Renderer:
         pygame = self._open()
         surface = self._surface
         surface.fill(PAPER)
-        center, length = np.array([SIZE // 2, SIZE // 2 - 20]), 0.36 * SIZE
+        center, length = np.array([WIDTH // 2, HEIGHT // 2 - 20]), 0.36 * HEIGHT
         q, torque = measurement["position"], measurement["torque"]
         bob = center + length * np.array([np.sin(q), np.cos(q)])
         angle = 1.5 * np.pi * torque / max_torque
         if abs(angle) > 0.02:
             turn = np.linspace(0.0, angle, 40)
-            arc = center + 0.13 * SIZE * np.column_stack([np.sin(turn), np.cos(turn)])
+            arc = center + 0.13 * HEIGHT * np.column_stack([np.sin(turn), np.cos(turn)])
             pygame.draw.lines(surface, TORQUE, False, arc.tolist(), 5)
         pygame.draw.line(surface, ARM, center.tolist(), bob.tolist(), 12)
         pygame.draw.circle(surface, ARM, bob.tolist(), 18)
         pygame.draw.circle(surface, INK, center.tolist(), 7)
         told = [f"t {measurement['time']:.2f} s   q {q:+.3f} rad   torque {torque:+.2f} N m", *lines]
         for k, line in enumerate(told):
-            surface.blit(self._font.render(line, True, INK), (12, SIZE - 20 * (len(told) - k) - 8))
+            surface.blit(self._font.render(line, True, INK), (12, HEIGHT - 20 * (len(told) - k) - 8))
         if self.mode == "rgb_array":
             return np.transpose(pygame.surfarray.array3d(surface), (1, 0, 2))
         pygame.event.pump()
@@ -81,11 +81,11 @@ class Renderer:
             pygame.font.init()
             if self.mode == "human":
                 pygame.display.init()
-                self._surface = pygame.display.set_mode((SIZE, SIZE))
+                self._surface = pygame.display.set_mode((WIDTH, HEIGHT))
                 pygame.display.set_caption("direct-drive pendulum")
                 self._clock = pygame.time.Clock()
             else:
-                self._surface = pygame.Surface((SIZE, SIZE))
+                self._surface = pygame.Surface((WIDTH, HEIGHT))
             self._font = pygame.font.SysFont("dejavusansmono,monospace", 14)
         return pygame
 

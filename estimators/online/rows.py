@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,8 +52,8 @@ class RowMaker:
     ) -> None:
         """Take the model's terms, the guards [s], the time between samples [s] and the number of pendulums B."""
         self._period, self._slowest, self._batch = period, smoothing.slowest, batch
-        self._columns = [column for term in terms for column in term.columns]
-        self._fixed = [column for term in terms for column in term.fixed]
+        self._terms = tuple(terms)
+        self._gather()
         self._balance = Balance(terms, np.ones(len(self._columns)))
         self._lead_in = round(LEAD_IN / period) if self._balance.remembers else 0
         reach = smoothing.reach + 1
@@ -71,6 +71,17 @@ class RowMaker:
         self._last: list[Samples] = []  # the two instants before
         self._acceleration = np.zeros(batch)
         self._step = 0
+
+    def _gather(self) -> None:
+        self._columns = [column for term in self._terms for column in term.columns]
+        self._fixed = [column for term in self._terms for column in term.fixed]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_columns", "_fixed")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._gather()  # columns hold functions, which cannot be pickled
 
     def reset(self, which: Mask) -> None:
         """Those pendulums (B,) start anew."""

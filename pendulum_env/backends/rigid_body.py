@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pymunk
@@ -60,6 +61,14 @@ class RigidBody:
 
     def close(self) -> None:
         """There is nothing to let go of."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_space", "_body", "_motor")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if "_x" in state:
+            self._build()
 
     def _build(self) -> None:
         """A body that is balanced about its pivot: gravity comes from the model's term, as every other torque."""

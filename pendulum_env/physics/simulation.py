@@ -35,12 +35,16 @@ class Balance:
 
     def __init__(self, terms: Sequence[Term], theta: Array) -> None:
         """Take the terms and theta (P,) or one column for each pendulum (P, B), in the order of the terms' columns."""
+        self._terms, self._theta = tuple(terms), theta
         self._remembering = [term for term in terms if type(term).advance is not Term.advance]
         weighted = list(zip([column for term in terms for column in term.columns], theta, strict=True))
         weighted += [(column, np.float64(1.0)) for term in terms for column in term.fixed]
         self._mass = [(coefficient, column.mass) for column, coefficient in weighted if column.mass is not zero]
         self._force = [(coefficient, column.force) for column, coefficient in weighted if column.force is not zero]
         self._dry = [(coefficient, column.dry) for column, coefficient in weighted if column.dry is not zero]
+
+    def __reduce__(self) -> tuple[type[Balance], tuple[Sequence[Term], Array]]:
+        return Balance, (self._terms, self._theta)  # columns hold functions, which cannot be pickled
 
     @property
     def remembers(self) -> bool:

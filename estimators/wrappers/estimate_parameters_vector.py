@@ -1,0 +1,72 @@
+"""Six regressor models for each of many environments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+
+from estimators.wrappers.estimate_parameters import estimate, told, widened
+from estimators.wrappers.options import Names, make, measured
+from pendulum_env._typing import Mask
+from pendulum_env.physics import Term
+
+
+class EstimateParametersVector(VectorWrapper):
+    """`EstimateParameters` for a vector environment; the entries of `info` have a first axis over its environments.
+
+    A pendulum whose time starts anew has been reset: its estimates start anew with it.
+    """
+
+    def __init__(
+        self,
+        env: VectorEnv[Any, Any, Any],
+        schemes: Names = "all",
+        terms: Sequence[str | Term] | None = None,
+        *,
+        rate: float | None = None,
+        in_observation: bool = False,
+        **options: Any,
+    ) -> None:
+        """Wrap a vector environment; the arguments are those of `EstimateParameters`."""
+        super().__init__(env)
+        self.estimator = make(env, schemes, terms, rate, env.num_envs, options)
+        self._ids = tuple(scheme.id for scheme in self.estimator.schemes)
+        self._in_observation = in_observation
+        self._time = np.full(env.num_envs, -np.inf)
+        if in_observation:
+            single = widened(env.single_observation_space, len(self._ids) * len(self.estimator.names))
+            self.single_observation_space = single
+            self.observation_space = batch_space(single, env.num_envs)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the environments and forget what was estimated."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._time[:] = np.inf
+        return self._add(observation, info)
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Step the environments and take in their measurements."""
+        observation, reward, terminated, truncated, info = self.env.step(actions)
+        observation, info = self._add(observation, info)
+        return observation, reward, terminated, truncated, info
+
+    def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+        time, position, torque = (np.asarray(series, dtype=float) for series in measured(info))
+        anew: Mask = time <= self._time
+        if anew.any():
+            self.estimator.reset(anew)
+        self._time = time
+        now = self.estimator.take(time, position, torque)
+        info["estimates"] = {id: estimate(now, slice(None), s) for s, id in enumerate(self._ids)}
+        info["estimates_time"] = now.time
+        info["regressor"] = now.regressor
+        info["parameters"] = self.estimator.names
+        if self._in_observation:
+            observation = np.concatenate([observation, told(now)], axis=1, dtype=np.float32)
+        return observation, info
