@@ -38,20 +38,19 @@ class Bank:
         for scheme in schemes:
             if scheme.borrows is not None:
                 raise ValueError(f"{scheme.id} borrows its inertia: online, it has to estimate it (borrows=None)")
-        width = parameters + 1
+        count, width = len(schemes), parameters + 1
         self.guards = tuple(dict.fromkeys(scheme.guard for scheme in schemes))
         self._period = period
         self._view = np.array([VIEWS.index(scheme.view) for scheme in schemes])
-        self._guard = np.array([self.guards.index(scheme.guard) for scheme in schemes])
-        self._over_steps = np.array([scheme.view != "torque" for scheme in schemes])[:, None]
+        # a gate for each guard at the sample itself, then one for each guard over the step up to it
+        over_step = [len(self.guards) * (scheme.view != "torque") for scheme in schemes]
+        self._gate = np.array([self.guards.index(scheme.guard) for scheme in schemes]) + over_step
         self._before = np.zeros((len(self.guards), batch), dtype=bool)
-        # filters F[k] = a F[k-1] + (1 - a) x[k], those of second order twice
-        filtered = [(s, scheme) for s, scheme in enumerate(schemes) if getattr(scheme, "cutoff", None) is not None]
-        self._filtered = np.array([s for s, _ in filtered], dtype=np.intp)
-        self._twice = np.array([s for s, (_, scheme) in enumerate(filtered) if scheme.order == 2], dtype=np.intp)
-        keep = [forgets(scheme.cutoff, period) for _, scheme in filtered]
-        self._keep = np.array(keep)[:, None, None]
-        self._state = np.zeros((2, len(filtered), width, batch))
+        # filters F[k] = F[k-1] + (1 - a) (x[k] - F[k-1]): a = 0 where there is none, and those of second order twice
+        keep = [forgets(scheme.cutoff, period) if hasattr(scheme, "cutoff") else 0.0 for scheme in schemes]
+        self._gain = 1.0 - np.array(keep)[:, None, None]
+        self._state = np.zeros((2, count, width, batch))
+        self._twice = np.array([s for s, scheme in enumerate(schemes) if getattr(scheme, "order", 1) == 2], dtype=int)
         # running sums over a window, or from the start
         self._summed = [(s, scheme.window) for s, scheme in enumerate(schemes) if hasattr(scheme, "window")]
         self._length = [1 if window is None else max(1, round(window / period)) for _, window in self._summed]
@@ -70,21 +69,17 @@ class Bank:
     def take(self, rows: Rows) -> Taken:
         """Equations of the schemes after one more sample."""
         clear = rows.clear & (rows.index >= 0)
-        both = clear & self._before  # the step up to this sample is clear if both its ends are
+        usable = np.concatenate((clear, clear & self._before))[self._gate]  # (S, B)
         self._before = clear
-        usable = np.where(self._over_steps, both[self._guard], clear[self._guard])  # (S, B)
-        equations = rows.views[self._view]  # (S, P + 1, B)
-        if len(self._filtered):
-            gated = equations[self._filtered] * usable[self._filtered][:, None]
-            first, second = self._state
-            first += (1 - self._keep) * (gated - first)
-            equations[self._filtered] = first
-            if len(self._twice):
-                keep = self._keep[self._twice]
-                second[self._twice] += (1 - keep) * (first[self._twice] - second[self._twice])
-                equations[self._filtered[self._twice]] = second[self._twice]
+        equations = rows.views[self._view] * usable[:, None]  # (S, P + 1, B)
+        first, second = self._state
+        first += self._gain * (equations - first)
+        equations = first.copy()
+        if len(self._twice):
+            second += self._gain * (first - second)
+            equations[self._twice] = second[self._twice]
         for k, (s, window) in enumerate(self._summed):
-            self._total[k] += equations[s] * (usable[s] * self._period)
+            self._total[k] += equations[s] * self._period
             equations[s] = self._total[k]
             usable[s] = rows.index >= self._length[k]
             if window is not None:
@@ -92,5 +87,5 @@ class Bank:
                 equations[s] -= oldest
                 oldest[:] = self._total[k]
         self._step += 1
-        moved = np.moveaxis(equations, 2, 0)  # (B, S, P + 1)
+        moved = equations.transpose(2, 0, 1)  # (B, S, P + 1)
         return Taken(moved[..., :-1], moved[..., -1], usable.T)

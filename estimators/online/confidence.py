@@ -8,9 +8,11 @@ older clusters fall with the square, as it must.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from pendulum_env._typing import Array, Mask
+from pendulum_env._typing import Array, Index, Mask
 
 CLUSTER = 0.1  # [s], the shortest, longer than the filters' memory
 MOST = 48  # clusters; at this number, neighbours are merged
@@ -25,8 +27,9 @@ class Clusters:
         """Take the shape (B, S), the number of parameters and the time between samples [s]."""
         self._shortest = max(2, round(CLUSTER / period))
         self._left = np.zeros((MOST, *batch, parameters, parameters + 1))  # A and b
-        self._now = np.zeros((*batch, parameters, parameters + 1))
-        self._used = np.zeros(batch, dtype=int)  # equations in the cluster to come
+        self._now = np.zeros((*batch, parameters, parameters + 1))  # of the cluster to come, but for
+        self._rows = np.zeros((self._shortest, *batch, parameters + 1))  # its last equations, not yet summed
+        self._used = np.zeros(batch)  # equations in the cluster to come
         self._meat = np.zeros((*batch, parameters, parameters))
         self._known = np.zeros(batch, dtype=int)  # clusters that hold equations
         self._length, self._filled, self._done = self._shortest, 0, 0
@@ -34,6 +37,8 @@ class Clusters:
     def reset(self, which: Mask) -> None:
         """Those of the B start anew; the others keep their clusters."""
         self._left[:, which] = 0.0
+        self._rows[:, which] = 0.0
+        self._meat, self._known = self._meat.copy(), self._known.copy()  # judges keep the old ones
         for series in (self._now, self._used, self._meat, self._known):
             series[which] = 0
         if which.all():
@@ -41,11 +46,13 @@ class Clusters:
 
     def take(self, phi: Array, y: Array, usable: Mask) -> bool:
         """Take in one equation each, phi (B, S, P), y (B, S); returns whether a cluster is complete."""
-        row = phi * usable[..., None]
-        self._now[..., :-1] += row[..., :, None] * row[..., None, :]
-        self._now[..., -1] += row * y[..., None]
+        row = self._rows[self._filled % self._shortest]
+        row[..., :-1], row[..., -1] = phi, y
+        row *= usable[..., None]
         self._used += usable
         self._filled += 1
+        if self._filled % self._shortest == 0:
+            self._now += np.einsum("r...i,r...j->...ij", self._rows[..., :-1], self._rows)
         return self._filled >= self._length
 
     def seconds(self, rate: float) -> float:
@@ -62,7 +69,7 @@ class Clusters:
             self._left[: self._done] *= (forgetting**self._used)[..., None, None]
         self._left[self._done] = self._now
         self._done, self._filled = self._done + 1, 0
-        self._now[:], self._used[:] = 0.0, 0
+        self._now[:], self._used[:] = 0.0, 0.0
         if self._done == MOST:
             half = MOST // 2
             self._left[:half] = self._left[0::2] + self._left[1::2]
@@ -73,13 +80,25 @@ class Clusters:
         self._meat = np.einsum("c...i,c...j->...ij", score, score)
         self._known = np.count_nonzero(np.einsum("c...ii->c...", left[..., :-1]), axis=0)
 
-    def covariance(self, P: Array, squares: Array, count: Array) -> Array:
-        """Covariance (B, S, P, P) for P of unit noise, sums of squared errors and counts of equations (B, S)."""
+    def judge(self, squares: Array, count: Array) -> Judge:
+        """What turns P into a covariance now, for sums of squared errors and counts of equations (B, S)."""
+        return Judge(self._meat, self._known, squares, count)
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """Covariance of estimates from their P for unit noise, as of one moment."""
+
+    meat: Array  # sum of the squares of scores (B, S, P, P)
+    known: Index  # clusters that hold equations (B, S)
+    squares: Array  # sum of squared errors (B, S)
+    count: Array  # equations (B, S)
+
+    def __call__(self, P: Array) -> Array:
+        """Covariance (B, S, P, P)."""
         parameters = P.shape[-1]
-        free = np.maximum(count - parameters, 1.0)
-        known = self._known >= parameters + FEWEST
-        guess = (GUESS * squares / free)[..., None, None] * P
-        if not known.any():
-            return guess
-        correction = self._known / np.maximum(self._known - parameters, 1)
-        return np.where(known[..., None, None], correction[..., None, None] * (P @ self._meat @ P), guess)
+        free = np.maximum(self.count - parameters, 1.0)
+        guess = (GUESS * self.squares / free)[..., None, None] * P
+        known = self.known >= parameters + FEWEST
+        correction = self.known / np.maximum(self.known - parameters, 1)
+        return np.where(known[..., None, None], correction[..., None, None] * (P @ self.meat @ P), guess)

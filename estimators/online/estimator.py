@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -20,28 +21,39 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import BASE, Term
 
 
-class Estimates(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Estimates:
     """What is known of B pendulums by S schemes after a sample.
 
     Attributes:
         index: of the newest sample that is used, counted from 0; negative while too few have come in (B,).
         time: of that sample: the measurement must be smoothed, and stick be ruled out, on both sides of it (B,) [s].
         theta: (B, S, P) in the order of the terms' columns.
-        covariance: of theta, honest under correlated errors (B, S, P, P).
-        P: the recursion's own, for unit noise (B, S, P, P).
         error: a-priori prediction errors, 0 where the equation was not used (B, S) [the scheme's unit].
         usable: which equations were used (B, S).
         regressor: phi of the torque balance at the instant, 0 in stick (B, P).
+        root: factor of P (B, S, P, P).
+        judge: what turns P into a covariance.
     """
 
     index: Index
     time: Array
     theta: Array
-    covariance: Array
-    P: Array
     error: Array
     usable: Mask
     regressor: Array
+    root: Array
+    judge: Callable[[Array], Array]
+
+    @cached_property
+    def P(self) -> Array:
+        """The recursion's covariance for unit noise (B, S, P, P)."""
+        return self.root @ self.root.swapaxes(-1, -2)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of theta, honest under correlated errors (B, S, P, P); computed when it is asked for."""
+        return self.judge(self.P)
 
 
 class OnlineEstimator:
@@ -136,10 +148,16 @@ class OnlineEstimator:
         squares.take(phi, y, usable)
         if self._clusters.take(phi, y, usable):
             self._close()
-        P = squares.P
-        covariance = self._clusters.covariance(P, squares.squares, squares.count)
-        regressor = rows.views[0, :-1].T * (rows.clear[0] & (rows.index >= 0))[:, None]
-        return Estimates(rows.index, rows.time, squares.theta, covariance, P, squares.error, usable, regressor)
+        return Estimates(
+            rows.index,
+            rows.time,
+            squares.theta,
+            squares.error,
+            usable,
+            rows.views[0, :-1].T * (rows.clear[0] & (rows.index >= 0))[:, None],
+            squares.root,
+            self._clusters.judge(squares.squares, squares.count),
+        )
 
     def _close(self) -> None:
         """End of a cluster of time: judge the errors, and let the parameters wander."""

@@ -41,12 +41,15 @@ class SquareRootLeastSquares:
 
     def reset(self, which: Mask) -> None:
         """Those of the B start anew."""
-        for series in (self.theta, self.error, self.squares, self.count):
+        for name in ("theta", "error", "squares", "count"):
+            series = getattr(self, name).copy()  # what was handed out stays as it is
             series[which] = 0.0
+            setattr(self, name, series)
         self.reset_covariance(which)
 
     def reset_covariance(self, which: Mask) -> None:
         """Those of the B keep their estimates and forget how sure they are."""
+        self.root = self.root.copy()
         self.root[which] = np.sqrt(self.prior) * np.eye(self.theta.shape[-1])
 
     @property
@@ -56,22 +59,25 @@ class SquareRootLeastSquares:
 
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
         """Take in one equation y = phi' theta each: phi (B, S, P), y (B, S); those not usable change nothing."""
-        row = (phi * usable[..., None])[..., None, :]
-        # f = S' phi;  1 + phi' P phi = lambda + f' f
-        f = (row @ self.root)[..., 0, :]
-        power = np.where(usable, self.forgetting, 1.0) if self.forgetting < 1 else 1.0
-        total = power + np.einsum("...i,...i", f, f)
-        # e = y - phi' theta;  K = S f / (lambda + f' f)
-        error = y * usable - (row @ self.theta[..., None])[..., 0, 0]
-        raised = (self.root @ f[..., None])[..., 0]
-        self.theta = self.theta + raised * (error / total)[..., None]
-        # S = (S - K f' / (1 + sqrt(lambda / (lambda + f' f)))) / sqrt(lambda)
+        used = usable.astype(float)
+        row = (phi * used[..., None])[..., None, :]  # (B, S, 1, P)
+        power = 1.0 if self.forgetting == 1 else np.where(usable, self.forgetting, 1.0)
+        # f = S' phi;  lambda + phi' P phi = lambda + f' f;  raised = P phi
+        f = row @ self.root
+        turned = f.swapaxes(-1, -2)
+        total = power + (f @ turned)[..., 0, 0]
+        raised = self.root @ turned  # (B, S, P, 1)
+        # e = y - phi' theta;  theta = theta + P phi e / (lambda + phi' P phi)
+        error = y * used - (row @ self.theta[..., None])[..., 0, 0]
+        relative = error / total
+        self.theta = self.theta + raised[..., 0] * relative[..., None]
+        # S = (S - raised f' / (total + sqrt(lambda total))) / sqrt(lambda)
         share = 1.0 / (total + np.sqrt(power * total))
-        root = self.root - raised[..., None] * (f * share[..., None])[..., None, :]
-        self.error = error
-        self.squares = power * self.squares + power * error**2 / total
-        self.count = power * self.count + usable
+        root = self.root - raised * (f * share[..., None, None])
         self.root = root if self.forgetting == 1 else self._forget(root, usable)
+        self.error = error
+        self.squares = power * (self.squares + error * relative)
+        self.count = power * self.count + used
 
     def _forget(self, root: Array, usable: Mask) -> Array:
         """P / lambda, but no larger than P(0): what is no longer excited is not forgotten without end."""

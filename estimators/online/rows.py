@@ -142,23 +142,20 @@ class RowMaker:
         step, period = self._step, self._period
         older, x = self._last
         at, before = self._parts[(step - 1) % 4], self._parts[(step - 2) % 4]
-        mean = np.tensordot(MEANS[step % 4], self._parts[:, :STORED], axes=1)  # (3, columns, B)
-        if (second := index == 2).any():  # the first mean that is taken: no sample lies two before it
-            mean = np.where(second, 0.5 * (at + before)[:STORED], mean)
+        mean = (MEANS[step % 4] @ self._parts.reshape(4, -1)).reshape(at.shape)  # (parts, columns, B)
+        if (index == 2).any():  # the first mean that is taken: no sample lies two before it
+            mean = np.where(index == 2, 0.5 * (at + before), mean)
         v, w = x.velocity, older.velocity
-        columns = np.array([
-            at[MASS] * self._acceleration + at[TORQUE],
-            mean[MASS] * ((v - w) / period) + mean[TORQUE],
-            mean[MASS] * ((v * v - w * w) / (2 * period)) + (at[STORED] - before[STORED]) / period + mean[POWER],
-        ])  # (3, columns, B)  # fmt: skip
-        torque, held = self._supplied()
         count = len(self._columns)
-        views = np.empty((len(VIEWS), count + 1, self._batch))
-        views[:, :count] = columns[:, :count]
-        views[0, count], views[1, count] = torque, held
-        views[2, count] = held * ((x.position - older.position) / period)
+        views = np.empty((len(VIEWS), at.shape[1] + 1, self._batch))
+        views[0, :-1] = at[MASS] * self._acceleration + at[TORQUE]
+        views[1, :-1] = mean[MASS] * ((v - w) / period) + mean[TORQUE]
+        views[2, :-1] = mean[MASS] * ((v * v - w * w) / (2 * period)) + mean[POWER] + (at[STORED] - before[STORED]) / period
+        views[0, -1], held = self._supplied()
+        views[1, -1], views[2, -1] = held, held * ((x.position - older.position) / period)
         if self._fixed:
-            views[:, count] -= columns[:, count:].sum(axis=1)
+            views[:, -1] -= views[:, count:-1].sum(axis=1)
+            views = np.delete(views, np.s_[count:-1], axis=1)
         return views
 
     def _supplied(self) -> Array:
