@@ -1,9 +1,10 @@
 """Honest covariances online: equations come in short clusters of time, within which errors may be correlated.
 
 theta - truth = P sum_k phi_k e_k. With the sums of a cluster, A = sum phi phi' and b = sum phi y, its score is
-b - A theta, and the covariance is P (sum of the scores' squares) P: it knows correlated errors and those of a filter.
+s = b - A theta, and the covariance is P (sum of s s') P: it knows correlated errors and those of a filter. As theta has
+adapted to the cluster, s is too small: with J = 1 / P, leaving the cluster out would give J / (J - A) s, which is used.
 As time goes on, neighbouring clusters are merged, so that there are always a few dozen. Forgetting makes the weights of
-older clusters fall with the square, as it must.
+older clusters fall with the square, as it must. Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (jackknife).
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
 
-CLUSTER = 0.1  # [s], the shortest, longer than the filters' memory
-MOST = 48  # clusters; at this number, neighbours are merged
+CLUSTER = 0.2  # [s], the shortest, longer than the filters' memory
+MOST = 64  # clusters; at this number, neighbours are merged
 FEWEST = 10  # beyond the parameters, before which the covariance is a rough guess
-GUESS = 20.0  # variance of a guess, in units of that of white errors
+GUESS = 60.0  # variance of a guess, in units of that of white errors
 
 
 class Clusters:
@@ -63,8 +64,14 @@ class Clusters:
         """Multiply all sums so far by a matrix (B, S, P, P): what is left of them in the inverse of P."""
         self._left[: self._done] = share @ self._left[: self._done]
 
-    def close(self, theta: Array, forgetting: float) -> None:
-        """Complete a cluster: theta (B, S, P) are the estimates, `forgetting` the factor for every equation used."""
+    def close(self, theta: Array, P: Array, forgetting: float) -> None:
+        """Complete a cluster.
+
+        Args:
+            theta: estimates (B, S, P).
+            P: their covariance for unit noise (B, S, P, P).
+            forgetting: factor for every equation that was used.
+        """
         if forgetting < 1:
             self._left[: self._done] *= (forgetting**self._used)[..., None, None]
         self._left[self._done] = self._now
@@ -76,9 +83,12 @@ class Clusters:
             self._left[half:] = 0.0
             self._done, self._length = half, 2 * self._length
         left = self._left[: self._done]
-        score = left[..., -1] - (left[..., :-1] @ theta[..., None])[..., 0]  # (clusters, B, S, P)
-        self._meat = np.einsum("c...i,c...j->...ij", score, score)
-        self._known = np.count_nonzero(np.einsum("c...ii->c...", left[..., :-1]), axis=0)
+        A, b = left[..., :-1], left[..., -1:]
+        score = b - A @ theta[..., None]  # (clusters, B, S, P, 1)
+        # J / (J - A) = 1 / (1 - A P)
+        score = np.linalg.solve(np.eye(P.shape[-1]) - A @ P, score)
+        self._meat = (score @ score.swapaxes(-1, -2)).sum(axis=0)
+        self._known = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 
     def judge(self, squares: Array, count: Array) -> Judge:
         """What turns P into a covariance now, for sums of squared errors and counts of equations (B, S)."""
@@ -100,5 +110,5 @@ class Judge:
         free = np.maximum(self.count - parameters, 1.0)
         guess = (GUESS * self.squares / free)[..., None, None] * P
         known = self.known >= parameters + FEWEST
-        correction = self.known / np.maximum(self.known - parameters, 1)
+        correction = (self.known - 1) / np.maximum(self.known, 1)
         return np.where(known[..., None, None], correction[..., None, None] * (P @ self.meat @ P), guess)

@@ -162,7 +162,7 @@ class OnlineEstimator:
     def _close(self) -> None:
         """End of a cluster of time: judge the errors, and let the parameters wander."""
         squares, seconds = self._squares, self._clusters.seconds(self.rate)
-        self._clusters.close(squares.theta, squares.forgetting)
+        self._clusters.close(squares.theta, squares.P, squares.forgetting)
         if self._walk:
             noise = squares.squares / np.maximum(squares.count - len(self.names), 1.0)  # (B, S)
             wander = (self._walk * squares.theta) ** 2 * seconds
