@@ -142,10 +142,12 @@ class CommandLine:
         """Torque that acts in each substep of the period over which `torque`, () or (B,), is commanded."""
         if self._periods == 0:
             return itertools.repeat(torque, self._substeps)
-        now = np.repeat(np.asarray(torque, dtype=float)[None], self._substeps, axis=0)
-        before = np.repeat(np.array(self._history or [np.zeros_like(torque)]), self._substeps, axis=0)
-        self._history = [*self._history[-int(np.ceil(self._periods / self._substeps)) :], torque]
-        return iter(delayed(now, before, self._periods))
+        now = np.asarray(torque, dtype=float)
+        if not self._history:
+            self._history = (int(self._periods / self._substeps) + 1) * [np.zeros_like(now)]
+        before = np.repeat(np.array(self._history), self._substeps, axis=0)
+        self._history = [*self._history[1:], now]
+        return iter(delayed(np.repeat(now[None], self._substeps, axis=0), before, self._periods))
 
     def forget(self, which: Mask) -> None:
         """Those pendulums (B,) start anew."""
