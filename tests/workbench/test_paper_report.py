@@ -87,6 +87,12 @@ def test_convergence_is_drawn_with_truth_and_band(number, scheme, figures, exper
         assert low < truth < high
 
 
+def test_a_missed_aim_is_said(monkeypatch: pytest.MonkeyPatch, experiment: Experiment) -> None:
+    monkeypatch.setattr("workbench.report.paper.setup.TARGET", 1e-9)
+    text = Page(render(experiment)).text
+    assert "Not every scheme finds the paper's pendulum" in text and "which misses the aim" in text
+
+
 def test_following_is_drawn_as_measured_and_as_simulated(figures, experiment) -> None:
     position = figures["figure-8a"]
     measured, simulated, error = (curve(position, n) for n in ("measured", "simulated", "simulated − measured"))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from estimators.paper import PARAMETERS, TABLE_2, Experiment
 from estimators.paper.experiment import Score
@@ -26,9 +29,14 @@ class Row:
 def table(experiment: Experiment) -> Section:
     """Values and errors of every scheme."""
     rows = [
-        Row(scheme, paper, experiment.score("printed", scheme), experiment.score("ours", scheme), coverage)
+        Row(
+            scheme=scheme,
+            paper=paper,
+            printed=experiment.score("printed", scheme),
+            ours=experiment.score("ours", scheme),
+            coverage=experiment.coverage(scheme),
+        )
         for scheme, paper in TABLE_2.items()
-        for coverage in [experiment.coverage(scheme)]
     ]
     content = {
         "rows": rows,
@@ -37,19 +45,15 @@ def table(experiment: Experiment) -> Section:
         "units": [paper_plant().estimates[name].unit for name in PARAMETERS],
         "runs": experiment.runs,
         "spread_paper": spread([row.paper for row in rows]),
-        "spread_printed": spread([tuple(row.printed.theta) for row in rows]),
+        "spread_printed": spread([row.printed.theta.tolist() for row in rows]),
         "disagreement": {s: experiment.disagreement(s) for s in TABLE_2 if "hamiltonian" in s},
     }
     return Section("table-2", "Table 2", "Table 2, side by side", content)
 
 
-def spread(rows: list[tuple[float | None, ...]]) -> tuple[str, float]:
+def spread(rows: Sequence[Sequence[float | None]]) -> tuple[str, float]:
     """Parameter on which schemes differ most from the dynamic model, the first row, and by which share."""
-    reference = rows[0]
-    differences = {
-        symbol: max(abs(row[k] / base - 1) for row in rows if (row[k] is not None))  # type: ignore[operator]
-        for k, (symbol, base) in enumerate(zip(SYMBOLS.values(), reference, strict=True))
-        if base is not None
-    }
-    symbol = max(differences, key=lambda key: differences[key])
-    return symbol, differences[symbol]
+    theta = np.array(rows, dtype=float)  # (S, 4), NaN where it was given
+    share = np.nanmax(np.abs(theta / theta[0] - 1), axis=0)
+    most = int(np.argmax(share))
+    return list(SYMBOLS.values())[most], float(share[most])
