@@ -174,6 +174,20 @@ def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, capsys, few_effect
     assert {file.name for file in tmp_path.iterdir()} == {"report.html", "report.train.csv", "report.holdout.csv"}
 
 
+def test_paper_prints_table_2_and_writes_page_and_numbers(tmp_path, capsys):
+    report, path = tmp_path / "paper.html", tmp_path / "paper.json"
+    assert main(["paper", "--runs", "1", "--seconds", "5", "--report", str(report), "--json", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "0.3874" in out and "1.1201" in out  # the paper's
+    assert out.index("Table 2") < out.index("this project") < out.index("as printed") < out.index("each care buys")
+    data = json.loads(path.read_text())
+    assert data["schema"] == "pendulum-ident/paper@1" and data["runs"] == 1
+    schemes = data["ways"]["ours"]["schemes"]
+    assert set(schemes) == set(data["paper"]) == set(data["torque_norm"]["printed"]) - {"truth"}
+    assert all(error < 0.01 for scheme in schemes.values() for error in scheme["median_error"].values())
+    assert report.read_text(encoding="utf-8").rstrip().endswith("</html>")
+
+
 def test_effects_lists_every_effect_with_its_law(capsys):
     assert main(["effects"]) == 0
     out = capsys.readouterr().out
@@ -333,6 +347,8 @@ def test_models_that_make_no_sense_are_refused(runs, tmp_path, refused):
         ["diagnose", "TRAIN", "-o", "OUT/m.json"],
         ["add", "MODEL", "stribeck", "TRAIN", "-o", "OUT/m.json"],
         ["demo", "-o", "OUT/report.html"],
+        ["paper", "--report", "OUT/paper.html"],
+        ["paper", "--json", "OUT/paper.json"],
     ],
     ids=" ".join,
 )
@@ -376,6 +392,10 @@ def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refuse
         (["record", "--rate", "nan", "-o", "run.csv"], "should be a number from 10"),
         (["record", "--amplitude", "0", "-o", "run.csv"], "amplitude above zero"),
         (["record", "--seed", "-1", "-o", "run.csv"], "whole number"),
+        (["paper", "--runs", "0"], "whole number, 1 or more"),
+        (["paper", "--seconds", "1"], "should be a number from 5"),
+        (["paper", "--report", "p.html", "--json", "p.html"], "two outputs"),
+        (["paper", "run.csv"], "run.csv"),
     ],
     ids=lambda part: " ".join(part) if isinstance(part, list) else "",
 )
