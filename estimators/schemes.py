@@ -47,19 +47,11 @@ class Regression(NamedTuple):
 
 
 class Scheme(Protocol):
-    """What a scheme offers; filtered ones also have a `cutoff` and `order`, and a sum over time its `window`."""
+    """What a scheme offers."""
 
     @property
     def id(self) -> str:
         """Name in files and on the command line."""
-
-    @property
-    def view(self) -> str:
-        """Which of the three views it takes of a column."""
-
-    @property
-    def guard(self) -> float | None:
-        """Distance to stick and reversals [s]."""
 
     @property
     def unit(self) -> str:
@@ -75,6 +67,18 @@ class Scheme(Protocol):
 
     def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
         """Equations y = phi theta, phi (N, P), for the columns of the terms in order; fixed columns are moved to y."""
+
+
+class OnlineScheme(Scheme, Protocol):
+    """A scheme that says how it works sample by sample; a filter says its `cutoff` and `order`, a sum its `window`."""
+
+    @property
+    def view(self) -> str:
+        """Which of the three views it takes of a column."""
+
+    @property
+    def guard(self) -> float | None:
+        """Distance to stick and reversals [s]."""
 
 
 # ------------------------------------------------------------------------------------- three views of a column
@@ -318,7 +322,7 @@ class FilteredHamiltonian:
         return _filtered(unfiltered.equations, unfiltered.usable, self.cutoff, self.order, m.period)
 
 
-SCHEMES: tuple[Scheme, ...] = (
+SCHEMES: tuple[OnlineScheme, ...] = (
     Dynamic(),
     FilteredDynamic(),
     Energy(),
@@ -337,7 +341,7 @@ PAPER: tuple[Scheme, ...] = (
 )
 
 
-def scheme(id: str) -> Scheme:
+def scheme(id: str) -> OnlineScheme:
     """Scheme of that id, with its default options.
 
     Raises:

@@ -7,26 +7,28 @@ python examples/paper_experiment.py [paper.html]
 
 import sys
 
+import gymnasium as gym
 import numpy as np
 
 from estimators import identify
 from estimators.paper import PARAMETERS, PRINTED, TABLE_2, as_logged, paper_experiment
-from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.plant import paper_plant
+from pendulum_env.policy import OpenLoop, rollout
 from workbench.report.paper import write_paper_report
 
 
 def one_run(seconds: float = 30.0) -> None:
     """Drive the pendulum once, and estimate theta = [I, mgl, b, fc] by all six schemes."""
     rng = np.random.default_rng(0)
-    plant = paper_plant()  # the dynamic row of Table 2
+    # the dynamic row of Table 2 in pymunk, behind the paper's encoder
+    env = gym.make("pendulum_env/DirectDrivePendulum-v0", rate=1000.0, counts=1_024_000, torque_noise=0.02)
     torque = excitation("paper", rng, seconds)  # 3 sin(12.07 t + r1) + 3 sin(2.25 t + r2), section 6
-    recording = record(plant, torque, seconds, rate=1000.0, counts=1_024_000, torque_noise=0.02, rng=rng)
+    recording = rollout(env, OpenLoop(torque, rate=1000.0), steps=round(1000 * seconds), seed=0)
 
     ours = identify([recording])  # clear of stick, torque as it was held, derivatives without delay
     printed = identify([recording], schemes=PRINTED, measured=as_logged)  # (7), (8), (9) sample by sample
-    print("true theta           ", plant.theta)
+    print("true theta           ", paper_plant().theta)
     for scheme in TABLE_2:
         print(f"{scheme:21}", ours[scheme].model.theta.round(4), "as printed", printed[scheme].model.theta.round(4))
 

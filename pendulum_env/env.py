@@ -195,4 +195,3 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self.backend.close()
         if self._renderer is not None:
             self._renderer.close()
-

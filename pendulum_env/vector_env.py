@@ -123,7 +123,9 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self._before = self.sensor.position(position - velocity / self.rate)
         return self._show(np.zeros(count))
 
-    def step(self, actions: Batch) -> tuple[Batch, Array, Bools, Bools, dict[str, Any]]:
+    def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
+        self, actions: Batch
+    ) -> tuple[Batch, Array, Bools, Bools, dict[str, Any]]:
         """Hold the torques (B, 1) for one period.
 
         Raises:

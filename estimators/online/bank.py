@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.online.rows import VIEWS, Rows
-from estimators.schemes import Scheme, forgets
+from estimators.schemes import OnlineScheme, forgets
 from pendulum_env._typing import Array, Mask
 
 
@@ -29,7 +29,7 @@ class Taken(NamedTuple):
 class Bank:
     """Turns rows into the equations of the schemes, from rest, as their `regression` does with whole recordings."""
 
-    def __init__(self, schemes: Sequence[Scheme], parameters: int, period: float, batch: int) -> None:
+    def __init__(self, schemes: Sequence[OnlineScheme], parameters: int, period: float, batch: int) -> None:
         """Take the schemes, the number of parameters P, the time between samples [s] and the number of pendulums B.
 
         Raises:

@@ -86,7 +86,7 @@ class Clusters:
         A, b = left[..., :-1], left[..., -1:]
         score = b - A @ theta[..., None]  # (clusters, B, S, P, 1)
         # J / (J - A) = 1 / (1 - A P)
-        score = np.linalg.solve(np.eye(P.shape[-1]) - A @ P, score)
+        score = np.asarray(np.linalg.solve(np.eye(P.shape[-1]) - A @ P, score), dtype=float)
         self._meat = (score @ score.swapaxes(-1, -2)).sum(axis=0)
         self._known = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 

@@ -15,7 +15,7 @@ from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.rows import RowMaker
 from estimators.online.stream import Stream
 from estimators.recursion import PRIOR
-from estimators.schemes import SCHEMES, Scheme
+from estimators.schemes import SCHEMES, OnlineScheme
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import BASE, Term
@@ -68,7 +68,7 @@ class OnlineEstimator:
         self,
         rate: float,
         terms: Sequence[Term] = BASE,
-        schemes: Sequence[Scheme] = SCHEMES,
+        schemes: Sequence[OnlineScheme] = SCHEMES,
         *,
         batch: int = 1,
         smoothing: Smoothing | None = None,
@@ -119,6 +119,8 @@ class OnlineEstimator:
     def reset(self, which: Mask | None = None) -> None:
         """Those pendulums (B,) start anew with the next sample; all without an argument."""
         mask = np.ones(self.batch, dtype=bool) if which is None else which
+        if not mask.any():
+            return
         for part in (self._stream, self._rows, self._bank, self._squares, self._clusters):
             part.reset(mask)
 
@@ -148,16 +150,19 @@ class OnlineEstimator:
         squares.take(phi, y, usable)
         if self._clusters.take(phi, y, usable):
             self._close()
-        return Estimates(
-            rows.index,
-            rows.time,
-            squares.theta,
-            squares.error,
-            usable,
-            rows.views[0, :-1].T * (rows.clear[0] & (rows.index >= 0))[:, None],
-            squares.root,
-            self._clusters.judge(squares.squares, squares.count),
-        )
+        regressor = rows.views[0, :-1].T * (rows.clear[0] & (rows.index >= 0))[:, None]
+        return self._estimates(rows.index, rows.time, usable, regressor)
+
+    def standing(self) -> Estimates:
+        """What is known now, without a further sample."""
+        none = np.zeros(self.batch)
+        usable = np.zeros((self.batch, len(self.schemes)), dtype=bool)
+        return self._estimates(np.full(self.batch, -1), none, usable, np.zeros((self.batch, len(self.names))))
+
+    def _estimates(self, index: Index, time: Array, usable: Mask, regressor: Array) -> Estimates:
+        squares = self._squares
+        judge = self._clusters.judge(squares.squares, squares.count)
+        return Estimates(index, time, squares.theta, squares.error, usable, regressor, squares.root, judge)
 
     def _close(self) -> None:
         """End of a cluster of time: judge the errors, and let the parameters wander."""
@@ -168,4 +173,4 @@ class OnlineEstimator:
             wander = (self._walk * squares.theta) ** 2 * seconds
             before = squares.P
             squares.widen(wander / np.maximum(noise, np.finfo(float).tiny)[..., None])
-            self._clusters.fade(np.linalg.solve(squares.P, before))
+            self._clusters.fade(np.asarray(np.linalg.solve(squares.P, before), dtype=float))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,8 @@ MEANS = np.array([np.roll(MEAN, shift) for shift in (1, 2, 3, 4)])  # by the slo
 NEVER = -(10**9)
 
 
-class Rows(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Rows:
     """One equation of each view for B pendulums, and which guards are clear of stick there.
 
     Attributes:
@@ -114,9 +115,7 @@ class RowMaker:
         way = replace(before, velocity=0.5 * (before.velocity + now.velocity), torque=now.held)
         new, moved = self._balance.start(x), self._balance.advance(way, self._period)
         first = now.index <= 0
-        memory = {
-            id: tuple(np.where(first, a, b) for a, b in zip(new[id], moved[id], strict=True)) for id in new
-        }
+        memory = {id: tuple(np.where(first, a, b) for a, b in zip(new[id], moved[id], strict=True)) for id in new}
         return replace(x, memory=memory)
 
     def _fill(self, x: Samples) -> None:
@@ -138,7 +137,7 @@ class RowMaker:
                 parts[STORED, j] = column.potential(x)
 
     def _views(self, index: Index) -> Array:
-        """phi and, in the last place, y of the three views at the instant before the newest (3, P + 1, B)."""
+        """Phi and, in the last place, y of the three views at the instant before the newest (3, P + 1, B)."""
         step, period = self._step, self._period
         older, x = self._last
         at, before = self._parts[(step - 1) % 4], self._parts[(step - 2) % 4]
@@ -150,7 +149,9 @@ class RowMaker:
         views = np.empty((len(VIEWS), at.shape[1] + 1, self._batch))
         views[0, :-1] = at[MASS] * self._acceleration + at[TORQUE]
         views[1, :-1] = mean[MASS] * ((v - w) / period) + mean[TORQUE]
-        views[2, :-1] = mean[MASS] * ((v * v - w * w) / (2 * period)) + mean[POWER] + (at[STORED] - before[STORED]) / period
+        views[2, :-1] = (
+            mean[MASS] * ((v * v - w * w) / (2 * period)) + mean[POWER] + (at[STORED] - before[STORED]) / period
+        )
         views[0, -1], held = self._supplied()
         views[1, -1], views[2, -1] = held, held * ((x.position - older.position) / period)
         if self._fixed:
@@ -159,7 +160,7 @@ class RowMaker:
         return views
 
     def _supplied(self) -> Array:
-        """Torque at the instant before the newest and over the sample before it, as late as the terms have it (2, B)."""
+        """Torque at the instant before the newest and over the sample before it, as late as the terms say (2, B)."""
         whole, share = self._late
         length, step = len(self._supply), self._step - 1 - whole
         if share == 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from estimators.measurements import Smoothing
 from pendulum_env._typing import Array, Index, Mask
 
 
-class Instant(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Instant:
     """One sample of B pendulums, `reach` samples ago; the fields are those of `Measurements`, each (B,).
 
     index counts the samples of each pendulum since it was reset and is negative while too few have come in.

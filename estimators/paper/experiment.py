@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+import gymnasium as gym
 import numpy as np
 
 from estimators.identify import Identification, identify
@@ -21,14 +22,17 @@ from estimators.paper.as_printed import as_logged, dynamic
 from estimators.paper.ways import WAYS
 from estimators.schemes import Dynamic
 from pendulum_env._typing import JSON, Array
-from pendulum_env.backends import record
+from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, simulate
 from pendulum_env.plant import paper_plant
+from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import Recording
+from pendulum_env.registration import PENDULUM
 
 SCHEMA = "pendulum-ident/paper@1"
 RUNS, SECONDS = 20, 30.0
+RATE = 1000.0  # [Hz]
 NINETY_FIVE = 1.96  # standard errors on either side that hold 95 % of a normal distribution
 TABLE_2: dict[str, tuple[float | None, ...]] = {  # [I, mgl, b, fc]; the Hamiltonian pair is given its inertia
     "dynamic": (0.0895, 2.0100, 0.3638, 0.9163),
@@ -43,8 +47,10 @@ Rollout = Callable[[np.random.Generator, float, str], Recording]
 
 
 def simulated(rng: np.random.Generator, seconds: float, name: str) -> Recording:
-    """One run of the paper's pendulum under its excitation, with new phases and new noise each time."""
-    return record(paper_plant(), excitation("paper", rng, seconds), seconds, rng=rng, name=name)
+    """One run of the paper's pendulum in the environment, with new phases and new noise each time."""
+    env = gym.make(PENDULUM, rate=RATE, torque_noise=TORQUE_NOISE, max_episode_steps=-1)
+    policy = OpenLoop(excitation("paper", rng, seconds), RATE)
+    return rollout(env, policy, round(seconds * RATE), seed=int(rng.integers(2**31)), name=name)
 
 
 class Score(NamedTuple):

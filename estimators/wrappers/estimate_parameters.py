@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 from estimators.online import Estimates
-from estimators.schemes import Scheme
+from estimators.schemes import OnlineScheme
 from estimators.wrappers.options import Names, make, measured
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -20,10 +20,12 @@ BOUND = 1e6  # of what is put into an observation
 class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     """Estimate the parameters online, by recursive least squares, from the measurement in `info`.
 
-    Adds to `info`: `estimates`, by scheme, each with `theta` (P,), `covariance` (P, P) and `prediction_error` (a priori,
-    0 where the sample was not used, as in stick); `estimates_time`, the time of the newest sample used [s], as smoothing
-    and stick need to see both sides of a sample; `regressor` (P,), the torque balance's row at that sample, 0 in stick;
-    and `parameters`, their names in order.
+    Adds to `info`:
+        estimates: by scheme, each with `theta` (P,), `covariance` (P, P), honest under correlated errors, and
+            `prediction_error`, a priori and 0 where the sample was not used, as in stick.
+        estimates_time: time of the newest sample used [s]: smoothing and stick need to see both sides of a sample.
+        regressor: (P,), the torque balance's row at that sample, 0 in stick.
+        parameters: their names in order.
 
     Example:
         >>> import gymnasium as gym
@@ -68,7 +70,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             self.observation_space = widened(env.observation_space, len(self._ids) * len(self.estimator.names))
 
     @property
-    def schemes(self) -> tuple[Scheme, ...]:
+    def schemes(self) -> tuple[OnlineScheme, ...]:
         """The schemes that run."""
         return self.estimator.schemes
 
@@ -129,6 +131,4 @@ def widened(space: gym.Space[Any], parameters: int) -> gym.spaces.Box:
     if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
         raise ValueError(f"estimates can be put into a Box of one dimension, not into {space}: flatten it first")
     more = np.full(2 * parameters, BOUND, dtype=np.float32)
-    return gym.spaces.Box(
-        np.concatenate([space.low, -more]), np.concatenate([space.high, more]), dtype=np.float32
-    )
+    return gym.spaces.Box(np.concatenate([space.low, -more]), np.concatenate([space.high, more]), dtype=np.float32)

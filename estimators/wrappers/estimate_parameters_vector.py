@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
+from estimators.online import Estimates
 from estimators.wrappers.estimate_parameters import estimate, told, widened
 from estimators.wrappers.options import Names, make, measured
 from pendulum_env._typing import Mask
@@ -46,7 +47,10 @@ class EstimateParametersVector(VectorWrapper):
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environments and forget what was estimated."""
-        observation, info = self.env.reset(seed=seed, options=options)
+        observation, info = self.env.reset(
+            seed=seed,  # type: ignore[arg-type]  # Gymnasium's own wrappers pass lists
+            options=options,
+        )
         self._time[:] = np.inf
         return self._add(observation, info)
 
@@ -58,15 +62,29 @@ class EstimateParametersVector(VectorWrapper):
 
     def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         time, position, torque = (np.asarray(series, dtype=float) for series in measured(info))
-        anew: Mask = time <= self._time
-        if anew.any():
-            self.estimator.reset(anew)
+        ended: Mask | None = info.get("_final_info")
+        if ended is None:
+            self.estimator.reset(time <= self._time)
+            now = self.estimator.take(time, position, torque)
+        else:  # within this step, some have ended and begun again: their last sample still counts
+            final = info["final_info"]
+            last = (np.where(ended, a, b) for a, b in zip(measured(final), (time, position, torque), strict=True))
+            then = self.estimator.take(*last)
+            self._tell(final, then)
+            if self._in_observation:
+                info["final_obs"] = self._widen(info["final_obs"], then)
+            self.estimator.reset(ended)
+            now = self.estimator.standing()
         self._time = time
-        now = self.estimator.take(time, position, torque)
+        self._tell(info, now)
+        return self._widen(observation, now) if self._in_observation else observation, info
+
+    def _tell(self, info: dict[str, Any], now: Estimates) -> None:
         info["estimates"] = {id: estimate(now, slice(None), s) for s, id in enumerate(self._ids)}
         info["estimates_time"] = now.time
         info["regressor"] = now.regressor
         info["parameters"] = self.estimator.names
-        if self._in_observation:
-            observation = np.concatenate([observation, told(now)], axis=1, dtype=np.float32)
-        return observation, info
+
+    @staticmethod
+    def _widen(observation: Any, now: Estimates) -> Any:
+        return np.concatenate([observation, told(now)], axis=1, dtype=np.float32)

@@ -12,8 +12,8 @@ from estimators.wrappers.information import Information
 class InformationReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     """Pay a step for what it taught: growth of log det(information) [nat] (D-optimality); spaces pass through.
 
-    The information is the sum of the outer products of `info["regressor"]`, which `EstimateParameters` provides: wrap it
-    first.
+    The information is the sum of the outer products of `info["regressor"]`, which `EstimateParameters` provides: wrap
+    the environment in it first.
     """
 
     def __init__(self, env: gym.Env[Any, Any], prior: float = 1e-6) -> None:

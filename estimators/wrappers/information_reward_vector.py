@@ -23,7 +23,10 @@ class InformationRewardVector(VectorWrapper):
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environments: nothing has been learnt."""
-        observation, info = self.env.reset(seed=seed, options=options)
+        observation, info = self.env.reset(
+            seed=seed,  # type: ignore[arg-type]  # Gymnasium's own wrappers pass lists
+            options=options,
+        )
         self._information.reset(*row_of(info).shape)
         self._time = np.asarray(info["time"])
         return observation, info
@@ -35,5 +38,5 @@ class InformationRewardVector(VectorWrapper):
         anew = time <= self._time
         self._time = time
         if anew.any():
-            self._information.reset(*row.shape, anew)
+            self._information.reset(len(row), row.shape[1], anew)
         return observation, self._information.gain(row), terminated, truncated, info

@@ -8,14 +8,14 @@ from typing import Any
 import gymnasium as gym
 
 from estimators.online import OnlineEstimator
-from estimators.schemes import SCHEMES, Scheme, scheme
+from estimators.schemes import SCHEMES, OnlineScheme, scheme
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.library import term
 
-Names = str | Sequence[str | Scheme]
+Names = str | Sequence[str | OnlineScheme]
 
 
-def chosen_schemes(names: Names) -> tuple[Scheme, ...]:
+def chosen_schemes(names: Names) -> tuple[OnlineScheme, ...]:
     """Schemes by id, or as they are; "all" are the six.
 
     Raises:

@@ -8,4 +8,16 @@ from pendulum_env.backends.simulated import record
 
 BACKENDS: dict[str, Maker] = {"pymunk": RigidBody, "replay": Replay}
 
-__all__ = ["BACKENDS", "Backend", "Maker", "Replay", "RigidBody", "Sample", "Sensor", "Setup", "Start", "Status", "record"]
+__all__ = [
+    "BACKENDS",
+    "Backend",
+    "Maker",
+    "Replay",
+    "RigidBody",
+    "Sample",
+    "Sensor",
+    "Setup",
+    "Start",
+    "Status",
+    "record",
+]

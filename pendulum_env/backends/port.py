@@ -1,4 +1,4 @@
-"""What every backend offers, be it simulated, recorded or a rig: one exchange of torque for a measurement per period."""
+"""What every backend offers, be it simulated, recorded or a rig: torque for a measurement, once per period."""
 
 from __future__ import annotations
 

@@ -21,6 +21,7 @@ from pendulum_env.physics import Samples
 from pendulum_env.physics.simulation import UNBOUNDED, Balance, CommandLine
 from pendulum_env.physics.term import Memory
 
+Scalar = Any  # np.float64, where terms broadcast over arrays
 AT_REST = 1e-12  # [rad/s], what rounding leaves of a velocity that the motor has stopped
 
 
@@ -41,7 +42,8 @@ class RigidBody:
         """Put a new body at the start: nothing of an earlier run remains, so that equal runs are equal bit for bit."""
         self._rng = start.rng
         self._command = CommandLine(self.model.terms, self.period, self.substeps)
-        x = Samples(np.float64(0.0), np.float64(start.position), np.float64(start.velocity), np.float64(0.0))
+        begin: list[Scalar] = [np.float64(value) for value in (0.0, start.position, start.velocity, 0.0)]
+        x = Samples(*begin)
         self._x = replace(x, memory=self._balance.start(x))
         self._inertia, self._dry = float(self._balance.mass(self._x)), 0.0
         self._count = 0  # of periods since
@@ -51,7 +53,8 @@ class RigidBody:
     def exchange(self, torque: float) -> Sample:
         """Advance by one period under the torque [N m]."""
         duration = self.period / self.substeps
-        for command in self._command.push(np.float64(torque)):
+        held: Scalar = np.float64(torque)
+        for command in self._command.push(held):
             self._step(command, duration)
         self._count += 1
         return self._sample(torque)
@@ -81,10 +84,12 @@ class RigidBody:
         pivot = pymunk.PivotJoint(self._space.static_body, self._body, (0.0, 0.0))
         self._space.add(self._body, pivot, self._motor)
 
-    def _step(self, command: np.float64, h: float) -> None:
+    def _step(self, command: Scalar, h: float) -> None:
         """Advance by h [s]."""
-        balance, last = self._balance, self._x
-        q, v = last.position, last.velocity
+        balance: Any = self._balance
+        last = self._x
+        q: Scalar = last.position
+        v: Scalar = last.velocity
         x = Samples(last.time, q, v, command, last.memory)
         # velocity at the midpoint, friction keeping its direction; a body that starts to move takes that of the net
         net, dry = balance.net(x), max(balance.dry(x), 0.0)
@@ -108,13 +113,13 @@ class RigidBody:
         memory = self._remember(middle, 0.5 * (middle_v + reached), 0.5 * h)
         self._x = Samples(x.time + h, position, reached, command, memory)
 
-    def _remember(self, x: Samples, velocity: np.float64, duration: float) -> Mapping[str, Memory]:
+    def _remember(self, x: Samples, velocity: Scalar, duration: float) -> Mapping[str, Memory]:
         """Memory of the terms after moving on from x at that velocity."""
         if not x.memory:
             return x.memory
         return self._balance.advance(replace(x, velocity=velocity), duration)
 
-    def _push(self, torque: float, dry: float, inertia: float, h: float) -> np.float64:
+    def _push(self, torque: float, dry: float, inertia: float, h: float) -> Scalar:
         """Velocity of the body [rad/s] after h [s] under a torque against the motor's friction."""
         body = self._body
         if inertia != self._inertia:

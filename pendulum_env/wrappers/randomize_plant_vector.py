@@ -33,7 +33,10 @@ class RandomizePlantVector(VectorWrapper):
         elif not hasattr(self, "_rng"):
             self._rng = np.random.default_rng()
         theta = self._spread.draw(self._rng, self.num_envs)
-        observation, info = self.env.reset(seed=seed, options={**(options or {}), "theta": theta})
+        observation, info = self.env.reset(
+            seed=seed,  # type: ignore[arg-type]  # Gymnasium's own wrappers pass lists
+            options={**(options or {}), "theta": theta},
+        )
         self._time = np.asarray(info["time"])
         info["plant"] = theta.T
         return observation, info

@@ -260,4 +260,6 @@ def test_recording_of_a_rollout_is_a_recording():
     signal = excitation("multisine", np.random.default_rng(0), 2.0)
     run = rollout(env, OpenLoop(signal, 1000.0), 2000, seed=0)
     assert isinstance(run, Recording)
-    np.testing.assert_allclose(run.torque, signal.signal(run.time), atol=1e-6)  # each row's torque acts from its time on
+    np.testing.assert_allclose(
+        run.torque, signal.signal(run.time), atol=1e-6
+    )  # each row's torque acts from its time on

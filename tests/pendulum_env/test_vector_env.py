@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
+from pendulum_env.excitation import excitation
 from pendulum_env.physics import effects
 from pendulum_env.policy import OpenLoop
-from pendulum_env.excitation import excitation
 from pendulum_env.registration import PENDULUM
 
 
@@ -48,9 +48,9 @@ def test_next_step_starts_an_ended_pendulum_anew():
     env.reset(seed=0)
     action = np.full((2, 1), 5.0, dtype=np.float32)
     for _ in range(5):
-        observation, _, _, truncated, info = env.step(action)
+        *_, truncated, info = env.step(action)
     assert truncated.all() and (info["position"] != 0).all()
-    observation, _, _, truncated, info = env.step(action)
+    *_, truncated, info = env.step(action)
     assert not truncated.any() and (info["position"] == 0).all() and (info["time"] == 0).all()
     assert (info["torque"] == 0).all()
     assert (env.step(action)[-1]["time"] == 0.001).all()

@@ -65,9 +65,7 @@ def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
     recording = paper_run.recording
     smoothing = choose_smoothing(recording)
     now = run(OnlineEstimator(recording.rate, terms, SCHEMES[:1], smoothing=smoothing), recording)[-1]
-    equations, usable = SCHEMES[0].regression(
-        remember(measure(recording, smoothing), terms), terms
-    )
+    equations, usable = SCHEMES[0].regression(remember(measure(recording, smoothing), terms), terms)
     course = history(equations, usable, np.array([len(equations.y) - 1]))
     assert np.isfinite(now.theta).all()
     np.testing.assert_allclose(now.theta[0, 0, :4], course.theta[0, :4], rtol=0.02, atol=0.02)
@@ -83,7 +81,10 @@ def test_batch_is_many_alone(paper_run):
             np.full(2, recording.time[k]), np.array([recording.position[k], half.position[k]]), np.full(2, held[k])
         )
     for b, alone in enumerate((recording, half)):
-        one = run(OnlineEstimator(recording.rate), Recording("", *(x[:3000] for x in (alone.time, alone.position, alone.torque))))[-1]
+        one = run(
+            OnlineEstimator(recording.rate),
+            Recording("", *(x[:3000] for x in (alone.time, alone.position, alone.torque))),
+        )[-1]
         np.testing.assert_allclose(now.theta[b], one.theta[0], rtol=1e-9)
         np.testing.assert_allclose(now.covariance[b], one.covariance[0], rtol=1e-6)
 
@@ -125,7 +126,9 @@ def test_pickled_estimator_goes_on_as_before(paper_run):
         estimator.take(*(np.full(1, x[k]) for x in (recording.time, recording.position, held)))
     copy = pickle.loads(pickle.dumps(estimator))
     for k in range(4000, 5000):
-        a, b = (e.take(*(np.full(1, x[k]) for x in (recording.time, recording.position, held))) for e in (estimator, copy))
+        a, b = (
+            e.take(*(np.full(1, x[k]) for x in (recording.time, recording.position, held))) for e in (estimator, copy)
+        )
     np.testing.assert_array_equal(a.theta, b.theta)
 
 
@@ -171,7 +174,10 @@ def test_without_excitation_forgetting_does_not_run_away():
 def stick_and_slip(runs: int, seconds: float, change: float | None = None) -> tuple[np.ndarray, ...]:
     """Time, position and measured torque of many runs of an independent simulator, and their two truths."""
     heavier = {} if change is None else {"payload_change": {"pay_I": 0.03, "pay_mgl": 0.6, "pay_t": change}}
-    cases = [(Plant(effects=heavier), Experiment(rate=500.0, seconds=seconds, seed=seed, torque_noise=0.05)) for seed in range(runs)]
+    cases = [
+        (Plant(effects=heavier), Experiment(rate=500.0, seconds=seconds, seed=seed, torque_noise=0.05))
+        for seed in range(runs)
+    ]
     records = simulate(cases)
     position, torque = (np.array([getattr(r, name) for r in records]).T for name in ("position", "torque"))
     plant = Plant()
@@ -204,7 +210,7 @@ def test_a_payload_picked_up_in_mid_run_is_tracked(memory):
     for k in range(len(time)):
         sample = np.full(20, time[k]), position[k], torque[k]
         now, stays = forgetful.take(*sample), faithful.take(*sample)
-    after = before + [0.03, 0.6, 0.0, 0.0]
+    after = before + np.array([0.03, 0.6, 0.0, 0.0])
     for s in range(6):
         error = np.median(np.abs(now.theta[:, s, :2] - after[:2]) / after[:2], axis=0)
         assert (error < 0.03).all(), (s, error)

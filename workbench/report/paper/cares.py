@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.paper import TABLE_2, WAYS, Experiment
-from pendulum_env.backends.simulated import COUNTS
+from pendulum_env.backends.sensing import COUNTS
 from workbench.report.paper.table import SYMBOLS
 from workbench.report.section import Section
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from estimators.paper import PARAMETERS, TABLE_2, Experiment
-from pendulum_env.backends.simulated import COUNTS, TORQUE_NOISE
+from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.plant import paper_plant
 from workbench.report.section import Section
 
