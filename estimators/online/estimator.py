@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -54,6 +55,33 @@ class Estimates:
     def covariance(self) -> Array:
         """Covariance of theta, honest under correlated errors (B, S, P, P); computed when it is asked for."""
         return self.judge(self.P)
+
+
+class SchemeEstimate(Mapping[str, Any]):
+    """What one scheme knows, by name; looked up when it is asked for, as few steps are looked at.
+
+    theta (P,), covariance (P, P) and prediction_error of one pendulum, or with a first axis over all.
+    """
+
+    __slots__ = ("_now", "_pendulum", "_scheme")
+
+    _parts: ClassVar[dict[str, str]] = {"theta": "theta", "covariance": "covariance", "prediction_error": "error"}
+
+    def __init__(self, now: Estimates, scheme: int, pendulum: int | slice = slice(None)) -> None:
+        """Take all estimates, and which of them are meant."""
+        self._now, self._scheme, self._pendulum = now, scheme, pendulum
+
+    def __getitem__(self, name: str) -> Any:
+        return getattr(self._now, self._parts[name])[self._pendulum, self._scheme]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._parts)
+
+    def __len__(self) -> int:
+        return len(self._parts)
+
+    def __repr__(self) -> str:
+        return repr(dict(self))
 
 
 class OnlineEstimator:

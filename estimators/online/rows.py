@@ -125,16 +125,21 @@ class RowMaker:
         for j, column in enumerate([*self._columns, *self._fixed]):
             if column.mass is not zero and column.mass is not one:
                 parts[MASS, j] = column.mass(x)
-            force = column.force(x)
-            if column.dry is zero:
-                parts[TORQUE, j] = force
-                parts[POWER, j] = force * x.velocity if column.potential is None else 0.0
-            else:
+            torque = power = None
+            if column.force is not zero:
+                torque = column.force(x)
+                if column.potential is None:
+                    power = torque * x.velocity
+                else:
+                    parts[STORED, j] = column.potential(x)
+            if column.dry is not zero:
                 dry = column.dry(x)
-                parts[TORQUE, j] = force + dry * sign
-                parts[POWER, j] = (force * x.velocity if column.potential is None else 0.0) + dry * speed
-            if column.potential is not None:
-                parts[STORED, j] = column.potential(x)
+                torque = dry * sign if torque is None else torque + dry * sign
+                power = dry * speed if power is None else power + dry * speed
+            if torque is not None:
+                parts[TORQUE, j] = torque
+            if power is not None:
+                parts[POWER, j] = power
 
     def _views(self, index: Index) -> Array:
         """Phi and, in the last place, y of the three views at the instant before the newest (3, P + 1, B)."""

@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from estimators.online import Estimates
+from estimators.online import Estimates, SchemeEstimate
 from estimators.schemes import OnlineScheme
 from estimators.wrappers.options import Names, make, measured
 from pendulum_env._typing import Array
@@ -89,7 +89,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         time, position, torque = measured(info)
         now = self.estimator.take(np.array([time]), np.array([position]), np.array([torque]))
-        info["estimates"] = {id: estimate(now, 0, s) for s, id in enumerate(self._ids)}
+        info["estimates"] = {id: SchemeEstimate(now, s, 0) for s, id in enumerate(self._ids)}
         info["estimates_time"] = float(now.time[0])
         info["regressor"] = now.regressor[0]
         info["parameters"] = self.estimator.names
@@ -104,15 +104,6 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         names = "  ".join(f"{name[:9]:>9}" for name in self.estimator.names)
         rows = (f"{id:<21}" + "  ".join(f"{v:9.4f}" for v in now.theta[0, s]) for s, id in enumerate(self._ids))
         return (f"{'':21}{names}", *rows)
-
-
-def estimate(now: Estimates, pendulum: int | slice, scheme: int) -> dict[str, Any]:
-    """What one scheme knows, for `info`."""
-    return {
-        "theta": now.theta[pendulum, scheme],
-        "covariance": now.covariance[pendulum, scheme],
-        "prediction_error": now.error[pendulum, scheme],
-    }
 
 
 def told(now: Estimates) -> Array:

@@ -9,8 +9,8 @@ import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from estimators.online import Estimates
-from estimators.wrappers.estimate_parameters import estimate, told, widened
+from estimators.online import Estimates, SchemeEstimate
+from estimators.wrappers.estimate_parameters import told, widened
 from estimators.wrappers.options import Names, make, measured
 from pendulum_env._typing import Mask
 from pendulum_env.physics import Term
@@ -80,7 +80,7 @@ class EstimateParametersVector(VectorWrapper):
         return self._widen(observation, now) if self._in_observation else observation, info
 
     def _tell(self, info: dict[str, Any], now: Estimates) -> None:
-        info["estimates"] = {id: estimate(now, slice(None), s) for s, id in enumerate(self._ids)}
+        info["estimates"] = {id: SchemeEstimate(now, s) for s, id in enumerate(self._ids)}
         info["estimates_time"] = now.time
         info["regressor"] = now.regressor
         info["parameters"] = self.estimator.names

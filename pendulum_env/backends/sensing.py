@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,5 +52,6 @@ def read_encoder(position: ArrayLike, counts: int) -> Array:
     """Angle [rad] as an encoder with that many counts per turn reports it; 0 counts report it exactly."""
     if counts == 0:
         return np.asarray(position)
-    count = 2 * np.pi / counts
-    return count * np.rint(np.asarray(position) / count)
+    count = 2 * math.pi / counts
+    rounded: Array = np.rint(position / count)
+    return count * rounded

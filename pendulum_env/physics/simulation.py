@@ -17,9 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.term import Law, Memory, Samples, Term, zero
+from pendulum_env.physics.term import Law, Memory, Samples, Term, one, zero
 
 LONGEST_STEP = 1e-3  # [s], of the integrator; a recording with a longer period is simulated in substeps
+LEAST = 1e-9  # [kg m^2], moment of inertia that a fit may propose
 UNBOUNDED = 1e6  # [rad/s]; a simulation faster than this has diverged and is held there, so that no NaN comes out
 
 
@@ -42,6 +43,9 @@ class Balance:
         self._mass = [(coefficient, column.mass) for column, coefficient in weighted if column.mass is not zero]
         self._force = [(coefficient, column.force) for column, coefficient in weighted if column.force is not zero]
         self._dry = [(coefficient, column.dry) for column, coefficient in weighted if column.dry is not zero]
+        # of most models these two do not change, and a step of one pendulum asks for them twice
+        self._steady_mass = np.maximum(sum(c for c, _ in self._mass), LEAST) if _steady(self._mass) else None
+        self._steady_dry = sum(c for c, _ in self._dry) if _steady(self._dry) else None
 
     def __reduce__(self) -> tuple[type[Balance], tuple[Sequence[Term], Array]]:
         return Balance, (self._terms, self._theta)  # columns hold functions, which cannot be pickled
@@ -74,11 +78,15 @@ class Balance:
 
     def mass(self, x: Samples) -> ArrayLike:
         """Moment of inertia [kg m^2], kept positive: a fit may propose otherwise."""
-        return np.maximum(self._sum(self._mass, x), 1e-9)
+        return np.maximum(self._sum(self._mass, x), LEAST) if self._steady_mass is None else self._steady_mass
 
     def dry(self, x: Samples) -> ArrayLike:
         """Magnitude of dry friction [N m]; a term with memory may take some of it over, and a fit a little too much."""
-        return self._sum(self._dry, x)
+        return self._sum(self._dry, x) if self._steady_dry is None else self._steady_dry
+
+
+def _steady(parts: list[tuple[ArrayLike, Law]]) -> bool:
+    return all(law is one for _, law in parts)
 
 
 def _directed(net: ArrayLike, dry: ArrayLike, direction: ArrayLike) -> ArrayLike:
