@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators.agreement import disagreements
 from estimators.dataset import choose_half_width
 from estimators.diagnosis import Diagnosis, Step
 from estimators.equations import IdentificationError
@@ -59,6 +60,8 @@ def diagnose(
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
 
+    Recordings that disagree with the others are named and not fitted: no effect of one plant explains two plants.
+
     Args:
         recordings: fitted jointly.
         holdout: recordings to confirm on; without them the last 30 % of each recording is held out.
@@ -69,7 +72,34 @@ def diagnose(
         IdentificationError: if the recordings hold too little motion.
     """
     progress("reading the motion", 0.0)
-    search, steps = look(*gather(recordings, holdout), base, progress)
+    everything = gather(recordings, holdout)
+    datasets = [part.data for part in (everything if holdout else everything[:1])]
+    odd = {one.recording: one for one in disagreements(datasets, base, only_if_all_fit=True)}
+    while True:
+        kept = agreeing(recordings, odd)
+        evidence = everything if len(kept) == len(recordings) else gather(kept, holdout)
+        found = _examine(kept, holdout, evidence, base, progress)
+        odd |= {one.recording: one for one in disagreements(datasets, found.model.terms)}
+        if len(agreeing(recordings, odd)) == len(kept):
+            break
+    progress("done", 1.0)
+    return replace(found, disagreements=tuple(odd[number] for number in sorted(odd)))
+
+
+def agreeing(recordings: Sequence[Recording], odd: Container[int]) -> list[Recording]:
+    """Fitted recordings without those of the given numbers."""
+    return [recording for number, recording in enumerate(recordings, 1) if number not in odd]
+
+
+def _examine(
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording],
+    evidence: tuple[Evidence, Evidence],
+    base: Sequence[Term],
+    progress: Progress,
+) -> Diagnosis:
+    """Find the effects that recordings of one plant call for."""
+    search, steps = look(*evidence, base, progress)
     window_share = 1.0
     if search.is_astray(steps[-1]) or has_transmission(steps[-1].model.terms):
         progress("fitting the flights", 0.9)
@@ -88,7 +118,6 @@ def diagnose(
         f"{' and '.join(group)} look the same in these data; to tell them apart: {search.library[group[-1]].reveal}"
         for group in groups
     ]
-    progress("done", 1.0)
     return Diagnosis(
         steps=tuple(steps),
         candidates=tuple(candidates),

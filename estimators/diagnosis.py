@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from estimators.agreement import Disagreement
 from estimators.evidence import Errors
 from estimators.regions import Region
 from pendulum_env._typing import JSON
@@ -80,6 +81,7 @@ class Diagnosis:
         unexplained: regions whose residual no candidate explains, empty when the noise floor is reached.
         noise_floor: torque error that measurement noise alone gives [N m].
         advice: experiments that would settle what is open, in words.
+        disagreements: recordings that show another plant than the others; fitted ones among them are set apart.
         window_share: length of the windows used, relative to the length that the noise asks for.
     """
 
@@ -89,6 +91,7 @@ class Diagnosis:
     unexplained: tuple[Region, ...]
     noise_floor: float
     advice: tuple[str, ...]
+    disagreements: tuple[Disagreement, ...] = ()
     window_share: float = 1.0
 
     @property
@@ -120,4 +123,5 @@ class Diagnosis:
             },
             "noise_floor": {"torque_rms": self.noise_floor},
             "advice": list(self.advice),
+            "disagreements": [disagreement.json() for disagreement in self.disagreements],
         }
