@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators.agreement import disagreements
 from estimators.dataset import choose_half_width
+from estimators.design import USUAL, questions, suggest
 from estimators.diagnosis import Diagnosis, Step
 from estimators.equations import IdentificationError
 from estimators.evidence import Evidence
@@ -57,6 +58,7 @@ def diagnose(
     holdout: Sequence[Recording] = (),
     base: Sequence[Term] = BASE,
     progress: Progress = no_progress,
+    max_torque: float | None = None,
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
 
@@ -67,18 +69,21 @@ def diagnose(
         holdout: recordings to confirm on; without them the last 30 % of each recording is held out.
         base: terms of the model to start from, at least one; a loaded model's terms will do.
         progress: called with what is being done and the share that is done.
+        max_torque: bound of the torque in the experiment that is suggested [N m]; without it the largest recorded,
+            or the paper's 6 N m if that is more.
 
     Raises:
         IdentificationError: if the recordings hold too little motion.
     """
     progress("reading the motion", 0.0)
     everything = gather(recordings, holdout)
+    limit = max_torque or max(USUAL, *(float(np.abs(recording.torque).max()) for recording in recordings))
     datasets = [part.data for part in (everything if holdout else everything[:1])]
     odd = {one.recording: one for one in disagreements(datasets, base, only_if_all_fit=True)}
     while True:
         kept = agreeing(recordings, odd)
         evidence = everything if len(kept) == len(recordings) else gather(kept, holdout)
-        found = _examine(kept, holdout, evidence, base, progress)
+        found = _examine(kept, holdout, evidence, base, progress, limit)
         odd |= {one.recording: one for one in disagreements(datasets, found.model.terms)}
         if len(agreeing(recordings, odd)) == len(kept):
             break
@@ -97,6 +102,7 @@ def _examine(
     evidence: tuple[Evidence, Evidence],
     base: Sequence[Term],
     progress: Progress,
+    limit: float,
 ) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
     search, steps = look(*evidence, base, progress)
@@ -114,6 +120,10 @@ def _examine(
         steps = search.grow_in_flight(steps)
     candidates, groups = judge(search, steps)
     doubts = identifiability([measure(recording) for recording in recordings], steps[-1].model.terms)
+    progress("looking for the next experiment", 0.95)
+    asked = questions(search, steps[-1].model.terms, groups, candidates, doubts)
+    suggestion, hopeless = suggest(search, steps[-1].model, asked, limit)
+    inseparable = tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead)
     look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {search.library[group[-1]].reveal}"
         for group in groups
@@ -124,7 +134,14 @@ def _examine(
         ambiguous=tuple(groups),
         unexplained=tuple(unexplained(search, steps[-1])),
         noise_floor=search.floor,
-        advice=(*look_alike, *(doubt.text for doubt in doubts), *upside_down(steps[-1].model)),
+        advice=(
+            *look_alike,
+            *(doubt.text for doubt in doubts),
+            *upside_down(steps[-1].model),
+            *([suggestion.text] if suggestion else []),
+        ),
+        suggestion=suggestion,
+        inseparable=inseparable,
         window_share=window_share,
     )
 

@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from pendulum_env.backends.simulated import COUNTS, TORQUE_NOISE, record
-from pendulum_env.excitation import EXCITATIONS, excitation
+from pendulum_env.excitation import EXCITATIONS, Excitation, excitation
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import hide, paper_plant, read_parameters
@@ -15,22 +15,29 @@ from pendulum_env.recording import write_recording
 from pendulum_env.recording.checks import FEWEST, SHORTEST, SLOWEST
 from pendulum_env.recording.storage import WRITERS
 from workbench.command import Command
-from workbench.inputs import InputError, argument, check_outputs, number, whole, wrote
+from workbench.inputs import InputError, argument, check_outputs, number, read_suggestion, whole, wrote
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
+SECONDS = 30.0  # length of a recording
+SUGGESTED = "suggested"  # excitation that a diagnosis holds
 BACKENDS = {"simulated": True, "pymunk": False, "dm1015b": False, "replay": False}  # whether it is available
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare plant, excitation, measurement and output."""
-    parser.add_argument("--seconds", type=number(SHORTEST), default=30.0, help="length (default 30)")
+    parser.add_argument(
+        "--seconds", type=number(SHORTEST), help=f"length (default {SECONDS:g}, or what the diagnosis suggests)"
+    )
     parser.add_argument(
         "--excitation",
         type=argument(_excitation),
         default="paper",
         metavar="NAME",
-        help=f"{', '.join(EXCITATIONS)} (default paper)",
+        help=f"{', '.join(EXCITATIONS)} (default paper), or {SUGGESTED}: the experiment that --diagnosis suggests",
+    )
+    parser.add_argument(
+        "--diagnosis", metavar="FILE", help=f"what `diagnose --json` wrote, for --excitation {SUGGESTED}"
     )
     parser.add_argument("--amplitude", type=number(0.0), help="bound of the torque [N m]; each excitation has its own")
     parser.add_argument(
@@ -64,37 +71,57 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Simulate a run and write it."""
-    check_outputs([arguments.output])
+    check_outputs([arguments.output], [arguments.diagnosis] if arguments.diagnosis else [])
     if not arguments.output.lower().endswith(tuple(WRITERS)):
         raise InputError(f"{arguments.output}: the name should end in {', '.join(WRITERS)}")
-    samples = arguments.seconds * arguments.rate
+    rng = np.random.default_rng(arguments.seed)
+    command, seconds = experiment(arguments, rng)
+    samples = seconds * arguments.rate
     if not FEWEST <= samples <= MOST:
         raise InputError(f"{samples:.0f} samples are asked for, between {FEWEST} and {MOST} are possible")
     plant: Model = arguments.theta
     for text in arguments.effects:
         plant = hide(plant, text)
-    rng = np.random.default_rng(arguments.seed)
-    try:
-        command = excitation(arguments.excitation, rng, arguments.seconds, arguments.amplitude)
-    except ValueError as error:
-        raise InputError(str(error)) from None
     with terminal.progress("simulating"):
-        recording = record(
-            plant, command, arguments.seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng
-        )
+        recording = record(plant, command, seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng)
     if np.ptp(recording.position) == 0:
         raise InputError(f"the arm never moves: {command.amplitude:g} N m do not overcome its friction")
     write_recording(recording, arguments.output)
     turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
-    terminal.say(f"{arguments.seconds:g} s at {arguments.rate:g} Hz, {len(recording)} samples")
+    terminal.say(f"{seconds:g} s at {arguments.rate:g} Hz, {len(recording)} samples")
     terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
     if plant.effects:
         terminal.say(f"hidden: {', '.join(plant.effects)}")
     wrote([arguments.output], terminal)
 
 
+def experiment(arguments: argparse.Namespace, rng: np.random.Generator) -> tuple[Excitation, float]:
+    """Torque command and length [s]: drawn, or as a diagnosis suggests.
+
+    Raises:
+        InputError: if the arguments do not go together, or the diagnosis suggests nothing.
+    """
+    if arguments.excitation == SUGGESTED:
+        if arguments.diagnosis is None:
+            raise InputError(f"--excitation {SUGGESTED} needs --diagnosis FILE, which `diagnose --json FILE` writes")
+        if arguments.amplitude is not None:
+            raise InputError(
+                f"--amplitude does not go with --excitation {SUGGESTED}: `diagnose --max-torque` bounds its torque"
+            )
+        suggestion = read_suggestion(arguments.diagnosis)
+        return suggestion.signal, arguments.seconds or suggestion.seconds
+    if arguments.diagnosis is not None:
+        raise InputError(f"--diagnosis goes with --excitation {SUGGESTED} only")
+    seconds = arguments.seconds or SECONDS
+    try:
+        return excitation(arguments.excitation, rng, seconds, arguments.amplitude), seconds
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
 def _excitation(text: str) -> str:
-    find("excitation", text, EXCITATIONS)
+    if text != SUGGESTED:
+        find("excitation", text, EXCITATIONS)
     return text
 
 
