@@ -11,7 +11,7 @@ SHORT = (  # about two minutes on two cores
     ("diagnosis_time", ()),
     ("hidden_effects", ("--n", "24")),
 )
-COMMANDS = ("schemes", "diagnosis_time", "hidden_effects", "known_truth", "independent_plant")
+COMMANDS = ("schemes", "diagnosis_time", "hidden_effects", "known_truth", "cramer_rao", "independent_plant")
 
 
 def main() -> int:

@@ -29,7 +29,6 @@ from pendulum_env.recording import Recording
 
 SECONDS = 20.0  # of the experiment
 RATE = 500.0  # [Hz], of its simulation at most
-STEP = 2e-3  # [s], of its integration: a comparison of signals needs no more
 USUAL = 6.0  # [N m], the paper's peak torque: what a motor is trusted with unless it is known to give more
 SHOWN = 0.7  # times the noise floor: a difference as large as this is found
 PLENTY = 20.0  # times the noise floor: enough to show a twentieth part of it, too
@@ -146,7 +145,7 @@ def rehearse(search: Search, model: Model, limit: float) -> list[Run]:
     time = np.arange(round(SECONDS * rate)) / rate
     signals = family(np.random.default_rng(0), SECONDS, limit)
     torques = np.column_stack([signal.signal(time) for signal in signals])
-    path = simulate(model.terms, model.theta, 1 / rate, torques, 0.0, 0.0, longest_step=STEP)
+    path = simulate(model.terms, model.theta, 1 / rate, torques, 0.0, 0.0)
     motions = zip(signals, torques.T, path.position[:-1].T, np.abs(path.velocity).max(axis=0), strict=True)
     return [
         Run(signal, dataset([cut(Recording("experiment", time, position, torque), half_width)]), float(speed))

@@ -84,8 +84,10 @@ def diagnose(
         kept = agreeing(recordings, odd)
         evidence = everything if len(kept) == len(recordings) else gather(kept, holdout)
         found = _examine(kept, holdout, evidence, base, progress, limit)
-        odd |= {one.recording: one for one in disagreements(datasets, found.model.terms)}
-        if len(agreeing(recordings, odd)) == len(kept):
+        named = odd | {one.recording: one for one in disagreements(datasets, found.model.terms)}
+        left = agreeing(recordings, named)
+        odd = named if left else odd  # where every recording would be another plant's, what was said before stands
+        if len(left) in (0, len(kept)):
             break
     progress("done", 1.0)
     return replace(found, disagreements=tuple(odd[number] for number in sorted(odd)))
