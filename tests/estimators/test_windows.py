@@ -208,10 +208,10 @@ def test_a_recording_that_rests_is_refused_with_what_to_do():
 def test_a_moment_while_the_joint_rests_is_not_known_better_than_the_rest_lasts():
     time = np.arange(5000) / 500
     command = 3 * np.sin(12 * time) + 3 * np.sin(2.3 * time)
-    paused = np.where((time > 3.4) & (time < 4.6), 0.0, command)
-    plant = Plant(effects={"payload_change": {"pay_t": 4.0, "pay_I": 0.02, "pay_mgl": 0.4}})
+    paused = np.where((time > 2.5) & (time < 5.0), 0.0, command)
+    plant = Plant(effects={"payload_change": {"pay_t": 4.0, "pay_I": 0.04, "pay_mgl": 0.0}})
     runs = simulate([(plant, Experiment(seed=1, seconds=10.0, rate=500.0))] * 2, [command, paused])
     terms = (*BASE, effect("payload_change")(moment=4.0))
     moving, resting = (fit_terms(Evidence.of([recorded(r)]), terms)[0] for r in runs)
     assert moving.estimates["payload_change.moment"].std < 0.05
-    assert 0.2 < resting.estimates["payload_change.moment"].std < 1.0
+    assert 0.5 < resting.estimates["payload_change.moment"].std < 2.0
