@@ -12,7 +12,9 @@ SHORT = (  # about two minutes on two cores
     ("diagnosis_time", ()),
     ("hidden_effects", ("--n", "24")),
 )
-COMMANDS = ("environments", "schemes", "diagnosis_time", "hidden_effects", "known_truth", "independent_plant")
+COMMANDS = (
+    "environments", "schemes", "diagnosis_time", "hidden_effects", "known_truth", "cramer_rao", "independent_plant",
+)  # fmt: skip
 
 
 def main() -> int:

@@ -6,6 +6,7 @@ python -m benchmarks.hidden_effects --n 200
 from __future__ import annotations
 
 import argparse
+import csv
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -30,6 +31,7 @@ from benchmarks.scoring import (
 )
 from benchmarks.sparse_regression import Selection, is_installed, select_sparsely
 from benchmarks.truth import Truth, read_truth
+from estimators.diagnosis import Verdict
 from pendulum_env.physics import effects
 from workbench.terminal import Terminal
 
@@ -61,6 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     page = folder / "hidden_effects.html"
     write_page(page, confusion(outcomes), power(outcomes), reliability(outcomes))
     terminal.say(f"confusion matrix, power curve and reliability: {page}")
+    write_scores(folder / "scores.csv", outcomes)
+    terminal.say(f"scores and whether they were right, for calibration: {folder / 'scores.csv'}")
     if len(outcomes) < len(truths):
         return 130
     if not arguments.no_pysindy:
@@ -111,7 +115,7 @@ def tell(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     tell_totals(outcomes, terminal)
     tell_by_effect(outcomes, terminal)
     tell_by_share(outcomes, terminal)
-    for curve in (power(outcomes), reliability(outcomes)):
+    for curve in (power(outcomes), reliability(outcomes)):  # well calibrated scores are right as often as they say
         terminal.heading(f"{curve.success.capitalize()} by {curve.quantity}")
         terminal.table((curve.quantity, "mean", curve.success), curve.rows, left=(curve.success,))
     terminal.heading("Parameters within their 95 % intervals, where one effect is hidden and found")
@@ -138,9 +142,21 @@ def power(outcomes: Sequence[Outcome]) -> Curve:
 
 
 def reliability(outcomes: Sequence[Outcome]) -> Curve:
-    """Share of effects selected or named as alike that are hidden indeed, by their score."""
-    claims = [(c.score, c.effect in o.truth.hidden) for o in outcomes for c in o.claims]
+    """Share of selected effects that are hidden indeed, they or one of their group, by their score."""
+    claims = [(c.score, o.is_right(c)) for o in outcomes for c in o.claims if c.is_selected]
     return Curve.of("score", "right", SCORES, claims)
+
+
+def write_scores(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """Write score and whether it was right for every effect named, as CSV: what a calibration of scores needs."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(("case", "effect", "verdict", "score", "right"))
+        for outcome in sorted(outcomes, key=lambda outcome: outcome.truth.name):
+            for claim in outcome.claims:
+                verdict = Verdict.SELECTED if claim.is_selected else Verdict.AMBIGUOUS
+                row = (outcome.truth.name, claim.effect, verdict, f"{claim.score:.6g}", int(outcome.is_right(claim)))
+                table.writerow(row)
 
 
 def coverage(outcomes: Sequence[Outcome]) -> list[tuple[str, str]]:

@@ -41,6 +41,7 @@ class Claim:
 
     effect: str
     score: float
+    is_selected: bool = True
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,11 @@ class Outcome:
     def spurious(self) -> set[str]:
         """Effects selected that are not hidden, unless they stand for one that is."""
         return set() if self.right else set(self.selected) - set(self.truth.hidden)
+
+    def is_right(self, claim: Claim) -> bool:
+        """Whether what is claimed is hidden; a selected effect speaks for its whole group, and so does its score."""
+        group = next((g for g in self.groups if g[0] == claim.effect), ()) if claim.is_selected else ()
+        return bool({claim.effect, *group} & set(self.truth.hidden))
 
     @property
     def ratios(self) -> list[tuple[float, float]]:
@@ -153,7 +159,9 @@ def examine(truth: Truth, folder: Path) -> Outcome:
         groups=found.ambiguous,
         unexplained=str(where["where"]) if where["present"] else None,
         errors=tuple(step.errors["holdout"] for step in found.steps),
-        claims=tuple(Claim(c.effect, c.score) for c in found.candidates if c.verdict in named),
+        claims=tuple(
+            Claim(c.effect, c.score, c.verdict is Verdict.SELECTED) for c in found.candidates if c.verdict in named
+        ),
         deviations=deviations(truth, found),
         torque=float(np.sqrt(np.mean(train.torque**2))),
         seconds=seconds,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators.agreement import disagreements
 from estimators.dataset import choose_half_width
+from estimators.design import USUAL, questions, suggest
 from estimators.diagnosis import Diagnosis, Step
 from estimators.equations import IdentificationError
 from estimators.evidence import Evidence
@@ -56,20 +58,56 @@ def diagnose(
     holdout: Sequence[Recording] = (),
     base: Sequence[Term] = BASE,
     progress: Progress = no_progress,
+    max_torque: float | None = None,
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
+
+    Recordings that disagree with the others are named and not fitted: no effect of one plant explains two plants.
 
     Args:
         recordings: fitted jointly.
         holdout: recordings to confirm on; without them the last 30 % of each recording is held out.
         base: terms of the model to start from, at least one; a loaded model's terms will do.
         progress: called with what is being done and the share that is done.
+        max_torque: bound of the torque in the experiment that is suggested [N m]; without it the largest recorded,
+            or the paper's 6 N m if that is more.
 
     Raises:
         IdentificationError: if the recordings hold too little motion.
     """
     progress("reading the motion", 0.0)
-    search, steps = look(*gather(recordings, holdout), base, progress)
+    everything = gather(recordings, holdout)
+    limit = max_torque or max(USUAL, *(float(np.abs(recording.torque).max()) for recording in recordings))
+    datasets = [part.data for part in (everything if holdout else everything[:1])]
+    odd = {one.recording: one for one in disagreements(datasets, base, only_if_all_fit=True)}
+    while True:
+        kept = agreeing(recordings, odd)
+        evidence = everything if len(kept) == len(recordings) else gather(kept, holdout)
+        found = _examine(kept, holdout, evidence, base, progress, limit)
+        named = odd | {one.recording: one for one in disagreements(datasets, found.model.terms)}
+        left = agreeing(recordings, named)
+        odd = named if left else odd  # where every recording would be another plant's, what was said before stands
+        if len(left) in (0, len(kept)):
+            break
+    progress("done", 1.0)
+    return replace(found, disagreements=tuple(odd[number] for number in sorted(odd)))
+
+
+def agreeing(recordings: Sequence[Recording], odd: Container[int]) -> list[Recording]:
+    """Fitted recordings without those of the given numbers."""
+    return [recording for number, recording in enumerate(recordings, 1) if number not in odd]
+
+
+def _examine(
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording],
+    evidence: tuple[Evidence, Evidence],
+    base: Sequence[Term],
+    progress: Progress,
+    limit: float,
+) -> Diagnosis:
+    """Find the effects that recordings of one plant call for."""
+    search, steps = look(*evidence, base, progress)
     window_share = 1.0
     if search.is_astray(steps[-1]) or has_transmission(steps[-1].model.terms):
         progress("fitting the flights", 0.9)
@@ -84,18 +122,28 @@ def diagnose(
         steps = search.grow_in_flight(steps)
     candidates, groups = judge(search, steps)
     doubts = identifiability([measure(recording) for recording in recordings], steps[-1].model.terms)
+    progress("looking for the next experiment", 0.95)
+    asked = questions(search, steps[-1].model.terms, groups, candidates, doubts)
+    suggestion, hopeless = suggest(search, steps[-1].model, asked, limit)
+    inseparable = tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead)
     look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {search.library[group[-1]].reveal}"
         for group in groups
     ]
-    progress("done", 1.0)
     return Diagnosis(
         steps=tuple(steps),
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=tuple(unexplained(search, steps[-1])),
         noise_floor=search.floor,
-        advice=(*look_alike, *(doubt.text for doubt in doubts), *upside_down(steps[-1].model)),
+        advice=(
+            *look_alike,
+            *(doubt.text for doubt in doubts),
+            *upside_down(steps[-1].model),
+            *([suggestion.text] if suggestion else []),
+        ),
+        suggestion=suggestion,
+        inseparable=inseparable,
         window_share=window_share,
     )
 

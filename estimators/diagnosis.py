@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from estimators.agreement import Disagreement
 from estimators.evidence import Errors
 from estimators.regions import Region
+from estimators.suggestion import Suggestion
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Model
 
@@ -80,6 +82,9 @@ class Diagnosis:
         unexplained: regions whose residual no candidate explains, empty when the noise floor is reached.
         noise_floor: torque error that measurement noise alone gives [N m].
         advice: experiments that would settle what is open, in words.
+        suggestion: the experiment that would settle most of what is open, None if nothing is, or none would.
+        inseparable: groups that no torque would tell apart, whatever it was.
+        disagreements: recordings that show another plant than the others; fitted ones among them are set apart.
         window_share: length of the windows used, relative to the length that the noise asks for.
     """
 
@@ -89,6 +94,9 @@ class Diagnosis:
     unexplained: tuple[Region, ...]
     noise_floor: float
     advice: tuple[str, ...]
+    suggestion: Suggestion | None = None
+    inseparable: tuple[tuple[str, ...], ...] = ()
+    disagreements: tuple[Disagreement, ...] = ()
     window_share: float = 1.0
 
     @property
@@ -120,4 +128,7 @@ class Diagnosis:
             },
             "noise_floor": {"torque_rms": self.noise_floor},
             "advice": list(self.advice),
+            "suggestion": self.suggestion.json() if self.suggestion is not None else None,
+            "inseparable": [list(group) for group in self.inseparable],
+            "disagreements": [disagreement.json() for disagreement in self.disagreements],
         }

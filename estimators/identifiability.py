@@ -24,10 +24,12 @@ class Doubt:
     Attributes:
         text: one sentence that names it, and the experiment that would help.
         withheld: parameters of the model that are no numbers because of it.
+        rivals: ids of an effect and of the term of the model that it would pass for.
     """
 
     text: str
     withheld: tuple[str, ...] = ()
+    rivals: tuple[str, str] | None = None
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -53,14 +55,14 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
     if not ONE_SIDED < forwards < 1 - ONE_SIDED:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
         text = "velocity never changes sign: coulomb and torque_offset cannot be told apart, record both directions"
-        doubts.append(Doubt(text, tuple(name for name in constants if name in names)))
+        doubts.append(Doubt(text, tuple(name for name in constants if name in names), ("torque_offset", "coulomb")))
     furthest = max(float(np.abs(m.position).max()) for m in measurements)
     if furthest < SMALL:
         text = (
             f"position stays small, within {furthest:.2g} rad: gravity and a spring look the same, record wider swings"
         )
         alike = ("gravity", "spring.stiffness")
-        doubts.append(Doubt(text, alike if set(alike) <= set(names) else ()))
+        doubts.append(Doubt(text, alike if set(alike) <= set(names) else (), ("spring", "gravity")))
     phi = np.concatenate(
         [Dynamic().regression(m, terms).equations.phi[use] for m, use in zip(measurements, clear, strict=True)]
     )

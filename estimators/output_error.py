@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.free_running import Flights
+from estimators.least_squares import robust_covariance
 from estimators.shapes import continuous, moved
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Term, simulate
@@ -191,14 +192,10 @@ def promise(flights: Sequence[Flights], point: Point, weights: Sequence[Array]) 
 
 
 def model(flights: Sequence[Flights], point: Point) -> Model:
-    """Model at a point, with standard errors from the spread of the flights (sandwich, one score per flight)."""
+    """Model at a point, with standard errors from the spread of the flights (jackknife's sandwich)."""
     weights = _weights(residuals(flights, [point]))
     error, slopes, which = _slopes(flights, point, weights)
-    scores = np.zeros((int(which.max()) + 1, slopes.shape[1]))
-    np.add.at(scores, which.astype(int), slopes * error[:, None])
-    bread = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12, hermitian=True)
-    few = len(scores) / max(1, len(scores) - slopes.shape[1])  # small samples
-    relative = np.sqrt(few * np.diag(bread @ scores.T @ scores @ bread))
+    relative = np.sqrt(np.diag(robust_covariance(slopes, error, which.astype(int))))
     std = relative * np.maximum(np.abs(point.values), SMALLEST)
     names = [f"{term.id}.{shape.name}" for term in point.terms for shape in continuous(term)]
     count = len(point.theta)

@@ -6,12 +6,12 @@ same torque for one instant or for N of them, in any order, and never exceeds `a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar, Protocol, Self
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from pendulum_env._typing import Array, ArrayLike
+from pendulum_env._typing import JSON, Array, ArrayLike, Index
 from pendulum_env.lookup import find
 
 
@@ -73,8 +73,13 @@ class Multisine:
     @classmethod
     def draw(cls, rng: np.random.Generator, seconds: float, amplitude: float = usual) -> Self:
         """Ten harmonics of 0.1 Hz up to 4 Hz, with random phases."""
-        harmonics = np.sort(rng.choice(np.arange(2, 41), 10, replace=False))
-        return cls(amplitude, 0.1, tuple(harmonics.tolist()), tuple(rng.uniform(0, 2 * np.pi, 10).tolist()))
+        return cls.band(rng, amplitude, 0.1, np.arange(2, 41), 10)
+
+    @classmethod
+    def band(cls, rng: np.random.Generator, amplitude: float, base: float, harmonics: Index, count: int) -> Self:
+        """Some of the harmonics of a base frequency [Hz], with random phases."""
+        chosen = np.sort(rng.choice(harmonics, count, replace=False))
+        return cls(amplitude, base, tuple(chosen.tolist()), tuple(rng.uniform(0, 2 * np.pi, count).tolist()))
 
     def signal(self, time: ArrayLike) -> Array:
         """Torque [N m]."""
@@ -153,7 +158,12 @@ class Steps:
     @staticmethod
     def draw(rng: np.random.Generator, seconds: float, amplitude: float = usual) -> Levels:
         """Levels within the amplitude, held for 0.2 to 1.2 s."""
-        edges = np.cumsum(rng.uniform(0.2, 1.2, int(seconds / 0.2) + 1))
+        return Steps.held(rng, seconds, amplitude, 0.2, 1.2)
+
+    @staticmethod
+    def held(rng: np.random.Generator, seconds: float, amplitude: float, shortest: float, longest: float) -> Levels:
+        """Levels within the amplitude, held for random times [s]."""
+        edges = np.cumsum(rng.uniform(shortest, longest, int(seconds / shortest) + 1))
         edges = edges[: int(np.searchsorted(edges, seconds)) + 1]
         return Levels(amplitude, tuple(edges.tolist()), tuple(rng.uniform(-amplitude, amplitude, len(edges)).tolist()))
 
@@ -187,3 +197,56 @@ def excitation(
         if not 0 < value < np.inf:
             raise ValueError(f"an excitation needs {what} above zero, got {value:g}")
     return kind.draw(rng, seconds, amplitude)
+
+
+def family(rng: np.random.Generator, seconds: float, amplitude: float) -> list[Excitation]:
+    """Signals that differ in what they make a pendulum do, of a third to all of an amplitude, to choose one from.
+
+    Slow ones creep through large angles and reverse seldom, medium and fast ones accelerate, a chirp does both one
+    after the other, steps overshoot from rest, and long holds let the arm come to rest at many angles.
+    """
+    slow, fast = 1 / seconds, 0.5  # [Hz]
+    signals: list[Excitation] = []
+    for bound in (amplitude / 3, amplitude / 2, amplitude / 1.5, amplitude):
+        signals += [
+            Multisine.band(rng, bound, slow, np.arange(1, 9), 4),
+            Multisine.draw(rng, seconds, bound),
+            Multisine.band(rng, bound, fast, np.arange(4, 21), 6),
+            Chirp.draw(rng, seconds, bound),
+            TwoTone.draw(rng, seconds, bound),
+            Steps.draw(rng, seconds, bound),
+            Steps.held(rng, seconds, bound, 1.5, 3.0),
+        ]
+    return signals
+
+
+SIGNALS: dict[str, type[Any]] = {
+    "two_tone": TwoTone,
+    "multisine": Multisine,
+    "chirp": Chirp,
+    "levels": Levels,
+}
+
+
+def signal_json(signal: Excitation) -> JSON:
+    """Plain dictionary for JSON of a signal that `SIGNALS` knows."""
+    kind = next(name for name, kind in SIGNALS.items() if isinstance(signal, kind))
+    return {"kind": kind, **{f.name: getattr(signal, f.name) for f in fields(SIGNALS[kind])}}
+
+
+def signal_from_json(data: JSON) -> Excitation:
+    """Signal from a dictionary that `signal_json` made.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    try:
+        kind = SIGNALS[data["kind"]]
+        values = {f.name: data[f.name] for f in fields(kind)}
+        signal: Excitation = kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+        torque = signal.signal(np.linspace(0, 60, 6001))
+        if np.abs(torque).max() <= signal.amplitude * (1 + 1e-9):
+            return signal
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError):
+        pass
+    raise ValueError(f"a signal is one of {', '.join(SIGNALS)} with all of its numbers, within its amplitude")

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from estimators.diagnosis import SCHEMA
+from estimators.suggestion import Suggestion
 from pendulum_env.files import check_output
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.recording import Recording, read_recording
@@ -114,6 +117,30 @@ def read_model(path: str) -> Model:
     if "inertia" not in model.estimates:
         raise ModelError(f"{path}: the model lacks the term inertia, without which nothing moves")
     return model
+
+
+def read_suggestion(path: str) -> Suggestion:
+    """Read the experiment that a diagnosis suggests.
+
+    Raises:
+        InputError: if the file is missing or no diagnosis, or nothing is open that an experiment would settle.
+    """
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except ValueError:
+        data = None
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+        raise InputError(f"{path}: is not a diagnosis, which is what `diagnose --json` writes")
+    if data.get("suggestion") is None:
+        pairs = data.get("inseparable") or []
+        why = f", and no torque tells {' from '.join(map(str, pairs[0]))}" if pairs else ""
+        raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{why}")
+    try:
+        return Suggestion.from_json(data["suggestion"])
+    except ValueError as error:
+        raise InputError(f"{path}: its suggestion cannot be played: {error}") from None
 
 
 def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> None:

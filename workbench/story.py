@@ -33,6 +33,11 @@ def tell(diagnosis: Diagnosis, terminal: Terminal) -> None:
         terminal.say("something, but no effect of the library explains it: see what is left unexplained")
     else:
         terminal.say(f"nothing: {enumerate_words([term.id for term in base.terms])} explain these recordings")
+    if diagnosis.disagreements:
+        terminal.heading("Recordings that disagree")
+        for disagreement in diagnosis.disagreements:
+            terminal.say(f"- {disagreement.text}")
+        terminal.say("what disagrees is not fitted: diagnose it on its own, or find out what was changed")
     terminal.heading("Errors")
     tell_errors(diagnosis.steps, terminal)
     terminal.say(f"measurement noise alone would leave {diagnosis.noise_floor:.3g} N m")

@@ -90,6 +90,7 @@ class Shape:
     high: float
     integer: bool = False
     follows: str = ""  # name of a linear parameter of another term that this one is to equal
+    instant: bool = False  # whether it is a time at which something happens, which shows only in what is sampled then
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class PayloadChange(Term):
     law = "(dI q'' + dmgl sin q) for t > t0"
     kind = "time-varying"
     reveal = "a recording that spans the change"
-    shapes = (Shape("moment", "s", 0.0, 1e6),)
+    shapes = (Shape("moment", "s", 0.0, 1e6, instant=True),)
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -8,10 +8,11 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators.dataset import choose_half_width, dataset, prepare
 from estimators.equations import IdentificationError
+from estimators.evidence import Evidence, fit_terms
 from estimators.least_squares import solve
 from estimators.motion import white_noise
 from estimators.windows import bump, cut
-from pendulum_env.physics import BASE, Inertia, Viscous
+from pendulum_env.physics import BASE, Inertia, Viscous, effect
 from pendulum_env.recording import Recording
 
 TRUTH = np.array([0.09, 2.0, 0.35, 0.8])  # of the default plant
@@ -202,3 +203,15 @@ def test_a_recording_that_rests_is_refused_with_what_to_do():
     time = np.arange(2000) / 500
     with pytest.raises(IdentificationError, match=r"resting: only 0 stretches .* clear of stick .* record longer"):
         prepare([Recording("resting", time, np.zeros(2000), 0.3 * np.sin(time))])
+
+
+def test_a_moment_while_the_joint_rests_is_not_known_better_than_the_rest_lasts():
+    time = np.arange(5000) / 500
+    command = 3 * np.sin(12 * time) + 3 * np.sin(2.3 * time)
+    paused = np.where((time > 2.5) & (time < 5.0), 0.0, command)
+    plant = Plant(effects={"payload_change": {"pay_t": 4.0, "pay_I": 0.04, "pay_mgl": 0.0}})
+    runs = simulate([(plant, Experiment(seed=1, seconds=10.0, rate=500.0))] * 2, [command, paused])
+    terms = (*BASE, effect("payload_change")(moment=4.0))
+    moving, resting = (fit_terms(Evidence.of([recorded(r)]), terms)[0] for r in runs)
+    assert moving.estimates["payload_change.moment"].std < 0.05
+    assert 0.5 < resting.estimates["payload_change.moment"].std < 2.0

@@ -1,9 +1,11 @@
 """Excitation signals: bounded, repeatable, plain functions of time."""
 
+import json
+
 import numpy as np
 import pytest
 
-from pendulum_env.excitation import EXCITATIONS, excitation
+from pendulum_env.excitation import EXCITATIONS, excitation, family, signal_from_json, signal_json
 
 NAMES = sorted(EXCITATIONS)
 TIME = np.arange(0, 40, 0.001)
@@ -57,3 +59,34 @@ def test_unknown_name_is_answered_with_the_nearest():
 def test_numbers_that_make_no_signal_are_refused(options):
     with pytest.raises(ValueError, match=f"needs {next(iter(options))} above zero"):
         draw("steps", **options)
+
+
+def test_a_family_stays_within_its_amplitude_and_differs_in_speed_and_strength():
+    signals = family(np.random.default_rng(0), 20.0, 4.0)
+    peaks = [np.abs(signal.signal(TIME)).max() for signal in signals]
+    assert max(peaks) <= 4.0 and min(peaks) < 2.0
+    reversals = [np.count_nonzero(np.diff(np.sign(signal.signal(TIME)))) for signal in signals]
+    assert max(reversals) > 10 * min(reversals)
+
+
+def test_signals_survive_json():
+    for signal in family(np.random.default_rng(0), 20.0, 4.0):
+        again = signal_from_json(json.loads(json.dumps(signal_json(signal))))
+        assert again == signal
+        assert np.array_equal(again.signal(TIME), signal.signal(TIME))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        {},
+        {"kind": "square"},
+        {"kind": "levels", "amplitude": 1.0, "edges": [1.0]},
+        {"kind": "levels", "amplitude": 1.0, "edges": [1.0], "levels": [2.0]},
+        {"kind": "two_tone", "amplitude": float("nan"), "phases": [0.0, 1.0]},
+        {"kind": "two_tone", "amplitude": "high", "phases": [0.0, 1.0]},
+    ],
+)
+def test_what_is_no_signal_is_refused(data):
+    with pytest.raises(ValueError, match="a signal is one of two_tone, multisine, chirp, levels"):
+        signal_from_json(data)

@@ -187,6 +187,47 @@ def follows_design(data):
     assert data["noise_floor"]["torque_rms"] > 0
 
 
+def test_record_plays_what_a_diagnosis_suggests(tmp_path, capsys, monkeypatch):
+    """Small swings under gravity look like a spring: the next experiment goes further, and no doubt is left."""
+    monkeypatch.setattr(estimators.search, "effects", lambda: {id: effects()[id] for id in ("spring", "gravity_tilt")})
+    first, next_one, path = tmp_path / "first.csv", tmp_path / "next.csv", tmp_path / "d.json"
+    plant = ["--theta", "coulomb=0.2,viscous=0.2", "-o"]
+    assert main(["record", "--seconds", "8", "--amplitude", "1", *plant, str(first)]) == 0
+    assert main(["diagnose", str(first), "--json", str(path), "--max-torque", "4"]) == 0
+    assert "to tell spring from gravity: record 20 s of" in capsys.readouterr().out
+    suggestion = json.loads(path.read_text())["suggestion"]
+    assert suggestion["settles"] == [{"effect": "spring", "instead": "gravity"}]
+    assert main(["record", "--excitation", "suggested", "--diagnosis", str(path), *plant, str(next_one)]) == 0
+    played = read_recording(next_one)
+    assert played.duration == pytest.approx(suggestion["seconds"], abs=0.01)
+    assert (
+        np.abs(played.torque).max() == pytest.approx(suggestion["peak_torque"], abs=0.1)
+        and suggestion["peak_torque"] <= 4
+    )
+    assert np.ptp(played.position) == pytest.approx(np.ptp(suggestion["reach"]), rel=0.1)
+    assert main(["diagnose", str(first), str(next_one), "--json", str(path)]) == 0
+    assert json.loads(path.read_text())["suggestion"] is None
+
+
+def test_a_diagnosis_without_a_suggestion_is_refused(runs, tmp_path, refused):
+    path = tmp_path / "d.json"
+    play = ["record", "--excitation", "suggested", "--diagnosis", path, "-o", tmp_path / "next.csv"]
+    content = {"schema": "pendulum-ident/diagnosis@1", "suggestion": None}
+    for data, reason in [
+        ("{", "is not a diagnosis"),
+        ((runs / "model.json").read_text(), "is not a diagnosis"),
+        (json.dumps(content), "leaves nothing open that an experiment would settle"),
+        (
+            json.dumps({**content, "inseparable": [["torque_offset", "coulomb_asymmetry"]]}),
+            "no torque tells torque_offset",
+        ),
+        (json.dumps({**content, "suggestion": {"seconds": 3}}), "its suggestion cannot be played"),
+    ]:
+        path.write_text(data)
+        assert reason in refused(*play)
+    assert "--max-torque" in refused(*play, "--amplitude", "2")
+
+
 def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, capsys, few_effects):
     path = tmp_path / "report.html"
     assert main(["demo", "--seed", "3", "-o", str(path)]) == 0
@@ -417,6 +458,9 @@ def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refuse
         (["paper", "--seconds", "1"], "should be a number from 5"),
         (["paper", "--report", "p.html", "--json", "p.html"], "two outputs"),
         (["paper", "run.csv"], "run.csv"),
+        (["record", "--excitation", "suggested", "-o", "run.csv"], "needs --diagnosis FILE"),
+        (["record", "--diagnosis", "d.json", "-o", "run.csv"], "goes with --excitation suggested only"),
+        (["record", "--excitation", "suggested", "--diagnosis", "d.json", "-o", "run.csv"], "d.json: cannot be read"),
     ],
     ids=lambda part: " ".join(part) if isinstance(part, list) else "",
 )

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimators.agreement import Difference, Disagreement
 from estimators.diagnose import diagnose
 from estimators.diagnosis import Candidate, Diagnosis, Verdict
 from estimators.identify import identify
@@ -135,6 +136,13 @@ def test_open_questions_are_told(train: Recording, holdout: Recording, diagnosis
     assert "For q from 0.1 to 0.2 rad the joint needs <more>" in text
     assert "Slower motion would separate them." in text
     assert "A hard stop: it needs wider swings." in text
+    heavier = Disagreement(2, "friday", ("monday",), (Difference("inertia", "kg m^2", 0.099, 0.09, 0.001),))
+    two = replace(diagnosis, disagreements=(heavier,))
+    friday = replace(train, name="friday", torque=2 * train.torque)
+    assert (
+        "Recording 2 (friday) disagrees with 'monday': inertia 10 % higher"
+        in Page(render([train, friday], [], two)).text
+    )
     stuck = replace(diagnosis, steps=diagnosis.steps[:1], unexplained=(REGION,))
     assert "Something is missing, and no known effect explains it" in Page(render([train], [holdout], stuck)).text
 

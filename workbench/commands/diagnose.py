@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 
+from estimators.design import USUAL
 from estimators.diagnose import diagnose
 from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE
 from workbench.command import Command
 from workbench.commands.identify import six_schemes
-from workbench.inputs import check_outputs, keep_apart, read_model, read_recordings, take_recordings, wrote
+from workbench.inputs import check_outputs, keep_apart, number, read_model, read_recordings, take_recordings, wrote
 from workbench.story import tell
 from workbench.terminal import Terminal
 
@@ -19,6 +20,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, model to start from, and outputs."""
     take_recordings(parser, holdout=True)
     parser.add_argument("--model", metavar="MODEL.json", help="start from its terms (default: the paper's four)")
+    parser.add_argument(
+        "--max-torque",
+        metavar="NM",
+        type=number(0.1),
+        help=f"bound of the torque of a suggested experiment [N m] (default {USUAL:g}, or the largest recorded)",
+    )
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
     parser.add_argument("--report", metavar="FILE.html", help="write a report with plots, one file to share")
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
@@ -35,7 +42,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     recordings = read_recordings(arguments.recordings, arguments.unwrap, terminal)
     holdout = read_recordings(arguments.holdout, arguments.unwrap, terminal)
     with terminal.progress("diagnosing") as progress:
-        found = diagnose(recordings, holdout, base, progress)
+        found = diagnose(recordings, holdout, base, progress, arguments.max_torque)
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
     if arguments.output is not None:

@@ -20,7 +20,7 @@ from pendulum_env.recording.checks import FEWEST, SHORTEST, SLOWEST
 from pendulum_env.recording.storage import WRITERS
 from pendulum_env.registration import PENDULUM
 from workbench.command import Command
-from workbench.inputs import InputError, argument, check_outputs, number, whole, wrote
+from workbench.inputs import InputError, argument, check_outputs, number, read_suggestion, whole, wrote
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
@@ -30,17 +30,24 @@ BACKENDS = {  # and whether it is available
     "replay": True,  # a recording again
     "dm1015b": False,
 }
+SECONDS = 30.0  # length of a recording
+SUGGESTED = "suggested"  # excitation that a diagnosis holds
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare plant, excitation, measurement and output."""
-    parser.add_argument("--seconds", type=number(SHORTEST), default=30.0, help="length (default 30)")
+    parser.add_argument(
+        "--seconds", type=number(SHORTEST), help=f"length (default {SECONDS:g}, or what the diagnosis suggests)"
+    )
     parser.add_argument(
         "--excitation",
         type=argument(_excitation),
         default="paper",
         metavar="NAME",
-        help=f"{', '.join(EXCITATIONS)} (default paper)",
+        help=f"{', '.join(EXCITATIONS)} (default paper), or {SUGGESTED}: the experiment that --diagnosis suggests",
+    )
+    parser.add_argument(
+        "--diagnosis", metavar="FILE", help=f"what `diagnose --json` wrote, for --excitation {SUGGESTED}"
     )
     parser.add_argument("--amplitude", type=number(0.0), help="bound of the torque [N m]; each excitation has its own")
     parser.add_argument(
@@ -75,21 +82,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Simulate a run and write it."""
-    check_outputs([arguments.output])
+    check_outputs([arguments.output], [path for path in (arguments.diagnosis, arguments.replay) if path])
     if not arguments.output.lower().endswith(tuple(WRITERS)):
         raise InputError(f"{arguments.output}: the name should end in {', '.join(WRITERS)}")
-    samples = arguments.seconds * arguments.rate
+    rng = np.random.default_rng(arguments.seed)
+    command, seconds = experiment(arguments, rng)
+    samples = seconds * arguments.rate
     if not FEWEST <= samples <= MOST:
         raise InputError(f"{samples:.0f} samples are asked for, between {FEWEST} and {MOST} are possible")
     plant: Model = arguments.theta
     for text in arguments.effects:
         plant = hide(plant, text)
-    rng = np.random.default_rng(arguments.seed)
-    try:
-        command = excitation(arguments.excitation, rng, arguments.seconds, arguments.amplitude)
-    except ValueError as error:
-        raise InputError(str(error)) from None
-    recording = _run(arguments, plant, command, rng, terminal)
+    recording = _run(arguments, plant, command, seconds, rng, terminal)
     if np.ptp(recording.position) == 0:
         raise InputError(f"the arm never moves: {command.amplitude:g} N m do not overcome its friction")
     write_recording(recording, arguments.output)
@@ -101,13 +105,42 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     wrote([arguments.output], terminal)
 
 
+def experiment(arguments: argparse.Namespace, rng: np.random.Generator) -> tuple[Excitation, float]:
+    """Torque command and length [s]: drawn, or as a diagnosis suggests.
+
+    Raises:
+        InputError: if the arguments do not go together, or the diagnosis suggests nothing.
+    """
+    if arguments.excitation == SUGGESTED:
+        if arguments.diagnosis is None:
+            raise InputError(f"--excitation {SUGGESTED} needs --diagnosis FILE, which `diagnose --json FILE` writes")
+        if arguments.amplitude is not None:
+            raise InputError(
+                f"--amplitude does not go with --excitation {SUGGESTED}: `diagnose --max-torque` bounds its torque"
+            )
+        suggestion = read_suggestion(arguments.diagnosis)
+        return suggestion.signal, arguments.seconds or suggestion.seconds
+    if arguments.diagnosis is not None:
+        raise InputError(f"--diagnosis goes with --excitation {SUGGESTED} only")
+    seconds = arguments.seconds or SECONDS
+    try:
+        return excitation(arguments.excitation, rng, seconds, arguments.amplitude), seconds
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
 def _run(
-    arguments: argparse.Namespace, plant: Model, command: Excitation, rng: np.random.Generator, terminal: Terminal
+    arguments: argparse.Namespace,
+    plant: Model,
+    command: Excitation,
+    seconds: float,
+    rng: np.random.Generator,
+    terminal: Terminal,
 ) -> Recording:
     """Record with the backend that was asked for."""
     if arguments.backend == "simulated":
         with terminal.progress("simulating"):
-            return record(plant, command, arguments.seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng)
+            return record(plant, command, seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng)
     if (arguments.backend == "replay") != (arguments.replay is not None):
         raise InputError("--backend replay and --replay FILE belong together: give both or neither")
     env = gym.make(
@@ -122,19 +155,20 @@ def _run(
         recording=arguments.replay,
     )
     rate = env.unwrapped.rate  # type: ignore[attr-defined]
-    steps = round(arguments.seconds * rate)
+    steps = round(seconds * rate)
     with terminal.progress("running") as tell:
         return rollout(
             env,
             OpenLoop(command, rate),
             steps,
             seed=int(rng.integers(2**31)),
-            watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / arguments.seconds),
+            watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / seconds),
         )
 
 
 def _excitation(text: str) -> str:
-    find("excitation", text, EXCITATIONS)
+    if text != SUGGESTED:
+        find("excitation", text, EXCITATIONS)
     return text
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from estimators.diagnose import gather
+from estimators.diagnose import agreeing, gather
 from estimators.diagnosis import Diagnosis
 from estimators.evidence import Evidence
 from estimators.identify import Identification
@@ -41,8 +41,12 @@ class Case:
         diagnosis: Diagnosis,
         identification: Identification | None = None,
     ) -> Case:
-        """Gather a case; without held-out recordings, the end of each recording is held out, as in the diagnosis."""
-        return cls(tuple(recordings), tuple(holdout or recordings), not holdout, diagnosis, identification)
+        """Gather a case as the diagnosis did.
+
+        Recordings that disagree are not fitted; without held-out recordings, the end of each recording is held out.
+        """
+        fitted = tuple(agreeing(recordings, [one.recording for one in diagnosis.disagreements]))
+        return cls(fitted, tuple(holdout) or fitted, not holdout, diagnosis, identification)
 
     @cached_property
     def _evidence(self) -> tuple[Evidence, Evidence]:

@@ -48,6 +48,7 @@ def story(case: Case) -> Section:
             "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
             "ambiguous": diagnosis.ambiguous,
             "unexplained": diagnosis.unexplained,
+            "disagreements": diagnosis.disagreements,
             "advice": diagnosis.advice,
             "not_excited": open_questions,
             "noise_floor": diagnosis.noise_floor,

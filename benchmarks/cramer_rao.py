@@ -1,0 +1,304 @@
+"""Errors of the offline estimates against the Cramer-Rao bound, and the coverage of their 95 % intervals.
+
+python -m benchmarks.cramer_rao
+
+Noise model of the bound: the recorded position is the true one plus white noise of the variance of the encoder's
+quantisation (count^2 / 12), the recorded torque is the one that acts plus white noise; both are Gaussian and
+independent, the plant itself is undisturbed, and its state at the start is not known. So the torque that acts is known
+only through the record: its error drives the motion away from what the record predicts, which makes the innovations of
+an extended Kalman filter the sufficient statistics. Their sensitivities give Fisher's information; the one-sample steps
+that they need are differences of the independent simulation, stick included.
+
+Source: Ljung, System Identification, 2nd edition, sections 7.4 and 10.3.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, random_case, simulate
+from benchmarks.parallel import each
+from benchmarks.scoring import positive, rate, take_workers
+from benchmarks.truth import Truth
+from estimators import output_error
+from estimators.evidence import Evidence, fit_terms
+from estimators.screen import Screen
+from pendulum_env.physics import BASE, Model, effect
+from pendulum_env.recording import Recording
+from workbench.terminal import Terminal
+
+Array = NDArray[np.float64]
+
+AIM = 1.2  # times the bound
+INTERVAL = 1.96  # standard errors, 95 % of a normal distribution
+RATES = (200.0, 500.0, 1000.0, 2000.0)  # [Hz]
+COVERED = (  # effects whose law and parameters are those of the library, with or without shape parameters
+    "torque_offset",
+    "gravity_tilt",
+    "viscous_asymmetry",
+    "stribeck",
+    "quadratic_drag",
+    "load_dependent_friction",
+    "position_dependent_friction",
+    "cogging",
+    "torque_ripple",
+    "spring",
+    "actuator_lag",
+    "torque_saturation",
+    "friction_drift",
+    "payload_change",
+    "periodic_disturbance",
+    "encoder_eccentricity",
+)
+EVERY: tuple[tuple[str, ...], ...] = ((), *((id,) for id in COVERED))
+
+
+@dataclass(frozen=True)
+class Study:
+    """A plant and an experiment of which the bound is worked out; what is estimated, by name of the plant's parameter.
+
+    Attributes:
+        estimated: name of each parameter in the model and, for an effect, in the plant.
+    """
+
+    name: str
+    plant: Plant
+    experiment: Experiment
+    estimated: tuple[tuple[str, str, str], ...] = ()  # name in the model, effect, name in the plant
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (*(term.id for term in BASE), *(name for name, _, _ in self.estimated))
+
+    @property
+    def position_noise(self) -> float:
+        """Standard deviation of the quantisation of the encoder [rad]."""
+        return 2 * np.pi / (self.experiment.counts or np.inf) / np.sqrt(12)
+
+    def changed(self, name: str, amount: float) -> tuple[Plant, float]:
+        """The plant with one parameter larger by a share, and how much that is."""
+        for known, id, own in self.estimated:
+            if known == name:
+                value = self.plant.effects[id][own]
+                changed = {id: self.plant.effects[id] | {own: value * (1 + amount)}}
+                return replace(self.plant, effects=self.plant.effects | changed), value * amount
+        value = getattr(self.plant, name)
+        return replace(self.plant, **{name: value * (1 + amount)}), value * amount
+
+
+PAPER = Experiment(rate=500.0, seconds=10.0, excitation="two_tone", seed=1)
+COARSE = replace(PAPER, counts=8192)
+DRAG = Plant(effects={"quadratic_drag": {"drag": 0.04}})
+STRIBECK = Plant(effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})
+STUDIES = (
+    Study("paper's run", Plant(), PAPER),
+    Study("coarse encoder (8192 counts)", Plant(), COARSE),
+    Study("steps at 200 Hz", Plant(), replace(PAPER, rate=200.0, excitation="steps")),
+    Study("quadratic drag", DRAG, PAPER, (("quadratic_drag", "quadratic_drag", "drag"),)),
+    Study(
+        "Stribeck",
+        STRIBECK,
+        PAPER,
+        (("stribeck", "stribeck", "strib_d"), ("stribeck.stribeck_velocity", "stribeck", "strib_v")),
+    ),
+)
+
+# --------------------------------------------------------------------------------------------------------------- bound
+
+
+@dataclass(frozen=True)
+class Steps:
+    """One-sample steps of the state (q, v) along a run of N samples, to first order.
+
+    Attributes:
+        state: effect of the state on the next one (N, 2, 2).
+        torque: effect of the torque (N, 2).
+        theta: effect of P parameters (N, 2, P).
+    """
+
+    state: Array
+    torque: Array
+    theta: Array
+
+
+def linearise(study: Study, run: SimulatedRecording) -> Steps:
+    """Differences of the independent simulation, started anew at every sample."""
+    q, v, u = run.exact_position, run.velocity, run.command
+    nudges = (1e-6, 1e-5, 1e-4)  # [rad], [rad/s], [N m]
+    plain = _steps(study.plant, run, q, v, u)
+    parts = [
+        (_steps(study.plant, run, q + nudges[0], v, u) - plain) / nudges[0],
+        (_steps(study.plant, run, q, v + nudges[1], u) - plain) / nudges[1],
+        (_steps(study.plant, run, q, v, u + nudges[2]) - plain) / nudges[2],
+    ]
+    for name in study.names:
+        plant, amount = study.changed(name, 1e-4)
+        parts.append((_steps(plant, run, q, v, u) - plain) / amount)
+    slopes = np.stack(parts, axis=-1)
+    return Steps(slopes[..., :2], slopes[..., 2], slopes[..., 3:])
+
+
+def _steps(plant: Plant, run: SimulatedRecording, q: Array, v: Array, u: Array) -> Array:
+    """State (q, v) one sample after each of N states, (N, 2)."""
+    hertz = run.experiment.rate
+    starts = zip(q.tolist(), v.tolist(), strict=True)
+    step = Experiment(rate=hertz, seconds=2 / hertz, counts=None, torque_noise=0.0)
+    ends = simulate([(plant, replace(step, start=start)) for start in starts], commands=[np.full(2, t) for t in u])
+    return np.array([(end.exact_position[1], end.velocity[1]) for end in ends])
+
+
+def bound(steps: Steps, position_noise: float, torque_noise: float) -> Array:
+    """Cramer-Rao bound of the standard errors of P parameters, the state at the start being unknown, (P,)."""
+    count = steps.theta.shape[2]
+    moved = np.zeros((2, count + 2))  # of the predicted state by the parameters, and by the state at the start
+    moved[:, count:] = np.eye(2)
+    spread, information = np.zeros((2, 2)), np.zeros((count + 2, count + 2))  # of the prediction: covariance
+    for A, B, G in zip(steps.state, steps.torque, steps.theta, strict=True):
+        S = spread[0, 0] + position_noise**2
+        information += np.outer(moved[0], moved[0]) / S
+        gain = spread[:, 0] / S
+        moved = A @ (moved - np.outer(gain, moved[0]))
+        moved[:, :count] += G
+        spread = A @ (spread - np.outer(gain, spread[0])) @ A.T + torque_noise**2 * np.outer(B, B)
+    scale = 1 / np.sqrt(np.diag(information))
+    covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
+    return np.sqrt(np.diag(covariance)[:count])
+
+
+# ----------------------------------------------------------------------------------------------------------- estimates
+
+
+def realisation(study: Study, run: SimulatedRecording, seed: int) -> Recording:
+    """The run as it is measured once."""
+    rng = np.random.default_rng(seed)
+    position = run.exact_position + study.position_noise * rng.standard_normal(len(run.time))
+    torque = run.command + run.experiment.torque_noise * rng.standard_normal(len(run.time))
+    return Recording(study.name, run.time, position, torque)
+
+
+def fit_windows(evidence: Evidence, hidden: Sequence[str]) -> Model:
+    """The fit over windows of the base terms and some effects, shape parameters searched."""
+    screen, terms = Screen(evidence.data), BASE
+    for id in hidden:
+        trial = screen.best(terms, effect(id))
+        terms = terms if trial is None else trial.terms
+    return fit_terms(evidence, terms)[0]
+
+
+def fit_flights(evidence: Evidence, start: Model) -> Model:
+    """The same terms, refined by output error."""
+    point = output_error.fit(evidence.flights, start.terms, start.theta)
+    return output_error.model(evidence.flights, point)
+
+
+def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:
+    """Both estimates of one realisation."""
+    evidence = Evidence.of([realisation(study, run, seed)])
+    windows = fit_windows(evidence, tuple(study.plant.effects))
+    return windows, fit_flights(evidence, windows)
+
+
+def tell_bound(study: Study, realisations: int, workers: int, terminal: Terminal) -> None:
+    """Print bound, errors and coverage of one study."""
+    (run,) = simulate([(study.plant, study.experiment)])
+    least = bound(linearise(study, run), study.position_noise, study.experiment.torque_noise)
+    truth = Truth.of(study.name, run.truth).parameters
+    work: Callable[[int], tuple[Model, Model]] = partial(estimate, study=study, run=run)
+    found = each(work, range(realisations), workers=workers, title=study.name, terminal=terminal)
+    rows = []
+    for name, smallest in zip(study.names, least.tolist(), strict=True):
+        cells = []
+        for models in zip(*found, strict=True):
+            error = np.array([model.estimates[name].value - truth[name] for model in models])
+            std = np.array([model.estimates[name].std for model in models])
+            ratio = float(np.sqrt(np.mean(error**2))) / smallest
+            cells += [f"{ratio:.2f}", f"{np.mean(np.abs(error) < INTERVAL * std):.0%}"]
+        rows.append((name, f"{truth[name]:.4g}", f"{smallest:.2g}", *cells))
+    terminal.heading(f"{study.name}: {len(found)} realisations of {study.experiment.seconds:g} s")
+    heads = ("bound", "windows / bound", "within 95 %", "flights / bound", "within 95 %")
+    terminal.table(("parameter", "truth", *heads), rows)
+
+
+# ------------------------------------------------------------------------------------------------------------ coverage
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """An estimate minus the truth in standard errors."""
+
+    rate: float
+    effect: str
+    parameter: str
+    windows: float
+
+
+def deviations(case: tuple[Truth, Recording]) -> list[Deviation]:
+    """How far the fit of the true terms is from the truth."""
+    truth, recording = case
+    model = fit_windows(Evidence.of([recording]), truth.hidden)
+    return [
+        Deviation(truth.rate, truth.label, name, (value.value - truth.parameters[name]) / value.std)
+        for name, value in model.estimates.items()
+        if name in truth.parameters and value.std > 0
+    ]
+
+
+def random_cases(count: int, seed: int) -> list[tuple[Truth, Recording]]:
+    """Random plants with one effect each, or none, recorded at every rate."""
+    rng, runs = np.random.default_rng(seed), []
+    for hertz in RATES:
+        for j in range(count):
+            hidden = EVERY[j % len(EVERY)]
+            sensors = {"counts": int(rng.choice([65_536, 1_024_000])), "torque_noise": float(rng.choice([0.02, 0.05]))}
+            case = random_case(rng, hidden, rate=hertz, seconds=12.0, **sensors)
+            runs.append((case.plant, case.train))
+    recordings = simulate(runs)
+    return [
+        (Truth.of(f"{j}", r.truth), Recording(f"{j}", r.time, r.position, r.torque)) for j, r in enumerate(recordings)
+    ]
+
+
+def tell_coverage(count: int, seed: int, workers: int, terminal: Terminal) -> None:
+    """Print how often 95 % intervals hold the truth."""
+    found = each(deviations, random_cases(count, seed), workers=workers, title="coverage", terminal=terminal)
+    every = [deviation for some in found for deviation in some]
+    base = {term.id for term in BASE}
+
+    def covered(some: list[Deviation]) -> str:
+        return rate(sum(abs(d.windows) < INTERVAL for d in some), len(some))
+
+    groups = {"base terms": [d for d in every if d.parameter in base]}
+    groups |= {"effects": [d for d in every if d.parameter not in base]}
+    for hertz in RATES:
+        some = [d for d in every if d.rate == hertz]
+        groups |= {f"base terms at {hertz:g} Hz": [d for d in some if d.parameter in base]}
+        groups |= {f"effects at {hertz:g} Hz": [d for d in some if d.parameter not in base]}
+    groups |= {f"with {id}": [d for d in every if d.effect == id] for id in ("nothing", *COVERED)}
+    terminal.heading(f"95 % intervals of the fit over windows that hold the truth: {count} random plants at each rate")
+    terminal.table(("parameters", "within"), [(name, covered(some)) for name, some in groups.items()], left=("within",))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.cramer_rao", description=__doc__.splitlines()[0])
+    parser.add_argument("--n", type=positive, default=100, help="realisations of each study (default %(default)s)")
+    parser.add_argument("--plants", type=positive, default=64, help="random plants at each rate (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="of the random plants")
+    take_workers(parser)
+    arguments = parser.parse_args(argv)
+    terminal = Terminal()
+    for study in STUDIES:
+        tell_bound(study, arguments.n, arguments.workers, terminal)
+    terminal.say(f"aim: within {AIM:g} of the bound")
+    tell_coverage(arguments.plants, arguments.seed, arguments.workers, terminal)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,153 @@
+"""The next experiment: the torque signal that would settle what a diagnosis leaves open.
+
+Open are effects that fit equally well, and effects that the recorded motion hardly shows. The fitted model is simulated
+under a family of candidate signals, and the simulated recordings are put through the same windowed equations as real
+ones. What the rival model cannot explain of them, its parameters fitted anew, is what the experiment would show: the
+signal that makes it largest against the noise is suggested (T-optimality), of those that show plenty the gentlest.
+
+Source: Atkinson and Fedorov, Biometrika 62(1), 1975.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.dataset import Dataset, dataset
+from estimators.diagnosis import Candidate, Verdict
+from estimators.identifiability import Doubt
+from estimators.search import Search
+from estimators.suggestion import Aim, Suggestion
+from estimators.windows import cut
+from pendulum_env._typing import Array
+from pendulum_env.excitation import Excitation, family
+from pendulum_env.physics import Model, Term, simulate
+from pendulum_env.plant import typical
+from pendulum_env.recording import Recording
+
+SECONDS = 20.0  # of the experiment
+RATE = 500.0  # [Hz], of its simulation at most
+USUAL = 6.0  # [N m], the paper's peak torque: what a motor is trusted with unless it is known to give more
+SHOWN = 0.7  # times the noise floor: a difference as large as this is found
+PLENTY = 20.0  # times the noise floor: enough to show a twentieth part of it, too
+ALIKE = 0.05  # of the worth, a logarithm: signals as close as this are as good, and the smallest swing is chosen
+FEWEST = 40  # windows clear of stick that an experiment has to give
+
+
+@dataclass(frozen=True)
+class Question:
+    """Something that an experiment may settle, and how to see whether it would.
+
+    Attributes:
+        aim: what it is.
+        terms: of the rival model: with the effect in place of the other, or without it.
+        torque: effect of typical size whose torque is to be seen, with its linear parameters; None to see the model's.
+    """
+
+    aim: Aim
+    terms: tuple[Term, ...]
+    torque: tuple[Term, Array] | None = None
+
+    def unexplained(self, data: Dataset) -> float:
+        """RMS torque of a simulated experiment that the rival model cannot explain [N m]."""
+        equations = data.equations(self.terms)
+        y = equations.y
+        if self.torque is not None:
+            term, theta = self.torque
+            linear, fixed = data.columns([term])[0]
+            y = linear @ theta + fixed
+        scale = np.maximum(np.linalg.norm(equations.phi, axis=0), 1e-300)
+        theta = np.linalg.lstsq(equations.phi / scale, y, rcond=1e-10)[0] / scale
+        return float(np.sqrt(np.mean((y - equations.phi @ theta) ** 2)))
+
+
+def questions(
+    search: Search,
+    terms: Sequence[Term],
+    groups: Sequence[tuple[str, ...]],
+    candidates: Sequence[Candidate],
+    doubts: Sequence[Doubt],
+) -> list[Question]:
+    """What a diagnosis leaves open."""
+    pairs = [(id, selected) for selected, *alike in groups for id in alike]
+    pairs += [doubt.rivals for doubt in doubts if doubt.rivals is not None]
+    present = {term.id for term in terms}
+    asked = []
+    for id, instead in pairs:
+        others = [term for term in terms if term.id != instead]
+        if id in search.library.keys() - present and len(others) < len(terms):
+            trial = search.screen.best(others, search.library[id])
+            if trial is not None:
+                asked.append(Question(Aim(id, instead), trial.terms))
+    for candidate in candidates:
+        kind = search.library[candidate.effect]
+        asked_already = candidate.effect in {question.aim.effect for question in asked}
+        if candidate.verdict is Verdict.NOT_EXCITED and not kind.beyond and not asked_already:
+            asked.append(Question(Aim(candidate.effect), tuple(terms), of_typical_size(kind)))
+    return asked
+
+
+def of_typical_size(kind: type[Term]) -> tuple[Term, Array]:
+    """An effect as a rig might have it, and its linear parameters (P,)."""
+    values = typical(kind)
+    shapes = {shape.name: values.pop(shape.name) for shape in kind.shapes}
+    return kind(**shapes), np.array(list(values.values()))
+
+
+def suggest(
+    search: Search, model: Model, asked: Sequence[Question], limit: float
+) -> tuple[Suggestion | None, list[Aim]]:
+    """The experiment that settles most, and what no torque up to `limit` [N m] settles."""
+    if not asked:
+        return None, []
+    runs = rehearse(search, model, limit)
+    shown = np.zeros((len(runs), len(asked)))  # against the noise floor
+    for j, run in enumerate(runs):
+        if len(run.data.weights) >= FEWEST:
+            shown[j] = [question.unexplained(run.data) / search.floor for question in asked]
+    answerable = shown.max(axis=0) > SHOWN
+    # one question well settled and one open is worse than both settled
+    worth = np.log1p(np.minimum(shown[:, answerable], PLENTY)).sum(axis=1)
+    best = min(np.flatnonzero(worth >= worth.max() - ALIKE), key=lambda j: runs[j].swing)
+    settled = tuple(question.aim for question, ratio in zip(asked, shown[best], strict=True) if ratio > SHOWN)
+    hopeless = [question.aim for question, hope in zip(asked, answerable, strict=True) if not hope]
+    return (runs[best].suggestion(settled) if settled else None), hopeless
+
+
+@dataclass(frozen=True)
+class Run:
+    """A candidate signal with the motion that the fitted model makes of it, as windowed equations."""
+
+    signal: Excitation
+    data: Dataset
+    peak_speed: float  # [rad/s]
+
+    @property
+    def swing(self) -> float:
+        """Between the lowest and the highest angle [rad]."""
+        return float(np.ptp(self.data.windows[0].recording.position))
+
+    def suggestion(self, settled: tuple[Aim, ...]) -> Suggestion:
+        """The experiment, with what to expect of it."""
+        (windows,) = self.data.windows
+        position, torque = windows.recording.position, windows.recording.torque
+        reach = float(position.min()), float(position.max())
+        return Suggestion(self.signal, SECONDS, settled, float(np.abs(torque).max()), reach, self.peak_speed)
+
+
+def rehearse(search: Search, model: Model, limit: float) -> list[Run]:
+    """Simulate every candidate signal up to a torque [N m], sampled and windowed much as the recordings are."""
+    windows = search.train.data.windows[0]
+    recorded = windows.recording.rate
+    rate, half_width = min(RATE, recorded), (len(windows.kernel) // 2) / recorded
+    time = np.arange(round(SECONDS * rate)) / rate
+    signals = family(np.random.default_rng(0), SECONDS, limit)
+    torques = np.column_stack([signal.signal(time) for signal in signals])
+    path = simulate(model.terms, model.theta, 1 / rate, torques, 0.0, 0.0)
+    motions = zip(signals, torques.T, path.position[:-1].T, np.abs(path.velocity).max(axis=0), strict=True)
+    return [
+        Run(signal, dataset([cut(Recording("experiment", time, position, torque), half_width)]), float(speed))
+        for signal, torque, position, speed in motions
+    ]
