@@ -136,11 +136,18 @@ class Smoothing:
                 break
         return cls(m, max(SLOWEST, 5 * noise * rate * _length(np.convolve(window(m), SLOPE))))
 
-    def of_motion(self, period: float) -> Array:
-        """Weights (3, 2 reach + 1), newest sample first, that give position, velocity and acceleration."""
+    def of_position(self) -> Array:
+        """Weights (2 reach + 1,) of positions, newest first, that give the position."""
+        return np.convolve(window(self.half_width), VALUE)
+
+    def of_steps(self, period: float) -> Array:
+        """Weights (2, 2 reach) of position steps, newest first, that give velocity and acceleration.
+
+        Steps rather than positions: while the encoder stands still, velocity is then 0 and not what rounding leaves.
+        """
         w = window(self.half_width)
-        kernels = [np.convolve(w, kernel) for kernel in (VALUE, SLOPE, CURVATURE)]
-        return np.array(kernels) / np.array([[1.0], [period], [period**2]])
+        kernels = np.array([np.convolve(w, SLOPE) / period, np.convolve(w, CURVATURE) / period**2])
+        return np.cumsum(kernels, axis=1)[:, :-1]
 
     def of_torque(self) -> Array:
         """Weights (2, 2 reach + 1), newest sample first, that give torque at the instant and over the sample before."""
@@ -171,14 +178,15 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
             "record longer"
         )
     smoothing = smoothing or choose_smoothing(recording)
-    value, slope, curvature = smoothing.of_motion(period)
+    slope, curvature = smoothing.of_steps(period)
     at_instant, before = smoothing.of_torque()
-    velocity = np.convolve(recording.position, slope, "valid")
+    steps = np.diff(recording.position)
+    velocity = np.convolve(steps, slope, "valid")
     return Measurements(
         time=recording.time[smoothing.reach : -smoothing.reach],
-        position=np.convolve(recording.position, value, "valid"),
+        position=np.convolve(recording.position, smoothing.of_position(), "valid"),
         velocity=velocity,
-        acceleration=np.convolve(recording.position, curvature, "valid"),
+        acceleration=np.convolve(steps, curvature, "valid"),
         torque=np.convolve(recording.torque, at_instant, "valid"),
         held=np.convolve(recording.torque, before, "valid"),
         moving=np.abs(velocity) > smoothing.slowest,

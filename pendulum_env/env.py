@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -72,7 +72,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             counts: of the encoder per turn; 0 measures the angle exactly.
             torque_noise: standard deviation of the white noise on the measured torque [N m].
             velocity: "difference", the paper's backward difference of the encoder, or "ideal".
-            recording: file that "replay" plays.
+            recording: file that "replay" plays; plant, rate and sensor are then those it was recorded with.
             render_mode: "rgb_array" or "human".
 
         Raises:
@@ -88,7 +88,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         ideal = find("velocity", velocity, {"difference": False, "ideal": True})
         self.model = make_plant(theta, effects, model)
         self.max_torque, self.render_mode = float(max_torque), render_mode
-        self.overlay: tuple[str, ...] = ()  # lines that a wrapper wants to have shown
+        self.overlay: Callable[[], Sequence[str]] = tuple  # lines that a wrapper wants to have shown
         sensor = Sensor(counts, torque_noise, ideal)
         path = None if recording is None else str(recording)
         self._setup = Setup(self.model, 1.0 / rate, int(substeps), sensor, path)
@@ -136,13 +136,16 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             self.model = self.model.at(options["theta"])
             self.backend = self._make(replace(self._setup, model=self.model))
             self.backend.open()
-        start = Start(float(options.get("position", 0.0)), float(options.get("velocity", 0.0)), self.np_random)
+        position, velocity = (float(options.get(name, 0.0)) for name in ("position", "velocity"))
+        if not math.isfinite(position + velocity):
+            raise ValueError(f"a pendulum cannot start at {position:g} rad with {velocity:g} rad/s: give numbers")
+        start = Start(position, velocity, self.np_random)
         first = self.backend.enable(start)
         self._running = True
         # the backward difference starts with the angle one period earlier
-        self._before = float(self._setup.sensor.position(start.position - start.velocity / self.rate))
-        if not self.backend.follows:
-            self._before = first.position
+        self._before = first.position
+        if self.simulated:
+            self._before = float(self._setup.sensor.position(position - velocity / self.rate))
         observation, info = self._show(first)
         if self.render_mode == "human":
             self.render()
@@ -154,7 +157,10 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         Raises:
             ValueError: if the action is no number.
         """
-        torque = float(action[0])
+        try:
+            (torque,) = map(float, action)
+        except TypeError:
+            raise ValueError(f"the action has shape {np.shape(action)}, it needs (1,): a torque in N m") from None
         if torque != torque:
             raise ValueError("the action is NaN: a torque in N m is needed")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
@@ -188,7 +194,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         if self._renderer is None:
             gym.logger.warn("render was called without a render_mode: pass render_mode='rgb_array' to gym.make")
             return None
-        return self._renderer.draw(self._last, self.max_torque, self.overlay)
+        return self._renderer.draw(self._last, self.max_torque, self.overlay())
 
     def close(self) -> None:
         """Let go of the backend and of the window."""

@@ -135,7 +135,7 @@ def _number(part: str, text: str) -> float:
 
 def make_plant(
     theta: Mapping[str, float] | Sequence[float] | None = None,
-    effects: Sequence[str] = (),
+    effects: str | Sequence[str] = (),
     model: Model | str | Path | None = None,
 ) -> Model:
     """Plant of an environment.
@@ -161,6 +161,6 @@ def make_plant(
         raise ValueError("a plant is given by its theta or by a model, not by both")
     else:
         plant = model if isinstance(model, Model) else Model.load(model)
-    for text in effects:
+    for text in [effects] if isinstance(effects, str) else effects:
         plant = hide(plant, text)
     return plant

@@ -10,6 +10,5 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     PENDULUM: {
         "entry_point": "pendulum_env.env:DirectDrivePendulum",
         "vector_entry_point": "pendulum_env.vector_env:DirectDrivePendulumVector",
-        "max_episode_steps": 30_000,  # 30 s at the usual 1 kHz
     },
 }

@@ -24,6 +24,7 @@ from pendulum_env.plant import make_plant
 
 Batch = NDArray[np.float32]
 Bools = NDArray[np.bool_]
+AT_REST = np.array([1.0, 0.0, 0.0], dtype=np.float32)  # observed, hanging down
 
 
 class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
@@ -54,15 +55,15 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         Args:
             num_envs: number B of pendulums.
             effects, theta, model, rate, substeps, max_torque, counts, torque_noise, velocity: as there.
-            max_episode_steps: after which a pendulum's episode is truncated; None never does.
+            max_episode_steps: after which a pendulum's episode is truncated; None, or -1, never does.
             autoreset_mode: when a pendulum whose episode has ended starts anew: with the next step, as Gymnasium's own
                 environments do, or within the same step, `info["final_obs"]` keeping the last observation.
 
         Raises:
             ValueError: if an argument is unknown or out of its range.
         """
-        for what, value in (("rate", rate), ("substeps", substeps), ("num_envs", num_envs)):
-            if not 0 < value < np.inf or (what != "rate" and value != int(value)):
+        for what, value in (("max_torque", max_torque), ("rate", rate), ("substeps", substeps), ("num_envs", num_envs)):
+            if not 0 < value < np.inf or (what in ("substeps", "num_envs") and value != int(value)):
                 raise ValueError(f"{what} of pendulums cannot be {value:g}: give a positive number")
         self.autoreset = AutoresetMode(autoreset_mode)
         if self.autoreset is AutoresetMode.DISABLED:
@@ -72,7 +73,8 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self.model = make_plant(theta, effects, model)
         self.sensor, self.counts = Sensor(counts, torque_noise, ideal), counts
         self.num_envs, self.rate, self.substeps, self.max_torque = num_envs, float(rate), int(substeps), max_torque
-        self.max_episode_steps, self.render_mode = max_episode_steps, None
+        self.max_episode_steps = None if max_episode_steps in (None, -1) else max_episode_steps
+        self.render_mode = None
         high = np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32)
         self.single_observation_space = gym.spaces.Box(-high, high, dtype=np.float32)
         self.single_action_space = gym.spaces.Box(-max_torque, max_torque, (1,), dtype=np.float32)
@@ -92,6 +94,9 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         wanted = (len(self.model.theta), self.num_envs)
         if theta.shape != wanted:
             raise ValueError(f"theta has shape {theta.shape}, these pendulums need {wanted}")
+        inertia = [column.name for column in self.model.columns].index("inertia")
+        if not np.isfinite(theta).all() or not (theta[inertia] > 0).all():
+            raise ValueError("theta has to be made of numbers, inertia of positive ones")
         self.theta = theta  # (P, B)
         self._balance = Balance(self.model.terms, theta)
 
@@ -120,8 +125,11 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         position, velocity = (np.full(count, options.get(name, 0.0), dtype=float) for name in ("position", "velocity"))
         x = Samples(np.zeros(count), position, velocity, np.zeros(count))
         self._x = replace(x, memory=self._balance.start(x))
+        if not np.isfinite(position + velocity).all():
+            raise ValueError("pendulums start at positions and velocities that are numbers")
         self._before = self.sensor.position(position - velocity / self.rate)
-        return self._show(np.zeros(count))
+        observation, info = self._show(np.zeros(count))
+        return observation, {**info, "torque": np.zeros(count)}
 
     def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
         self, actions: Batch
@@ -131,6 +139,8 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         Raises:
             ValueError: if an action is no number.
         """
+        if np.shape(actions) != (self.num_envs, 1):
+            raise ValueError(f"the actions have shape {np.shape(actions)}, {self.num_envs} pendulums need one each")
         torque = np.clip(np.asarray(actions, dtype=float)[:, 0], -self.max_torque, self.max_torque)
         if np.isnan(torque).any():
             raise ValueError(f"the action of pendulum {int(np.isnan(torque).argmax())} is NaN: a torque is needed")
@@ -147,8 +157,10 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         if self.autoreset is AutoresetMode.SAME_STEP and truncated.any():
             info = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
             self._restart(truncated)
-            fresh, first = self._show(np.where(truncated, 0.0, torque))
-            observation, info = fresh, {**first, **info}
+            observation = np.where(truncated[:, None], AT_REST, observation)
+            for name in ("time", "position", "velocity", "torque"):
+                info[name] = np.where(truncated, 0.0, info["final_info"][name])
+            info |= {name: self._everyone for name in info["final_info"] if name not in info}
         return observation, np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool), truncated, info
 
     def _advance(self, torque: Array) -> None:

@@ -3,12 +3,15 @@
 theta - truth = P sum_k phi_k e_k. With the sums of a cluster, A = sum phi phi' and b = sum phi y, its score is
 s = b - A theta, and the covariance is P (sum of s s') P: it knows correlated errors and those of a filter. As theta has
 adapted to the cluster, s is too small: with J = 1 / P, leaving the cluster out would give J / (J - A) s, which is used.
-As time goes on, neighbouring clusters are merged, so that there are always a few dozen. Forgetting makes the weights of
-older clusters fall with the square, as it must. Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (jackknife).
+As time goes on, neighbouring clusters are merged, so that there are always a few dozen; with forgetting, they stay
+short against the memory and the oldest are dropped, their weights having fallen with the square. What no equation tells
+stays as unsure as P(0) has it. Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (jackknife).
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,15 +21,18 @@ from pendulum_env._typing import Array, Index, Mask
 CLUSTER = 0.2  # [s], the shortest, longer than the filters' memory
 MOST = 64  # clusters; at this number, neighbours are merged
 FEWEST = 10  # beyond the parameters, before which the covariance is a rough guess
+SHARE = 0.1  # of the memory that forgetting leaves, the longest a cluster may be
 GUESS = 60.0  # variance of a guess, in units of that of white errors
 
 
 class Clusters:
     """Sums over clusters for (B, S) regressions with P parameters each."""
 
-    def __init__(self, batch: tuple[int, int], parameters: int, period: float) -> None:
-        """Take the shape (B, S), the number of parameters and the time between samples [s]."""
-        self._shortest = max(2, round(CLUSTER / period))
+    def __init__(self, batch: tuple[int, int], parameters: int, period: float, forgetting: float) -> None:
+        """Take the shape (B, S), the number of parameters, the time between samples [s] and the forgetting factor."""
+        self._forgetting = forgetting
+        self._longest = SHARE / (1.0 - forgetting) if forgetting < 1 else np.inf
+        self._shortest = max(2, round(min(CLUSTER / period, self._longest)))
         self._left = np.zeros((MOST, *batch, parameters, parameters + 1))  # A and b
         self._now = np.zeros((*batch, parameters, parameters + 1))  # of the cluster to come, but for
         self._rows = np.zeros((self._shortest, *batch, parameters + 1))  # its last equations, not yet summed
@@ -56,43 +62,32 @@ class Clusters:
             self._now += np.einsum("r...i,r...j->...ij", self._rows[..., :-1], self._rows)
         return self._filled >= self._length
 
-    def seconds(self, rate: float) -> float:
-        """Length of a cluster now [s]."""
-        return self._length / rate
-
-    def fade(self, share: Array) -> None:
-        """Multiply all sums so far by a matrix (B, S, P, P): what is left of them in the inverse of P."""
-        self._left[: self._done] = share @ self._left[: self._done]
-
-    def close(self, theta: Array, P: Array, forgetting: float) -> None:
-        """Complete a cluster.
-
-        Args:
-            theta: estimates (B, S, P).
-            P: their covariance for unit noise (B, S, P, P).
-            forgetting: factor for every equation that was used.
-        """
-        if forgetting < 1:
-            self._left[: self._done] *= (forgetting**self._used)[..., None, None]
+    def close(self, theta: Array, P: Array) -> None:
+        """Complete a cluster: theta (B, S, P) are the estimates, P their covariance for unit noise (B, S, P, P)."""
+        if self._forgetting < 1:
+            self._left[: self._done] *= (self._forgetting**self._used)[..., None, None]
         self._left[self._done] = self._now
         self._done, self._filled = self._done + 1, 0
         self._now[:], self._used[:] = 0.0, 0.0
-        if self._done == MOST:
+        if self._done == MOST and 2 * self._length <= self._longest:
             half = MOST // 2
             self._left[:half] = self._left[0::2] + self._left[1::2]
             self._left[half:] = 0.0
             self._done, self._length = half, 2 * self._length
+        elif self._done == MOST:
+            self._left[:-1] = self._left[1:]
+            self._done -= 1
         left = self._left[: self._done]
         A, b = left[..., :-1], left[..., -1:]
         score = b - A @ theta[..., None]  # (clusters, B, S, P, 1)
-        # J / (J - A) = 1 / (1 - A P)
-        score = np.asarray(np.linalg.solve(np.eye(P.shape[-1]) - A @ P, score), dtype=float)
+        # J / (J - A) = 1 / (1 - A P); the last digit is for a cluster that holds all there is to know
+        score = np.asarray(np.linalg.solve((1.0 + 1e-9) * np.eye(P.shape[-1]) - A @ P, score), dtype=float)
         self._meat = (score @ score.swapaxes(-1, -2)).sum(axis=0)
         self._known = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 
-    def judge(self, squares: Array, count: Array) -> Judge:
-        """What turns P into a covariance now, for sums of squared errors and counts of equations (B, S)."""
-        return Judge(self._meat, self._known, squares, count)
+    def judge(self, squares: Array, count: Array, prior: float) -> Judge:
+        """What turns P into a covariance now, for sums of squared errors and counts of equations (B, S), and P(0)."""
+        return Judge(self._meat, self._known, squares, count, prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,15 +98,61 @@ class Judge:
     known: Index  # clusters that hold equations (B, S)
     squares: Array  # sum of squared errors (B, S)
     count: Array  # equations (B, S)
+    prior: float  # P(0) on the diagonal
 
     def __call__(self, P: Array) -> Array:
         """Covariance (B, S, P, P)."""
         parameters = P.shape[-1]
         spare = self.count - parameters
         noise = np.where(
-            spare > 0, GUESS * self.squares / np.maximum(spare, 1.0), 1.0
-        )  # unit noise, before any is seen
-        guess = noise[..., None, None] * P
+            spare > 0, self.squares / np.maximum(spare, 1.0), 1.0 / GUESS
+        )  # before any is seen, P(0) holds
+        guess = GUESS * noise[..., None, None] * P
         known = self.known >= parameters + FEWEST
         correction = (self.known - 1) / np.maximum(self.known, 1)
-        return np.where(known[..., None, None], correction[..., None, None] * (P @ self.meat @ P), guess)
+        # the second part is what is not known of theta(0)
+        judged = correction[..., None, None] * (P @ self.meat @ P) + (noise / self.prior)[..., None, None] * (P @ P)
+        return np.where(known[..., None, None], judged, guess)
+
+
+class Wandering:
+    """Covariances for parameters that wander: P times the long-run variance of the errors of the last seconds.
+
+    A wandering parameter's P has no clusters to compare. Errors that are correlated over a cluster of time have a
+    long-run variance, mean (sum of a cluster)^2 / length, that is larger than their variance.
+    """
+
+    def __init__(self, batch: tuple[int, int], period: float) -> None:
+        """Take the shape (B, S) and the time between samples [s]."""
+        self._length = max(2, round(CLUSTER / period))
+        self._sum, self._used, self._squares, self._count = np.zeros((4, *batch))
+        self._filled = 0
+
+    def reset(self, which: Mask) -> None:
+        """Those of the B start anew."""
+        for name in ("_sum", "_used", "_squares", "_count"):
+            series = getattr(self, name).copy()
+            series[which] = 0.0
+            setattr(self, name, series)
+
+    def take(self, error: Array, usable: Mask) -> bool:
+        """Take in a-priori errors (B, S), 0 where not usable; returns whether a cluster is complete."""
+        self._sum, self._used, self._filled = self._sum + error, self._used + usable, self._filled + 1
+        return self._filled >= self._length
+
+    def close(self) -> None:
+        """Complete a cluster."""
+        fade = 1.0 - 1.0 / MOST
+        self._squares = fade * self._squares + self._sum**2
+        self._count = fade * self._count + self._used
+        self._sum, self._used = np.zeros_like(self._sum), np.zeros_like(self._used)
+        self._filled = 0
+
+    @property
+    def noise(self) -> Array:
+        """Long-run variance of the errors (B, S), one where none has been seen."""
+        return np.where(self._count > 0, self._squares / np.maximum(self._count, 1.0), 1.0)
+
+    def judge(self) -> Callable[[Array], Array]:
+        """What turns P into a covariance now."""
+        return functools.partial(np.multiply, self.noise[..., None, None])

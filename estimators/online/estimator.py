@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.measurements import Smoothing
 from estimators.online.bank import Bank
-from estimators.online.confidence import Clusters
+from estimators.online.confidence import CLUSTER, Clusters, Wandering
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.rows import RowMaker
 from estimators.online.stream import Stream
@@ -107,7 +107,7 @@ class OnlineEstimator:
         smoothing: Smoothing | None = None,
         prior: float = PRIOR,
         forgetting: float = 1.0,
-        random_walk: float = 0.0,
+        random_walk: float | Sequence[float] = 0.0,
         reset_every: float | None = None,
         settle: float = 0.0,
     ) -> None:
@@ -121,7 +121,8 @@ class OnlineEstimator:
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
             prior: P(0) on the diagonal.
             forgetting: factor lambda, once for every equation; 1 remembers all.
-            random_walk: by which the parameters may wander, relative to their value [1/sqrt(s)]; 0 if they stand still.
+            random_walk: by which the parameters may wander, as a share of their value [1/sqrt(s)], or for each in its
+                own unit [unit/sqrt(s)]; 0 if they stand still.
             reset_every: time after which P starts anew from P(0), the estimates being kept [s].
             settle: time from the start whose equations are left out [s].
 
@@ -129,14 +130,19 @@ class OnlineEstimator:
             ValueError: if a number is out of its range, a filter is too fast for the rate, or the terms have no
                 parameter.
         """
-        for what, value in (("random_walk", random_walk), ("settle", settle)):
-            if not 0 <= value < np.inf:
-                raise ValueError(f"{what} cannot be {value:g}: give zero or a positive number")
+        walk = np.asarray(random_walk, dtype=float)
+        for what, values in (("random_walk", walk), ("settle", np.asarray(settle))):
+            if not ((values >= 0) & (values < np.inf)).all():
+                raise ValueError(f"{what} cannot be {values}: give zero or a positive number")
         if not 0 < rate < np.inf or (reset_every is not None and not reset_every > 0):
             raise ValueError(f"rate ({rate:g}) and reset_every ({reset_every}) have to be positive")
         self.names = tuple(column.name for term in terms for column in term.columns)
         if not self.names or not schemes:
             raise ValueError("nothing to estimate: name terms with linear parameters, and schemes")
+        if len(set(self.names)) < len(self.names):
+            raise ValueError(f"a term is named twice: {', '.join(self.names)}")
+        if walk.shape not in ((), (len(self.names),)):
+            raise ValueError(f"random_walk has shape {walk.shape}, give one number or {len(self.names)}")
         self.terms, self.schemes, self.rate, self.batch = tuple(terms), tuple(schemes), rate, batch
         smoothing = smoothing or Smoothing.of_encoder(COUNTS, rate)
         shape, period, parameters = (batch, len(schemes)), 1.0 / rate, len(self.names)
@@ -144,8 +150,9 @@ class OnlineEstimator:
         self._rows = RowMaker(terms, smoothing, self._bank.guards, period, batch)
         self._stream = Stream(smoothing, period, batch)
         self._squares = SquareRootLeastSquares(shape, parameters, prior, forgetting)
-        self._clusters = Clusters(shape, parameters, period)
-        self._walk, self._settle = random_walk, settle
+        self._clusters = Clusters(shape, parameters, period, forgetting)
+        self._wandering = Wandering(shape, period) if walk.any() else None
+        self._walk, self._settle = walk, settle
         self._reset_every = None if reset_every is None else max(1, round(reset_every * rate))
         self.delay = smoothing.reach + self._rows.behind  # [samples]
 
@@ -154,8 +161,15 @@ class OnlineEstimator:
         mask = np.ones(self.batch, dtype=bool) if which is None else which
         if not mask.any():
             return
-        for part in (self._stream, self._rows, self._bank, self._squares, self._clusters):
-            part.reset(mask)
+        self._interrupt(mask)
+        for part in (self._squares, self._clusters, self._wandering):
+            if part is not None:
+                part.reset(mask)
+
+    def _interrupt(self, which: Mask) -> None:
+        """Those pendulums go on with samples that do not follow the last: smoothing and filters start from rest."""
+        for part in (self._stream, self._rows, self._bank):
+            part.reset(which)
 
     def reset_covariance(self, which: Mask | None = None) -> None:
         """Let P of those pendulums (B,) start anew, the estimates being kept."""
@@ -170,7 +184,13 @@ class OnlineEstimator:
             time: (B,) [s].
             position: (B,) [rad], unwrapped.
             torque: applied over the period that ends with this sample (B,) [N m].
+
+        A sample that is not a number is left out, and the estimates stand still until enough have come in again.
         """
+        lost = ~np.isfinite(time + position + torque)
+        if lost.any():
+            self._interrupt(lost)
+            time, position, torque = (np.where(lost, 0.0, series) for series in (time, position, torque))
         rows = self._rows.make(self._stream.take(time, position, torque))
         phi, y, usable = self._bank.take(rows)
         if self._settle:
@@ -181,8 +201,11 @@ class OnlineEstimator:
             if due.any():
                 self.reset_covariance(due)
         squares.take(phi, y, usable)
-        if self._clusters.take(phi, y, usable):
-            self._close()
+        if self._wandering is not None:
+            if self._wandering.take(squares.error, usable):
+                self._wander(self._wandering)
+        elif self._clusters.take(phi, y, usable):
+            self._clusters.close(squares.theta, squares.P)
         regressor = rows.views[0, :-1].T * (rows.clear[0] & (rows.index >= 0))[:, None]
         return self._estimates(rows.index, rows.time, usable, regressor)
 
@@ -192,18 +215,30 @@ class OnlineEstimator:
         usable = np.zeros((self.batch, len(self.schemes)), dtype=bool)
         return self._estimates(np.full(self.batch, -1), none, usable, np.zeros((self.batch, len(self.names))))
 
+    def after_reset(self, then: Estimates, ended: Mask) -> Estimates:
+        """What is known once those pendulums (B,) have been reset, `then` being the estimates before."""
+        anew = self.standing()
+        return Estimates(
+            np.where(ended, anew.index, then.index),
+            np.where(ended, anew.time, then.time),
+            anew.theta,
+            anew.error,
+            then.usable & ~ended[:, None],
+            np.where(ended[:, None], 0.0, then.regressor),
+            anew.root,
+            anew.judge,
+        )
+
     def _estimates(self, index: Index, time: Array, usable: Mask, regressor: Array) -> Estimates:
         squares = self._squares
-        judge = self._clusters.judge(squares.squares, squares.count)
+        if self._wandering is not None:
+            judge = self._wandering.judge()
+        else:
+            judge = self._clusters.judge(squares.squares, squares.count, squares.prior)
         return Estimates(index, time, squares.theta, squares.error, usable, regressor, squares.root, judge)
 
-    def _close(self) -> None:
-        """End of a cluster of time: judge the errors, and let the parameters wander."""
-        squares, seconds = self._squares, self._clusters.seconds(self.rate)
-        self._clusters.close(squares.theta, squares.P, squares.forgetting)
-        if self._walk:
-            noise = squares.squares / np.maximum(squares.count - len(self.names), 1.0)  # (B, S)
-            wander = (self._walk * squares.theta) ** 2 * seconds
-            before = squares.P
-            squares.widen(wander / np.maximum(noise, np.finfo(float).tiny)[..., None])
-            self._clusters.fade(np.asarray(np.linalg.solve(squares.P, before), dtype=float))
+    def _wander(self, wandering: Wandering) -> None:
+        """End of a cluster of time: the parameters may have moved since the last."""
+        wandering.close()
+        step = self._walk if self._walk.ndim else self._walk * self._squares.theta
+        self._squares.widen(step**2 * CLUSTER / np.maximum(wandering.noise, np.finfo(float).tiny)[..., None])

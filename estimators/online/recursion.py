@@ -38,6 +38,7 @@ class SquareRootLeastSquares:
         self.theta = np.zeros((*batch, parameters))
         self.root = np.sqrt(prior) * np.tile(np.eye(parameters), (*batch, 1, 1))
         self.error, self.squares, self.count = np.zeros((3, *batch))
+        self._turn = 0
 
     def reset(self, which: Mask) -> None:
         """Those of the B start anew."""
@@ -80,14 +81,25 @@ class SquareRootLeastSquares:
         self.count = power * self.count + used
 
     def _forget(self, root: Array, usable: Mask) -> Array:
-        """P / lambda, but no larger than P(0): what is no longer excited is not forgotten without end."""
-        bound = self.forgetting * self.prior
-        full = np.einsum("...ij,...ij->...i", root, root).max(axis=-1) >= bound
-        return np.where((usable & ~full)[..., None, None], root / np.sqrt(self.forgetting), root)
+        """Let the information J = 1 / P fade to lambda J + (1 - lambda) J(0): what is not excited returns to P(0).
+
+        The second part comes one direction at a time, each in its turn. Source: Gunnarsson, Combining tracking and
+        regularization in recursive least squares identification, CDC 1996.
+        """
+        size = root.shape[-1]
+        root = np.where(usable[..., None, None], root / np.sqrt(self.forgetting), root)
+        turn = self._turn % size
+        self._turn += 1
+        f = np.sqrt(size * (1.0 - self.forgetting) / self.prior) * root[..., turn, :] * usable[..., None]
+        total = 1.0 + np.einsum("...i,...i", f, f)
+        share = 1.0 / (total + np.sqrt(total))
+        raised = root @ f[..., None]
+        faded: Array = root - raised * (f * share[..., None])[..., None, :]
+        return faded
 
     def widen(self, increase: Array) -> None:
         """Add a diagonal (B, S, P) to P: the parameters may have moved since."""
         spread = self.P
         diagonal = np.einsum("...ii->...i", spread)  # a view
-        diagonal += np.minimum(increase, np.maximum(self.prior - diagonal, 0.0))
+        diagonal += np.minimum(increase, np.maximum(self.prior - diagonal, 0.0))  # no further than P(0)
         self.root = np.linalg.cholesky(spread)

@@ -56,12 +56,14 @@ class RowMaker:
         self._terms = tuple(terms)
         self._gather()
         self._balance = Balance(terms, np.ones(len(self._columns)))
-        self._lead_in = round(LEAD_IN / period) if self._balance.remembers else 0
+        self._lead_in = round(LEAD_IN / period) if self._balance.remembers else 0  # [samples] that are left out
         reach = smoothing.reach + 1
         self._distances = [None if guard is None else max(reach, round(guard / period)) for guard in guards]
         self.behind = max([1, *(distance for distance in self._distances if distance is not None)])  # [samples]
         late = sum(term.delay for term in terms) / period
         self._late = int(late), late % 1.0
+        if late > 0:  # nor is it known what was commanded before the start
+            self._lead_in = max(self._lead_in, int(late) + 2)
         count = len(self._columns) + len(self._fixed)
         self._parts = np.zeros((4, 4, count, batch))  # at the last four instants
         for j, column in enumerate([*self._columns, *self._fixed]):

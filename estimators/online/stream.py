@@ -34,10 +34,12 @@ class Stream:
         self._delay = smoothing.reach * period
         self._length = 2 * smoothing.reach + 1
         # oldest sample first; the newest torque that is known is the one that acted until the newest position
-        self._motion = np.ascontiguousarray(smoothing.of_motion(period)[:, ::-1])  # (3, W)
+        self._value = np.ascontiguousarray(smoothing.of_position()[::-1])  # (W,)
+        self._steps = np.ascontiguousarray(smoothing.of_steps(period)[:, ::-1])  # (2, W - 1)
         self._torque = np.ascontiguousarray(smoothing.of_torque()[:, :0:-1])  # (2, W - 1)
         # every sample is written twice, so that the last W of them always lie in a row
-        self._position, self._command = np.zeros((2, 2 * self._length, batch))
+        self._position, self._moved, self._command = np.zeros((3, 2 * self._length, batch))
+        self._last = np.zeros(batch)
         self._step = 0
         self._index = np.full(batch, -self._length, dtype=np.intp)
 
@@ -49,9 +51,12 @@ class Stream:
         """Take in a sample: time [s], position [rad], and torque [N m] over the period that ends with it, (B,) each."""
         length, slot = self._length, self._step % self._length
         self._position[slot] = self._position[slot + length] = position
+        self._moved[slot] = self._moved[slot + length] = position - self._last
+        self._last = position
         self._command[slot] = self._command[slot + length] = torque
         self._step += 1
         self._index += 1
-        q, v, a = self._motion @ self._position[slot + 1 : slot + 1 + length]
+        q = self._value @ self._position[slot + 1 : slot + 1 + length]
+        v, a = self._steps @ self._moved[slot + 2 : slot + 1 + length]
         at_instant, held = self._torque @ self._command[slot + 2 : slot + 1 + length]
         return Instant(self._index.copy(), time - self._delay, q, v, a, at_instant, held)

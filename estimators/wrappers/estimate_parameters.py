@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -94,7 +95,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         info["regressor"] = now.regressor[0]
         info["parameters"] = self.estimator.names
         if self.env.render_mode is not None:
-            self.env.unwrapped.overlay = self._lines(now)  # type: ignore[attr-defined]
+            self.env.unwrapped.overlay = functools.partial(self._lines, now)  # type: ignore[attr-defined]
         if self._in_observation:
             observation = np.concatenate([observation, told(now)[0]], dtype=np.float32)
         return observation, info

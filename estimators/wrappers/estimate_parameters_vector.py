@@ -51,7 +51,7 @@ class EstimateParametersVector(VectorWrapper):
             seed=seed,  # type: ignore[arg-type]  # Gymnasium's own wrappers pass lists
             options=options,
         )
-        self._time[:] = np.inf
+        self._time = np.full(self.num_envs, np.inf)
         return self._add(observation, info)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -74,7 +74,7 @@ class EstimateParametersVector(VectorWrapper):
             if self._in_observation:
                 info["final_obs"] = self._widen(info["final_obs"], then)
             self.estimator.reset(ended)
-            now = self.estimator.standing()
+            now = self.estimator.after_reset(then, ended)
         self._time = time
         self._tell(info, now)
         return self._widen(observation, now) if self._in_observation else observation, info

@@ -37,6 +37,11 @@ class InformationRewardVector(VectorWrapper):
         row, time = row_of(info), np.asarray(info["time"])
         anew = time <= self._time
         self._time = time
-        if anew.any():
+        if "final_info" in info:  # what ended within this step has learnt from its last sample, too
+            row = np.where(anew[:, None], row_of(info["final_info"]), row)
+            gain = self._information.gain(row)
             self._information.reset(len(row), row.shape[1], anew)
-        return observation, self._information.gain(row), terminated, truncated, info
+        else:
+            self._information.reset(len(row), row.shape[1], anew)
+            gain = self._information.gain(row)
+        return observation, gain, terminated, truncated, info

@@ -27,10 +27,14 @@ def chosen_schemes(names: Names) -> tuple[OnlineScheme, ...]:
     """
     if isinstance(names, str):
         names = [item.id for item in SCHEMES] if names == "all" else [names]
-    return tuple(scheme(item) if isinstance(item, str) else item for item in names)
+    chosen = tuple(scheme(item) if isinstance(item, str) else item for item in names)
+    ids = [item.id for item in chosen]
+    if len(set(ids)) < len(ids):  # they could not be told apart in info
+        raise ValueError(f"a scheme is named twice in {', '.join(ids)}: give each its own wrapper")
+    return chosen
 
 
-def chosen_terms(names: Sequence[str | Term] | None) -> tuple[Term, ...]:
+def chosen_terms(names: str | Sequence[str | Term] | None) -> tuple[Term, ...]:
     """Terms by id, with their default shape parameters, or as they are; None are the paper's four.
 
     Raises:
@@ -38,6 +42,7 @@ def chosen_terms(names: Sequence[str | Term] | None) -> tuple[Term, ...]:
     """
     if names is None:
         return BASE
+    names = [names] if isinstance(names, str) else names
     return tuple(term(item)() if isinstance(item, str) else item for item in names)
 
 

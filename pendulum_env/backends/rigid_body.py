@@ -48,7 +48,7 @@ class RigidBody:
         self._inertia, self._dry = float(self._balance.mass(self._x)), 0.0
         self._count = 0  # of periods since
         self._build()
-        return self._sample(0.0)
+        return self._sample(0.0)._replace(torque=0.0)
 
     def exchange(self, torque: float) -> Sample:
         """Advance by one period under the torque [N m]."""

@@ -28,9 +28,10 @@ class Sensor:
     ideal_velocity: bool = False
 
     def __post_init__(self) -> None:
-        if self.counts < 0 or not 0 <= self.torque_noise < np.inf:
+        if not self.counts >= 0 or self.counts != int(self.counts) or not 0 <= self.torque_noise < np.inf:
             raise ValueError(
-                f"counts ({self.counts}) and torque_noise ({self.torque_noise:g}) cannot be negative or infinite"
+                f"counts ({self.counts}) and torque_noise ({self.torque_noise:g}) have to be numbers from zero on, and "
+                "counts a whole one"
             )
 
     def position(self, position: ArrayLike) -> Array:

@@ -107,6 +107,8 @@ class Model:
         for name in theta:
             if name not in linear:
                 raise ModelError(f"the model has no linear parameter '{name}': it has {', '.join(linear)}")
+            if not np.isfinite(theta[name]) or (name == "inertia" and theta[name] <= 0):
+                raise ModelError(f"{name} of a model cannot be {theta[name]:g}: give a positive number")
         new = {name: Estimate(float(value), 0.0, linear[name].unit) for name, value in theta.items()}
         return Model(self.terms, {**self.estimates, **new})
 

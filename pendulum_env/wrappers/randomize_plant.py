@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 
 from pendulum_env.env import DirectDrivePendulum
 from pendulum_env.wrappers.spread import Spread
@@ -37,9 +38,9 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment with a new plant; the same seed draws the same plants."""
         if seed is not None:
-            self.np_random = gym.utils.seeding.np_random(seed)[0]
+            self.np_random = np.random.default_rng([seed, 1])  # not the numbers that the measurement's noise draws
         theta = self._spread.draw(self.np_random, 1)[:, 0]
         plant = dict(zip(self._spread.names, theta.tolist(), strict=True))
-        observation, info = self.env.reset(seed=seed, options={**(options or {}), "theta": plant})
+        observation, info = self.env.reset(seed=seed, options={"theta": plant, **(options or {})})
         info["plant"] = plant
         return observation, info

@@ -39,7 +39,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         self.path = check_output(path)
         if self.path.suffix.lower() != ".csv":
             raise ValueError(f"{path}: measurements are appended to a CSV file: let the name end in .csv")
-        self._overwrite = overwrite
+        self._overwrite, self._copied = overwrite, False
         self._episode, self._file = 0, None
         self._rows: list[str] = []
 
@@ -67,7 +67,8 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             self._open()
         observation, reward, terminated, truncated, info = self.env.step(action)
         last, self._last = self._last, info
-        self._rows.append(f"{last['time']!r},{last['position']!r},{info['torque']!r}\n")
+        row = (last["time"], last["position"], info["torque"])
+        self._rows.append(",".join(repr(float(value)) for value in row) + "\n")
         if terminated or truncated or not math.isfinite(info["time"]) or info["time"] >= self._written + INTERVAL:
             self._flush()
         return observation, reward, terminated, truncated, info
@@ -78,11 +79,13 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         super().close()
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy goes on with an episode of its own: two processes must not write one file."""
-        return {**self.__dict__, "_file": None, "_rows": []}
+        """A copy goes on in the next file that is free: two must not write one."""
+        return {**self.__dict__, "_file": None, "_rows": [], "_copied": True}
 
     def _open(self) -> None:
         self._episode += 1
+        while self._copied and self.file_of(self._episode).exists():
+            self._episode += 1
         path = self.file_of(self._episode)
         try:
             self._file = path.open("wb" if self._overwrite else "xb", buffering=0)

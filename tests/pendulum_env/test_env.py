@@ -1,5 +1,6 @@
 """The environment's contract, for every backend, and its physics against an independent integrator."""
 
+import importlib.metadata
 import pickle
 import subprocess
 import sys
@@ -46,14 +47,24 @@ def settings(request, file):
     return {"backend": request.param, "recording": file if request.param == "replay" else None}
 
 
-def test_environments_are_known_without_an_import():
-    """As Gymnasium reads no entry points any more, a .pth file announces them; here, its one line is run first."""
+def test_importing_announces_the_environments_without_gymnasium():
     code = (
         "import pendulum_env, sys; assert 'gymnasium' not in sys.modules; import gymnasium; "
         f"print(gymnasium.make('{PENDULUM}').unwrapped.rate, 'pymunk' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["1000.0", "True"]
+
+
+def test_an_installation_makes_environments_known_without_an_import(tmp_path):
+    """Gymnasium reads no entry points any more: a .pth file that is installed announces them when Python starts."""
+    try:
+        importlib.metadata.distribution("pendulum-ident")
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip("pendulum-ident is not installed")
+    code = f"import gymnasium; print(gymnasium.make('{PENDULUM}').unwrapped.rate)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.split() == ["1000.0"]
 
 
 @pytest.mark.parametrize("id", ENVIRONMENTS)
@@ -140,11 +151,13 @@ def test_error_is_of_second_order_in_the_step():
 def test_every_effect_moves_the_body_as_it_moves_the_model(effect):
     """pymunk's constraint against the project's own simulation: the same law, two integrators."""
     torque = paper_torque(3.0).astype(np.float32).astype(float)
+    effect = {"payload_change": "payload_change:moment=1", "hard_stop": "hard_stop:stop=0.3"}.get(effect, effect)
     plant = hide(paper_plant(), effect)
     free = positions(gym.make(PENDULUM, counts=0), torque)
     body = positions(gym.make(PENDULUM, counts=0, effects=[effect]), torque)
     model = plant.simulate(1e-3, torque, 0.0, 0.0).position[:, 0]
     shown = np.sqrt(np.mean((body - free) ** 2))
+    assert shown > 1e-3
     assert np.sqrt(np.mean((body - model) ** 2)) < max(1e-4, 0.01 * shown)
 
 
@@ -210,7 +223,8 @@ def test_an_identified_model_can_be_the_plant(tmp_path):
         ({"theta": {"mass": 1.0}}, ValueError, "unknown parameter 'mass'"),
         ({"rate": 0.0}, ValueError, "rate of a pendulum cannot be 0"),
         ({"substeps": 1.5}, ValueError, "substeps of a pendulum cannot be 1.5"),
-        ({"counts": -1}, ValueError, "cannot be negative"),
+        ({"counts": -1}, ValueError, "numbers from zero on"),
+        ({"counts": float("nan")}, ValueError, "numbers from zero on"),
         ({"velocity": "exact"}, ValueError, "unknown velocity"),
         ({"backend": "replay"}, ValueError, "needs a recording"),
         ({"backend": "replay", "recording": "nowhere.csv"}, RecordingError, "there is no such file"),
@@ -225,6 +239,12 @@ def test_bad_arguments_are_refused_with_a_remedy(arguments, error, text):
 def test_bad_actions_and_options_are_refused():
     env = gym.make(PENDULUM).unwrapped
     env.reset()
+    for action in (3.0, np.zeros((1, 1)), np.zeros(2)):
+        with pytest.raises(ValueError, match=r"it needs|too many values"):
+            env.step(action)
+    for options in ({"position": np.nan}, {"theta": {"inertia": -1.0}}, {"theta": {"gravity": np.inf}}):
+        with pytest.raises(ValueError, match="cannot"):
+            env.reset(options=options)
     with pytest.raises(ValueError, match="the action is NaN"):
         env.step(np.array([np.nan], dtype=np.float32))
     with pytest.raises(ValueError, match="did you mean position"):

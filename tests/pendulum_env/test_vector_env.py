@@ -19,7 +19,7 @@ def torques(steps: int, count: int) -> np.ndarray:
 
 @pytest.mark.parametrize("effect", [None, *effects()])
 def test_each_pendulum_moves_as_one_alone(effect):
-    hidden = [] if effect is None else [effect]
+    hidden = [] if effect is None else ["payload_change:moment=1" if effect == "payload_change" else effect]
     many = gym.make_vec(PENDULUM, num_envs=3, counts=0, effects=hidden, max_episode_steps=None)
     one = gym.make(PENDULUM, counts=0, effects=hidden)
     action = torques(2000, 3)
@@ -68,6 +68,19 @@ def test_same_step_keeps_the_last_observation():
     assert (info["final_info"]["time"] == 0.003).all() and (info["time"] == 0).all()
 
 
+def test_same_step_leaves_the_others_alone():
+    env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=50, autoreset_mode="SameStep", torque_noise=0.1)
+    env.reset(seed=0)
+    env.unwrapped.steps[1] = 20  # the second began earlier
+    action = np.full((2, 1), 5.0, dtype=np.float32)
+    runs = [env.step(action) for _ in range(30)]
+    before, (observation, _, _, truncated, info) = runs[-2][0], runs[-1]
+    assert truncated.tolist() == [False, True]
+    assert (observation[1] == [1, 0, 0]).all() and info["torque"][1] == 0
+    assert observation[0, 2] == pytest.approx(before[0, 2], rel=0.2) and observation[0, 2] > 0.5
+    assert info["torque"][0] == info["final_info"]["torque"][0]
+
+
 @pytest.mark.parametrize("effect", ["actuator_lag", "dead_time", "presliding", "joint_flexibility"])
 def test_a_new_episode_knows_nothing_of_the_last(effect):
     env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=200, effects=[effect])
@@ -105,6 +118,10 @@ def test_bad_arguments_are_refused():
         gym.make_vec(PENDULUM, num_envs=1, autoreset_mode="Disabled")
     env = gym.make_vec(PENDULUM, num_envs=2)
     env.reset()
+    with pytest.raises(ValueError, match=r"the actions have shape \(1, 1\), 2 pendulums need one each"):
+        env.step(np.zeros((1, 1), dtype=np.float32))
+    with pytest.raises(ValueError, match="max_torque of pendulums cannot be -1"):
+        gym.make_vec(PENDULUM, num_envs=1, max_torque=-1)
     with pytest.raises(ValueError, match="pendulum 1 is NaN"):
         env.step(np.array([[0.0], [np.nan]], dtype=np.float32))
     with pytest.raises(ValueError, match=r"theta has shape \(4,\)"):

@@ -60,7 +60,7 @@ def test_online_equals_offline(terms, paper_run):
 
 @pytest.mark.parametrize("id", ["presliding", "actuator_lag", "dead_time", "joint_flexibility"])
 def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
-    """On data without the effect's absence being known: base parameters as offline to a few standard errors."""
+    """The base parameters, as offline to what happens within a sample."""
     terms = (*BASE, effect(id)())
     recording = paper_run.recording
     smoothing = choose_smoothing(recording)
@@ -68,7 +68,7 @@ def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
     equations, usable = SCHEMES[0].regression(remember(measure(recording, smoothing), terms), terms)
     course = history(equations, usable, np.array([len(equations.y) - 1]))
     assert np.isfinite(now.theta).all()
-    np.testing.assert_allclose(now.theta[0, 0, :4], course.theta[0, :4], rtol=0.02, atol=0.02)
+    np.testing.assert_allclose(now.theta[0, 0, :4], course.theta[0, :4], rtol=5e-3)
 
 
 def test_batch_is_many_alone(paper_run):
@@ -135,11 +135,11 @@ def test_pickled_estimator_goes_on_as_before(paper_run):
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 5), st.integers(0, 2**32 - 1), st.sampled_from([1.0, 0.99]))
 def test_recursion_equals_filterpy(parameters, seed, forgetting):
-    """To 1e-9, once P is below P(0), beyond which nothing is forgotten."""
+    """Once P is far below P(0), towards which ours fades."""
     rng = np.random.default_rng(seed)
     phi, truth = rng.normal(size=(60, parameters)), rng.normal(size=parameters)
     y = phi @ truth + 0.1 * rng.normal(size=60)
-    ours = SquareRootLeastSquares((1, 1), parameters, forgetting=forgetting)
+    ours = SquareRootLeastSquares((1, 1), parameters, 1e9, forgetting)
     kalman = KalmanFilter(dim_x=parameters, dim_z=1)
     kalman.Q, kalman.R = np.zeros((parameters,) * 2), np.eye(1)
     for k, (row, value) in enumerate(zip(phi, y, strict=True)):
@@ -149,8 +149,8 @@ def test_recursion_equals_filterpy(parameters, seed, forgetting):
             kalman.P = kalman.P / forgetting
             kalman.update(value, H=row[None])
         ours.take(row[None, None], np.array([[value]]), np.ones((1, 1), dtype=bool))
-    np.testing.assert_allclose(ours.theta[0, 0], kalman.x[:, 0], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(ours.P[0, 0], kalman.P, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(ours.theta[0, 0], kalman.x[:, 0], rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(ours.P[0, 0], kalman.P, rtol=1e-8, atol=1e-12)
 
 
 @settings(max_examples=50, deadline=None)
@@ -164,11 +164,12 @@ def test_covariance_stays_positive_definite_whatever_comes(rows):
         assert (np.linalg.eigvalsh(ours.P) > -1e-9 * np.abs(ours.P).max()).all()
 
 
-def test_without_excitation_forgetting_does_not_run_away():
+def test_what_is_not_excited_returns_to_the_prior_and_the_rest_still_follows():
     ours = SquareRootLeastSquares((1, 1), 2, PRIOR, 0.99)
-    for _ in range(20_000):
-        ours.take(np.array([[[1.0, 0.0]]]), np.array([[1.0]]), np.ones((1, 1), dtype=bool))
-    assert np.diag(ours.P[0, 0]).max() <= PRIOR / 0.99
+    for k in range(4000):
+        ours.take(np.array([[[1.0, 0.0]]]), np.array([[1.0 if k < 2000 else 2.0]]), np.ones((1, 1), dtype=bool))
+    assert 0.9 * PRIOR < ours.P[0, 0, 1, 1] < 1.1 * PRIOR
+    assert ours.theta[0, 0] == pytest.approx([2.0, 0.0], abs=1e-6)
 
 
 def stick_and_slip(runs: int, seconds: float, change: float | None = None) -> tuple[np.ndarray, ...]:
@@ -193,14 +194,59 @@ def coverage(now: Estimates, truth: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("forgetting", [1.0, 0.998])
 def test_intervals_hold_the_truth_as_often_as_they_say(forgetting):
-    """200 seeded runs: 90 to 99 %, for every scheme on average over its parameters, and never below 87 %."""
-    time, position, torque, truth = stick_and_slip(200, 8.0)
+    """200 seeded runs: 90 to 99 %, for every scheme on average over its parameters; also after many memories."""
+    time, position, torque, truth = stick_and_slip(200, 20.0)
     online = OnlineEstimator(500.0, batch=200, forgetting=forgetting)
     for k in range(len(time)):
         now = online.take(np.full(200, time[k]), position[k], torque[k])
-    share = coverage(now, truth)
-    assert (share > 0.87).all(), share
-    assert ((share.mean(axis=1) > 0.90) & (share.mean(axis=1) < 0.99)).all(), share
+        if time[k] in (8.0, time[-1]):
+            share = coverage(now, truth)
+            assert (share > 0.86).all(), share
+            assert ((share.mean(axis=1) > 0.90) & (share.mean(axis=1) < 0.99)).all(), share
+
+
+def test_parameters_that_may_wander_are_not_claimed_to_be_known_better():
+    """They stand still here, so that the intervals hold more than they say; but errors come near them."""
+    time, position, torque, truth = stick_and_slip(50, 10.0)
+    online = OnlineEstimator(500.0, batch=50, random_walk=0.02)
+    for k in range(len(time)):
+        now = online.take(np.full(50, time[k]), position[k], torque[k])
+    z = (now.theta - truth) / np.sqrt(np.einsum("bsii->bsi", now.covariance))
+    assert (coverage(now, truth) > 0.9).all()
+    assert (np.sqrt(np.mean(z**2, axis=0)) > 0.1).all()
+
+
+def test_what_cannot_be_told_is_not_said_to_be_known():
+    """Turning one way only, dry friction and an offset of the torque are the same, and no stop is reached."""
+    terms = (*BASE, effect("torque_offset")(), effect("hard_stop")(stop=1e3))
+    rng = np.random.default_rng(0)
+    time = np.arange(10_000) / 1000
+    command = np.repeat(rng.uniform(3.0, 6.0, 100), 100)
+    (run_one_way,) = simulate([(Plant(), Experiment(rate=1000.0, seconds=10.0, torque_noise=0.05, seed=0))], [command])
+    assert (np.diff(run_one_way.position[200:]) > 0).all()
+    now = run(OnlineEstimator(1000.0, terms), Recording("", time, run_one_way.position, run_one_way.torque))[-1]
+    std = np.sqrt(np.einsum("bsii->bsi", now.covariance))[0]
+    truth = np.array([0.09, 2.0, 0.35, 0.8, 0.0, 0.0])
+    assert np.isfinite(std).all()
+    assert (std[:, [3, 4, 5]] > 1.0).all(), std
+    assert (std[:, :2] < 0.1 * truth[:2]).all()
+    assert (np.abs(now.theta[0] - truth) < 4 * std).all()
+
+
+def test_a_lost_sample_costs_some_equations_and_nothing_else(paper_run):
+    recording = paper_run.recording
+    whole = run(OnlineEstimator(recording.rate), recording)
+    estimator, held = OnlineEstimator(recording.rate), np.r_[0.0, recording.torque[:-1]]
+    position = recording.position.copy()
+    position[4000:4003] = np.nan
+    holed = [
+        estimator.take(np.full(1, t), np.full(1, q), np.full(1, u))
+        for t, q, u in zip(recording.time, position, held, strict=True)
+    ]
+    assert all(np.isfinite(now.theta).all() and np.isfinite(now.covariance).all() for now in holed)
+    np.testing.assert_allclose(holed[-1].theta[:, :1], whole[-1].theta[:, :1], rtol=2e-3)
+    lost = sum(now.usable[0, 0] for now in whole) - sum(now.usable[0, 0] for now in holed)
+    assert 0 <= lost < 120
 
 
 @pytest.mark.parametrize("memory", [{"forgetting": 0.997}, {"random_walk": 0.1}], ids=lambda memory: next(iter(memory)))

@@ -218,7 +218,31 @@ def test_gymnasiums_own_vector_environments_are_estimated():
     np.testing.assert_allclose(info["estimates"]["dynamic"]["theta"], [list(PAPER.values())] * 2, rtol=0.01)
 
 
+def test_same_step_reset_pays_for_the_last_sample_and_keeps_what_was_handed_out():
+    totals = []
+    for mode in ("NextStep", "SameStep"):
+        env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=400, autoreset_mode=mode)
+        env = InformationRewardVector(EstimateParametersVector(env, schemes="dynamic"))
+        observation, _ = env.reset(seed=0)
+        state, total = None, np.zeros(2)
+        for _ in range(400):
+            action, state = POLICY.predict(observation, state)
+            observation, reward, _, truncated, info = env.step(action)
+            total += reward
+        assert truncated.all()
+        totals.append(total)
+    assert (totals[0] > 10).all()
+    np.testing.assert_allclose(*totals)
+    times = info["time"].copy()
+    env.reset()
+    np.testing.assert_array_equal(info["time"], times)
+
+
 def test_wrong_use_is_explained():
+    with pytest.raises(ValueError, match="a scheme is named twice"):
+        EstimateParameters(gym.make(PENDULUM), schemes=["dynamic", "dynamic"])
+    with pytest.raises(ValueError, match="a term is named twice"):
+        EstimateParameters(gym.make(PENDULUM), terms=["inertia", "inertia"])
     with pytest.raises(ValueError, match="did you mean dynamic"):
         EstimateParameters(gym.make(PENDULUM), schemes=["dynamics"])
     with pytest.raises(ValueError, match="unknown effect 'stribek'"):
