@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
 
 
@@ -148,7 +148,7 @@ class Presliding(Term):
     def start(self, x: Samples) -> Memory:
         return (np.sign(x.velocity) + 0.0 * x.position,)
 
-    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         # exact for a constant direction: z - sgn q' decays with the distance travelled
         direction = np.sign(x.velocity)
         return (direction + (memory[0] - direction) * np.exp(-np.abs(x.velocity) * duration / self.displacement),)

@@ -134,7 +134,7 @@ class Term:
         """State variables of a joint that has been as in `x` for long; empty for a term without memory."""
         return ()
 
-    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         """State variables `duration` [s] later, position and velocity moving on as in `x`, the command held."""
         return memory
 
