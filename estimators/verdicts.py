@@ -106,5 +106,5 @@ def _why_rejected(search: Search, trial: Trial, ratio: float, steps: Sequence[St
     lowered = f"lowers the held-out torque error by {100 * (1 - ratio):.1f} % {where}"
     if ratio > HELD_OUT:
         return f"{lowered}: no more than chance would"
-    speaks_against = objection(search.step(trial.terms[-1].id, trial.terms), steps[-1])
+    speaks_against = objection(search.step(trial.terms[-1].id, trial.terms), steps[-1], search.train.samples)
     return f"{lowered}, but {speaks_against or 'that is too little of what noise leaves to explain'}"
