@@ -84,13 +84,13 @@ def diagnose(
     if search.is_astray(steps[-1]) or has_transmission(steps[-1].model.terms):
         progress("fitting the flights", 0.9)
         steps = search.fly(steps)
-    if search.fits(steps[-1]) and search.is_astray(steps[-1]):
+    if search.hides(steps[-1]):
         # What happens near reversals shows in windows that come closer to them, if through more noise.
         closer, found = look(*gather(recordings, holdout, SHORTER), base, progress)
         found = closer.fly(found)
         if len(found) > 1 and position_error(found[-1]) < BETTER * position_error(steps[-1]):
             search, steps, window_share = closer, found, SHORTER
-    if search.fits(steps[-1]) and search.is_astray(steps[-1]):
+    if search.hides(steps[-1]):
         steps = search.grow_in_flight(steps)
     candidates, groups = judge(search, steps)
     doubts = identifiability([measure(recording) for recording in recordings], steps[-1].model.terms)
@@ -128,8 +128,13 @@ def unexplained(search: Search, last: Step) -> list[Region]:
             "or record a motion of more than one frequency"
         )
         return [Region("velocity", -np.inf, np.inf, 0.0, 0.0, text)]
+    regions = stand_out(profiles(search.train.samples, left, search.floor))
+    if search.unnamed is not None:
+        fast = float(np.abs(search.train.samples.velocity).max())
+        text = f"{search.unnamed.words} fits up to {fast:.3g} rad/s, and no effect of the library is such a law"
+        return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
     if is_structured(left, search.floor):
-        return stand_out(profiles(search.train.samples, left, search.floor))
+        return regions
     if search.is_astray(last):
         error = last.errors["train"].position_rms
         text = (

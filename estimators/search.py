@@ -21,6 +21,7 @@ from estimators.diagnosis import Step
 from estimators.evidence import Evidence, fit_terms
 from estimators.free_running import position_noise
 from estimators.screen import Screen, Trial
+from estimators.unnamed import IMITATED, IMITATORS, PowerLaw
 from pendulum_env.physics import BASE, Model, Samples, Term, effects
 
 MATERIAL = 0.97  # an effect has to lower the cross-validated torque error to this share of it
@@ -57,6 +58,7 @@ class Search:
     train: Evidence
     holdout: Evidence
     progress: Progress = no_progress
+    unnamed: PowerLaw | None = None  # damping found that no effect of the library is
 
     def __post_init__(self) -> None:
         self.screen = Screen(self.train.data)
@@ -151,8 +153,12 @@ class Search:
         return step.errors["train"].position_rms > ASTRAY * noise
 
     def fits(self, step: Step) -> bool:
-        """Whether the torque fits, so that what is wrong with the motion hides elsewhere."""
+        """Whether the torque fits."""
         return step.errors["train"].torque_rms < LOOSE * self.floor
+
+    def hides(self, step: Step) -> bool:
+        """Whether the motion goes astray for something that the torque does not show."""
+        return self.unnamed is None and self.fits(step) and self.is_astray(step)
 
     def fly(self, steps: list[Step]) -> list[Step]:
         """The steps with the last model refined by free-running simulation, if held-out flights gain much by it."""
@@ -172,8 +178,8 @@ class Search:
         """
         while len(steps) <= MOST and self.is_astray(steps[-1]):
             found = self._best_in_flight(steps[-1])
-            if found is None:
-                break
+            if found is None or (self.is_astray(found) and position_error(found) > PLAIN * position_error(steps[-1])):
+                break  # a small repair of a motion that lacks more than that
             steps = [*steps, found]
         return steps
 
@@ -268,6 +274,24 @@ class Search:
     def _cost(self, steps: list[Step]) -> float:
         """Predicted error of the last model [N m], raised for each effect by as much as it has to be worth."""
         return self.screen.trial(steps[-1].model.terms).predicted_rms / PLAIN ** len(steps)
+
+    def disown(self, steps: list[Step]) -> list[Step]:
+        """The steps without friction effects that only imitate a law which the library does not name."""
+        base, terms = steps[0].model.terms, steps[-1].model.terms
+        imitators = [term for term in terms[len(base) :] if term.id in IMITATORS]
+        if all(term.id != IMITATED for term in imitators):
+            return steps
+        trial = self.screen.best(tuple(term for term in terms if term not in imitators), PowerLaw)
+        if trial is None or trial.predicted_rms > LOOSE * self.floor:
+            return steps
+        *others, law = self.settle(trial.terms)
+        simpler = complexity(law) < sum(complexity(term) for term in imitators)
+        gain = self.nats(self.screen.trial((*others, law)), self.screen.trial(terms))
+        if not isinstance(law, PowerLaw) or law.is_named or gain < (-TIE if simpler else SURPRISE):
+            return steps
+        self.unnamed = law
+        needed = self.challenge((*base, law), (*base, law, *others[len(base) :]))
+        return self.ladder(base, tuple(term for term in needed if term is not law))
 
     def prune(self, grown: list[Step]) -> list[Step]:
         """The steps after every effect has been challenged; as they have grown if held-out data do not confirm that."""
@@ -388,4 +412,4 @@ def complexity(term: Term) -> int:
 def look(train: Evidence, test: Evidence, base: Sequence[Term], progress: Progress) -> tuple[Search, list[Step]]:
     """Search the library; returns the steps from the base model to the final one."""
     search = Search(train, test, progress)
-    return search, search.find(search.settle(base))
+    return search, search.disown(search.find(search.settle(base)))

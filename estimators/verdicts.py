@@ -10,6 +10,7 @@ import numpy as np
 from estimators.diagnosis import Candidate, Step, Verdict
 from estimators.screen import Trial
 from estimators.search import HELD_OUT, LOOSE, SURPRISE, TEMPER, Search, complexity, objection
+from estimators.unnamed import IMITATORS
 from pendulum_env.physics import Term
 
 
@@ -100,6 +101,8 @@ def _fall(before: Step, after: Step, error: str) -> str:
 
 
 def _why_rejected(search: Search, trial: Trial, ratio: float, steps: Sequence[Step]) -> str:
+    if search.unnamed is not None and trial.terms[-1].id in IMITATORS:
+        return f"only imitates {search.unnamed.words}, which the library does not have"
     where = "once the selected effects are in" if len(steps) > 1 else "beside the base model"
     if ratio >= 1:
         return f"does not lower the held-out torque error {where} ({100 * (ratio - 1):+.3g} %)"
