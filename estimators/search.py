@@ -25,8 +25,9 @@ from estimators.unnamed import IMITATED, IMITATORS, PowerLaw
 from pendulum_env.physics import BASE, Model, Samples, Term, effects
 
 MATERIAL = 0.97  # an effect has to lower the cross-validated torque error to this share of it
-PLAIN = 0.8  # or to this, to stay in a model that leaves much more than noise
-SHARE = 0.2  # and to explain this much of what noise does not
+SHARE = 0.2  # and to explain this much of what noise does not,
+NEEDED = 0.36  # or this much to stay once all others are in,
+PLAIN = float(np.sqrt(1 - NEEDED))  # which is this share of the error where noise is small
 HELD_OUT = 0.96  # and the held-out torque error to this
 SURPRISE = 10.0  # and to be this many nats likelier than its absence, besides the number of variants tried
 TIE = 5.0  # nats within which two effects count as equally likely
@@ -105,13 +106,19 @@ class Search:
         ties.sort(key=lambda trial: complexity(trial.terms[-1]))
         return ties + trials[len(ties) :]
 
-    def is_material(self, after: Trial, before: Trial) -> bool:
-        """Whether the last term of `after` lowers the predicted error by more than chance and by more than a trifle."""
+    def is_material(self, after: Trial, before: Trial, share: float = SHARE) -> bool:
+        """Whether the last term of `after` lowers the predicted error by more than chance and by more than a trifle.
+
+        Args:
+            after: with the term.
+            before: without it.
+            share: of what noise does not explain, that the term has to explain.
+        """
         variants = 1 + sum(1 for _ in after.terms[-1].grid(self.train.samples, self.screen.residual(before.terms)))
         enough = SURPRISE + 2 * np.log(variants)
         old, new = before.predicted_rms, after.predicted_rms
         explained = (old**2 - new**2) / (old**2 - self.floor**2) if old > self.floor else 0.0
-        return self.nats(after, before) > enough and new < MATERIAL * old and explained > SHARE
+        return self.nats(after, before) > enough and new < MATERIAL * old and explained > share
 
     def step(self, added: str | None, terms: Sequence[Term]) -> Step:
         """Fit the terms to the training data and take the errors; without standard errors, which take longer."""
@@ -312,15 +319,15 @@ class Search:
     def challenge(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> tuple[Term, ...]:
         """Swap added effects for others that do clearly better in their place, and drop those that are not needed.
 
-        While much structure is left, a model is imperfect in ways that nearly every effect helps a little to hide: then
-        an effect has to lower the error by a good part of it.
+        Beside all others, what is really there explains most of what noise does not. A model that lacks something else
+        is imperfect in ways that nearly every effect helps a little to hide.
         """
         for _ in range(2 * MOST):
             current = self.screen.trial(terms)
             changed = None
             for without in self._weakest_first(base, terms):
                 term = next(t for t in terms if t not in without.terms)
-                if not self.is_needed(replace(current, terms=(*without.terms, term)), without):
+                if not self.is_material(replace(current, terms=(*without.terms, term)), without, NEEDED):
                     changed = without.terms
                 elif len(without.terms) > len(base):
                     rivals = self.alternatives(without.terms, barred=[term.id])
@@ -332,11 +339,6 @@ class Search:
                 break
             terms = changed
         return terms
-
-    def is_needed(self, after: Trial, before: Trial) -> bool:
-        """Whether the last term of `after` is material, and no small repair of a model that lacks more than that."""
-        repaired = after.predicted_rms > LOOSE * self.floor and after.predicted_rms > PLAIN * before.predicted_rms
-        return self.is_material(after, before) and not repaired
 
     def _weakest_first(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> list[Trial]:
         """Trials without each of the added terms, the one that is missed least first."""

@@ -33,6 +33,7 @@ class PowerLaw(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
+        """One column, per unit of c."""
         return (
             Column(
                 "power_law",
@@ -43,6 +44,7 @@ class PowerLaw(Term):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        """Powers from which a search starts."""
         return [cls(power) for power in (0.5, 1.5, 2.0, 3.0, 5.0)]
 
     @property
