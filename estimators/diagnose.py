@@ -88,7 +88,8 @@ def diagnose(
         # What happens near reversals shows in windows that come closer to them, if through more noise.
         closer, found = look(*gather(recordings, holdout, SHORTER), base, progress)
         found = closer.fly(found)
-        if len(found) > 1 and position_error(found[-1]) < BETTER * position_error(steps[-1]):
+        without = min(position_error(steps[-1]), position_error(found[0]))
+        if len(found) > 1 and position_error(found[-1]) < BETTER * without:
             search, steps, window_share = closer, found, SHORTER
     if search.hides(steps[-1]):
         steps = search.grow_in_flight(steps)

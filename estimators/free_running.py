@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import distance_transform_cdt
 
-from estimators.windows import Windows
+from estimators.windows import Windows, trace_all
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Term, simulate
 from pendulum_env.physics.simulation import delayed, substeps
@@ -145,7 +145,8 @@ def _simulate(flights: Sequence[Flights], models: Sequence[Candidate], nudges: A
 def _memory(flights: Sequence[Flights], variants: Sequence[Term]) -> dict[str, Memory]:
     """State, at the start of every flight, in which the measured motion up to then has left V variants of a term."""
     distinct = list(dict.fromkeys(variants))
-    traces = [dict(zip(distinct, flight.windows.trace(distinct), strict=True)) for flight in flights]
+    traced = trace_all([flight.windows for flight in flights], distinct)
+    traces = [dict(zip(distinct, own, strict=True)) for own in traced]
     states = {}
     for id in traces[0][distinct[0]].memory:
         rows = [
