@@ -8,10 +8,11 @@ import sys
 from workbench.terminal import Terminal
 
 SHORT = (  # about two minutes on two cores
+    ("environments", ("1000000",)),
     ("diagnosis_time", ()),
     ("hidden_effects", ("--n", "24")),
 )
-COMMANDS = ("schemes", "diagnosis_time", "hidden_effects", "known_truth", "independent_plant")
+COMMANDS = ("environments", "schemes", "diagnosis_time", "hidden_effects", "known_truth", "independent_plant")
 
 
 def main() -> int:

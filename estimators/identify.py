@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,6 +116,7 @@ def identify(
     schemes: Sequence[Scheme] = SCHEMES,
     *,
     points: int = POINTS,
+    measured: Callable[[Recording], Measurements] = measure,
 ) -> Identification:
     """Fit the linear parameters of the terms to recordings, one set for all, by each scheme.
 
@@ -124,12 +125,13 @@ def identify(
         terms: of the model, with their shape parameters set.
         schemes: which to use; one that borrows its inertia comes after the scheme that lends it.
         points: moments at which the convergence is recorded.
+        measured: how motion and torque are taken from a recording.
 
     Raises:
         IdentificationError: if there is too little motion, or no torque at all.
         ValueError: if a scheme borrows from one that was not used before.
     """
-    measurements = [remember(measure(recording), terms) for recording in recordings]
+    measurements = [remember(measured(recording), terms) for recording in recordings]
     names = ", ".join(recording.name for recording in recordings)
     if not any(is_driven(m) for m in measurements):
         raise IdentificationError(

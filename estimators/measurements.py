@@ -29,6 +29,7 @@ from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
 
 SPARE = 30  # samples that a recording is longer than the filter
+TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS, of a run under the paper's excitation
 CLEAN = 0.01  # of the RMS acceleration: more noise than this biases inertia by more than 1e-4
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
 VALUE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -110,39 +111,80 @@ def window(half_width: int) -> Array:
     return weights / total
 
 
-def measure(recording: Recording, half_width: float | None = None) -> Measurements:
+@dataclass(frozen=True)
+class Smoothing:
+    """The one filter that a recording's motion and torque pass.
+
+    Attributes:
+        half_width: of its window [samples].
+        slowest: velocity below which its sign is not trusted [rad/s].
+    """
+
+    half_width: int
+    slowest: float = SLOWEST
+
+    @classmethod
+    def of_encoder(cls, counts: int, rate: float) -> Smoothing:
+        """Shortest window, of two samples or more, through which an encoder's steps are negligible in the acceleration.
+
+        For online use, where the motion to come is not known: it is taken to be as lively as `TYPICAL_ACCELERATION`.
+        """
+        noise = 2 * np.pi / counts / np.sqrt(12) if counts else 0.0
+        widths = [m for m in range(2, max(3, round(HALF_WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
+        for m in widths:
+            if noise * rate**2 * _length(np.convolve(window(m), CURVATURE)) <= CLEAN * TYPICAL_ACCELERATION:
+                break
+        return cls(m, max(SLOWEST, 5 * noise * rate * _length(np.convolve(window(m), SLOPE))))
+
+    def of_motion(self, period: float) -> Array:
+        """Weights (3, 2 reach + 1), newest sample first, that give position, velocity and acceleration."""
+        w = window(self.half_width)
+        kernels = [np.convolve(w, kernel) for kernel in (VALUE, SLOPE, CURVATURE)]
+        return np.array(kernels) / np.array([[1.0], [period], [period**2]])
+
+    def of_torque(self) -> Array:
+        """Weights (2, 2 reach + 1), newest sample first, that give torque at the instant and over the sample before."""
+        w = window(self.half_width)
+        return np.array([np.convolve(w, AT_INSTANT), np.convolve(w, BEFORE)])
+
+    @property
+    def reach(self) -> int:
+        """Samples on either side that a value depends on; of the torque, one less of those to come."""
+        return self.half_width + 3
+
+
+def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measurements:
     """Measurements of a recording; what it reports as velocity is not used, as its delay is not known.
 
     Args:
         recording: at least 30 samples longer than the window.
-        half_width: of the window [s]; chosen by `choose_smoothing` if it is not given.
+        smoothing: chosen by `choose_smoothing` if it is not given.
 
     Raises:
         IdentificationError: if the recording is too short.
     """
     period = 1.0 / recording.rate
-    fewest = SPARE if half_width is None else 2 * round(half_width / period) + SPARE
+    fewest = SPARE if smoothing is None else 2 * smoothing.half_width + SPARE
     if len(recording) < fewest:
         raise IdentificationError(
             f"{recording.name}: {len(recording)} samples are too few to differentiate, at least {fewest} are needed: "
             "record longer"
         )
-    m = choose_smoothing(recording) if half_width is None else round(half_width / period)
-    w = window(m)
-    slope, before = np.convolve(w, SLOPE) / period, np.convolve(w, BEFORE)
+    smoothing = smoothing or choose_smoothing(recording)
+    value, slope, curvature = smoothing.of_motion(period)
+    at_instant, before = smoothing.of_torque()
     velocity = np.convolve(recording.position, slope, "valid")
-    noise = white_noise(recording.position) * float(np.sqrt(slope @ slope))
     return Measurements(
-        time=recording.time[m + 3 : -m - 3],
-        position=np.convolve(recording.position, np.convolve(w, VALUE), "valid"),
+        time=recording.time[smoothing.reach : -smoothing.reach],
+        position=np.convolve(recording.position, value, "valid"),
         velocity=velocity,
-        acceleration=np.convolve(recording.position, np.convolve(w, CURVATURE), "valid") / period**2,
-        torque=np.convolve(recording.torque, np.convolve(w, AT_INSTANT), "valid"),
+        acceleration=np.convolve(recording.position, curvature, "valid"),
+        torque=np.convolve(recording.torque, at_instant, "valid"),
         held=np.convolve(recording.torque, before, "valid"),
-        moving=np.abs(velocity) > max(SLOWEST, 5 * noise),
+        moving=np.abs(velocity) > smoothing.slowest,
         period=period,
-        torque_noise=_spread(recording.torque) * float(np.sqrt(before @ before)),
-        reach=m + 4,
+        torque_noise=_spread(recording.torque) * _length(before),
+        reach=smoothing.reach + 1,
     )
 
 
@@ -157,8 +199,8 @@ def remember(m: Measurements, terms: Sequence[Term]) -> Measurements:
     return replace(m, memory={**m.memory, **states}) if states else m
 
 
-def choose_smoothing(recording: Recording) -> int:
-    """Shortest half width in samples, two or more, at which encoder noise is negligible in the acceleration.
+def choose_smoothing(recording: Recording) -> Smoothing:
+    """Shortest window, of two samples or more, through which encoder noise is negligible in the acceleration.
 
     Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
     is all noise, which falls with the window's length to the power -2.5.
@@ -169,10 +211,15 @@ def choose_smoothing(recording: Recording) -> int:
     for m in widths:
         curvature = np.convolve(window(m), CURVATURE)
         total = float(np.mean(np.convolve(recording.position, curvature, "valid") ** 2))
-        encoder = noise**2 * float(curvature @ curvature)
+        encoder = (noise * _length(curvature)) ** 2
         if encoder <= CLEAN**2 * max(0.0, total - encoder):
-            return m
-    return widths[-1]
+            break
+    return Smoothing(m, max(SLOWEST, 5 * noise * recording.rate * _length(np.convolve(window(m), SLOPE))))
+
+
+def _length(kernel: Array) -> float:
+    """Gain of a kernel for white noise."""
+    return float(np.sqrt(kernel @ kernel))
 
 
 def _spread(series: Array) -> float:

@@ -69,6 +69,18 @@ class Scheme(Protocol):
         """Equations y = phi theta, phi (N, P), for the columns of the terms in order; fixed columns are moved to y."""
 
 
+class OnlineScheme(Scheme, Protocol):
+    """A scheme that says how it works sample by sample; a filter says its `cutoff` and `order`, a sum its `window`."""
+
+    @property
+    def view(self) -> str:
+        """Which of the three views it takes of a column."""
+
+    @property
+    def guard(self) -> float | None:
+        """Distance to stick and reversals [s]."""
+
+
 # ------------------------------------------------------------------------------------- three views of a column
 
 
@@ -131,15 +143,24 @@ def exponential_average(series: Array, cutoff: float, period: float, order: int 
     Raises:
         ValueError: if lambda is beyond the Nyquist frequency.
     """
+    a = forgets(cutoff, period)
+    for _ in range(order):
+        series = lfilter([1 - a], [1, -a], series, axis=0)
+    return series
+
+
+def forgets(cutoff: float, period: float) -> float:
+    """Share a of F that is left after a sample.
+
+    Raises:
+        ValueError: if lambda is beyond the Nyquist frequency.
+    """
     if not 0 < cutoff < np.pi / period:
         raise ValueError(
             f"a filter at {cutoff:g} rad/s needs samples at more than {cutoff / np.pi:.4g} Hz, these are at "
             f"{1 / period:.4g} Hz: lower the cutoff or sample faster"
         )
-    a = (2 - cutoff * period) / (2 + cutoff * period)
-    for _ in range(order):
-        series = lfilter([1 - a], [1, -a], series, axis=0)
-    return series
+    return (2 - cutoff * period) / (2 + cutoff * period)
 
 
 def _filtered(equations: Equations, gate: Mask, cutoff: float, order: int, period: float) -> Regression:
@@ -168,6 +189,7 @@ class Dynamic:
 
     guard: float | None = GUARD
     id: ClassVar[str] = "dynamic"
+    view: ClassVar[str] = "torque"
     unit: ClassVar[str] = "N m"
     drifts: ClassVar[bool] = False
     borrows: ClassVar[str | None] = None
@@ -189,6 +211,7 @@ class FilteredDynamic:
     order: int = 1
     guard: float | None = GUARD  # [s]
     id: ClassVar[str] = "filtered_dynamic"
+    view: ClassVar[str] = "impulse"
     unit: ClassVar[str] = "N m"
     drifts: ClassVar[bool] = False
     borrows: ClassVar[str | None] = None
@@ -213,6 +236,7 @@ class Energy:
     window: float | None = 0.05
     guard: float | None = None
     id: ClassVar[str] = "energy"
+    view: ClassVar[str] = "energy"
     unit: ClassVar[str] = "J"
     borrows: ClassVar[str | None] = None
 
@@ -244,6 +268,7 @@ class FilteredPower:
     order: int = 1
     guard: float | None = GUARD  # [s]
     id: ClassVar[str] = "filtered_power"
+    view: ClassVar[str] = "energy"
     unit: ClassVar[str] = "W"
     drifts: ClassVar[bool] = False
     borrows: ClassVar[str | None] = None
@@ -266,6 +291,7 @@ class Hamiltonian:
     borrows: str | None = None
     guard: float | None = GUARD  # [s]
     id: ClassVar[str] = "hamiltonian"
+    view: ClassVar[str] = "impulse"
     unit: ClassVar[str] = "N m"
     drifts: ClassVar[bool] = False
 
@@ -286,6 +312,7 @@ class FilteredHamiltonian:
     borrows: str | None = None
     guard: float | None = GUARD  # [s]
     id: ClassVar[str] = "filtered_hamiltonian"
+    view: ClassVar[str] = "impulse"
     unit: ClassVar[str] = "N m"
     drifts: ClassVar[bool] = False
 
@@ -295,7 +322,7 @@ class FilteredHamiltonian:
         return _filtered(unfiltered.equations, unfiltered.usable, self.cutoff, self.order, m.period)
 
 
-SCHEMES: tuple[Scheme, ...] = (
+SCHEMES: tuple[OnlineScheme, ...] = (
     Dynamic(),
     FilteredDynamic(),
     Energy(),
@@ -314,7 +341,7 @@ PAPER: tuple[Scheme, ...] = (
 )
 
 
-def scheme(id: str) -> Scheme:
+def scheme(id: str) -> OnlineScheme:
     """Scheme of that id, with its default options.
 
     Raises:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -130,3 +131,36 @@ def _number(part: str, text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"'{part}' in '{text}' is not a number")
     return value
+
+
+def make_plant(
+    theta: Mapping[str, float] | Sequence[float] | None = None,
+    effects: Sequence[str] = (),
+    model: Model | str | Path | None = None,
+) -> Model:
+    """Plant of an environment.
+
+    Args:
+        theta: parameters that differ from the paper's, by name, or all four in the order inertia, gravity, viscous,
+            coulomb.
+        effects: hidden in it, each as a text such as `stribeck=0.4`, see `hide`.
+        model: an identified model or its file, instead of the paper's plant.
+
+    Raises:
+        ValueError: if a parameter or an effect is unknown or impossible, or if both theta and a model are given.
+        ModelError: if the model cannot be read.
+    """
+    if model is None:
+        if theta is not None and not isinstance(theta, Mapping):
+            values = [float(value) for value in theta]
+            if len(values) != len(PAPER):
+                raise ValueError(f"theta has {len(values)} values, it needs {len(PAPER)}: {', '.join(PAPER)}")
+            theta = dict(zip(PAPER, values, strict=True))
+        plant = paper_plant(theta)
+    elif theta is not None:
+        raise ValueError("a plant is given by its theta or by a model, not by both")
+    else:
+        plant = model if isinstance(model, Model) else Model.load(model)
+    for text in effects:
+        plant = hide(plant, text)
+    return plant

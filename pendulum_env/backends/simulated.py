@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from pendulum_env._typing import Array
+from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.excitation import Excitation
 from pendulum_env.physics import Model
 from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Recording
 
-COUNTS = 1_024_000  # per turn, the paper's encoder
 TORQUE_NOISE = 0.02  # [N m], standard deviation
 FEWEST = 2  # samples
 
@@ -44,8 +43,7 @@ def record(
     for what, value in (("seconds", seconds), ("rate", rate)):
         if not 0 < value < np.inf:
             raise ValueError(f"a recording needs {what} above zero, got {value:g}")
-    if counts < 0 or not 0 <= torque_noise < np.inf:
-        raise ValueError(f"counts ({counts}) and torque_noise ({torque_noise:g}) cannot be negative or infinite")
+    sensor = Sensor(counts, torque_noise)
     samples = round(seconds * rate)
     if samples < FEWEST:
         raise ValueError(f"{seconds:g} s at {rate:g} Hz are {samples} samples, at least {FEWEST} are needed")
@@ -56,14 +54,6 @@ def record(
     return Recording(
         name=name,
         time=time,
-        position=read_encoder(path.position[:-1, 0], counts),
-        torque=torque + torque_noise * rng.standard_normal(samples),
+        position=sensor.position(path.position[:-1, 0]),
+        torque=np.asarray(sensor.torque(torque, rng)),
     )
-
-
-def read_encoder(position: Array, counts: int) -> Array:
-    """Angle [rad] as an encoder with that many counts per turn reports it; 0 counts report it exactly."""
-    if counts == 0:
-        return position
-    count = 2 * np.pi / counts
-    return count * np.round(position / count)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
+from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric, one
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class TorqueOffset(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return (Column("torque_offset", "N m", force=lambda x: np.ones_like(x.position)),)
+        return (Column("torque_offset", "N m", force=one),)
 
 
 @dataclass(frozen=True)

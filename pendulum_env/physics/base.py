@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pendulum_env.physics.term import Column, Term
+from pendulum_env.physics.term import Column, Term, one
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Inertia(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return (Column("inertia", "kg m^2", mass=lambda x: np.ones_like(x.velocity)),)
+        return (Column("inertia", "kg m^2", mass=one),)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Coulomb(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return (Column("coulomb", "N m", dry=lambda x: np.ones_like(x.velocity)),)
+        return (Column("coulomb", "N m", dry=one),)
 
 
 BASE: tuple[Term, ...] = (Inertia(), Gravity(), Viscous(), Coulomb())

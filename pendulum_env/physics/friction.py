@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
+from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric, one
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class CoulombAsymmetry(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return (Column("coulomb_asymmetry", "N m", force=lambda x: np.ones_like(x.velocity)),)
+        return (Column("coulomb_asymmetry", "N m", force=one),)
 
 
 @dataclass(frozen=True)

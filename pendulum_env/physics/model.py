@@ -97,6 +97,19 @@ class Model:
         added = Model.build([term], theta)
         return Model((*self.terms, term), {**self.estimates, **added.estimates})
 
+    def at(self, theta: Mapping[str, float]) -> Model:
+        """The same terms with some linear parameters, by name, at other values.
+
+        Raises:
+            ModelError: if a parameter is unknown.
+        """
+        linear = {column.name: column for column in self.columns}
+        for name in theta:
+            if name not in linear:
+                raise ModelError(f"the model has no linear parameter '{name}': it has {', '.join(linear)}")
+        new = {name: Estimate(float(value), 0.0, linear[name].unit) for name, value in theta.items()}
+        return Model(self.terms, {**self.estimates, **new})
+
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Torque that the model needs for a motion [N m]; samples in stick have no answer, mask them."""
         linear = sum(c * column.torque(x, acceleration) for c, column in zip(self.theta, self.columns, strict=True))

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.physics.term import Column, Samples, Shape, Term
+from pendulum_env.physics.term import Column, Samples, Shape, Term, one
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Spring(Term):
     def columns(self) -> tuple[Column, ...]:
         return (
             Column("spring.stiffness", "N m/rad", force=lambda x: x.position, potential=lambda x: 0.5 * x.position**2),
-            Column("spring.preload", "N m", force=lambda x: np.ones_like(x.position), potential=lambda x: x.position),
+            Column("spring.preload", "N m", force=one, potential=lambda x: x.position),
         )
 
 

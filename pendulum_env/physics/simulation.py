@@ -9,16 +9,18 @@ stick. Source of the set-valued law: Acary and Brogliato, Numerical Methods for 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.term import Law, Memory, Samples, Term, zero
+from pendulum_env._typing import Array, ArrayLike, Mask
+from pendulum_env.physics.term import Law, Memory, Samples, Term, one, zero
 
 LONGEST_STEP = 1e-3  # [s], of the integrator; a recording with a longer period is simulated in substeps
+LEAST = 1e-9  # [kg m^2], moment of inertia that a fit may propose
 UNBOUNDED = 1e6  # [rad/s]; a simulation faster than this has diverged and is held there, so that no NaN comes out
 
 
@@ -34,12 +36,24 @@ class Balance:
 
     def __init__(self, terms: Sequence[Term], theta: Array) -> None:
         """Take the terms and theta (P,) or one column for each pendulum (P, B), in the order of the terms' columns."""
+        self._terms, self._theta = tuple(terms), theta
         self._remembering = [term for term in terms if type(term).advance is not Term.advance]
         weighted = list(zip([column for term in terms for column in term.columns], theta, strict=True))
         weighted += [(column, np.float64(1.0)) for term in terms for column in term.fixed]
         self._mass = [(coefficient, column.mass) for column, coefficient in weighted if column.mass is not zero]
         self._force = [(coefficient, column.force) for column, coefficient in weighted if column.force is not zero]
         self._dry = [(coefficient, column.dry) for column, coefficient in weighted if column.dry is not zero]
+        # of most models these two do not change, and a step of one pendulum asks for them twice
+        self._steady_mass = np.maximum(sum(c for c, _ in self._mass), LEAST) if _steady(self._mass) else None
+        self._steady_dry = sum(c for c, _ in self._dry) if _steady(self._dry) else None
+
+    def __reduce__(self) -> tuple[type[Balance], tuple[Sequence[Term], Array]]:
+        return Balance, (self._terms, self._theta)  # columns hold functions, which cannot be pickled
+
+    @property
+    def remembers(self) -> bool:
+        """Whether any term has state variables."""
+        return bool(self._remembering)
 
     def start(self, x: Samples) -> dict[str, Memory]:
         """State variables of all terms that have any, for a joint that has been as in `x` for long."""
@@ -64,11 +78,15 @@ class Balance:
 
     def mass(self, x: Samples) -> ArrayLike:
         """Moment of inertia [kg m^2], kept positive: a fit may propose otherwise."""
-        return np.maximum(self._sum(self._mass, x), 1e-9)
+        return np.maximum(self._sum(self._mass, x), LEAST) if self._steady_mass is None else self._steady_mass
 
     def dry(self, x: Samples) -> ArrayLike:
         """Magnitude of dry friction [N m]; a term with memory may take some of it over, and a fit a little too much."""
-        return self._sum(self._dry, x)
+        return self._sum(self._dry, x) if self._steady_dry is None else self._steady_dry
+
+
+def _steady(parts: list[tuple[ArrayLike, Law]]) -> bool:
+    return all(law is one for _, law in parts)
 
 
 def _directed(net: ArrayLike, dry: ArrayLike, direction: ArrayLike) -> ArrayLike:
@@ -122,6 +140,31 @@ def delayed(torque: Array, before: Array, periods: float) -> Array:
     line = np.concatenate([np.repeat(oldest, missing, axis=0), before, torque])
     first = len(line) - len(torque) - whole
     return (1 - share) * line[first : first + len(torque)] + share * line[first - 1 : first - 1 + len(torque)]
+
+
+class CommandLine:
+    """The way of a command to the joint, one period at a time: terms of the model may delay it."""
+
+    def __init__(self, terms: Sequence[Term], period: float, substeps: int) -> None:
+        """Nothing has been commanded before."""
+        self._substeps = substeps
+        self._periods = sum(term.delay for term in terms) / (period / substeps)  # delay in substeps
+        self._history: list[Array] = []
+
+    def push(self, torque: Array) -> Iterable[Array]:
+        """Torque that acts in each substep of the period over which `torque`, () or (B,), is commanded."""
+        if self._periods == 0:
+            return itertools.repeat(torque, self._substeps)
+        now = np.asarray(torque, dtype=float)
+        if not self._history:
+            self._history = (int(self._periods / self._substeps) + 1) * [np.zeros_like(now)]
+        before = np.repeat(np.array(self._history), self._substeps, axis=0)
+        self._history = [*self._history[1:], now]
+        return iter(delayed(np.repeat(now[None], self._substeps, axis=0), before, self._periods))
+
+    def forget(self, which: Mask) -> None:
+        """Those pendulums (B,) start anew."""
+        self._history = [np.where(which, 0.0, torque) for torque in self._history]
 
 
 def simulate(

@@ -43,6 +43,11 @@ def zero(x: Samples) -> ArrayLike:
     return 0.0
 
 
+def one(x: Samples) -> ArrayLike:
+    """Contribute the same everywhere: a scalar, so that a step of one pendulum stays cheap."""
+    return 1.0
+
+
 @dataclass(frozen=True)
 class Column:
     """What one linear parameter multiplies on the left-hand side: mass q'' + force + dry sgn q' [N m per unit].

@@ -62,6 +62,27 @@ def test_record_writes_what_can_be_read_and_says_what_is_hidden(tmp_path, capsys
     assert "hidden: cogging, spring" in capsys.readouterr().out
 
 
+def test_backends_record_the_same_pendulum_and_a_replay_what_it_plays(tmp_path, capsys):
+    """pymunk's body against the batched simulator, to a few encoder counts; a replay loses only the last sample."""
+    paths = {name: tmp_path / f"{name}.csv" for name in ("simulated", "pymunk", "replay")}
+    common = ["record", "--seconds", "3", "--noise", "0", "--effect", "stribeck"]
+    for name in ("simulated", "pymunk"):
+        assert main([*common, "--backend", name, "-o", str(paths[name])]) == 0
+    assert main(["record", "--backend", "replay", "--replay", str(paths["pymunk"]), "-o", str(paths["replay"])]) == 0
+    body, batch, again = (read_recording(paths[name]) for name in ("pymunk", "simulated", "replay"))
+    assert np.sqrt(np.mean((body.position - batch.position) ** 2)) < 2e-5
+    np.testing.assert_allclose(body.torque, batch.torque, atol=1e-6)
+    np.testing.assert_array_equal(again.position, body.position[:-1])
+    assert "2.999 s at 1000 Hz, 2999 samples" in capsys.readouterr().out
+
+
+def test_replay_needs_a_recording(refused, tmp_path):
+    out = str(tmp_path / "out.csv")
+    assert "--replay FILE belong together" in refused("record", "--backend", "replay", "-o", out)
+    assert "--replay FILE belong together" in refused("record", "--backend", "pymunk", "--replay", "x.csv", "-o", out)
+    assert "there is no such file" in refused("record", "--backend", "replay", "--replay", "nowhere.csv", "-o", out)
+
+
 def test_record_repeats_itself_with_the_same_seed(tmp_path):
     paths = [tmp_path / name for name in ("a.csv", "b.csv", "c.csv")]
     for path, seed in zip(paths, ("1", "1", "2"), strict=True):
@@ -172,6 +193,20 @@ def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, capsys, few_effect
     out = capsys.readouterr().out
     assert out.index("What is missing") < out.index("Errors") < out.index("The truth") < out.index("hidden was")
     assert {file.name for file in tmp_path.iterdir()} == {"report.html", "report.train.csv", "report.holdout.csv"}
+
+
+def test_paper_prints_table_2_and_writes_page_and_numbers(tmp_path, capsys):
+    report, path = tmp_path / "paper.html", tmp_path / "paper.json"
+    assert main(["paper", "--runs", "1", "--seconds", "5", "--report", str(report), "--json", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "0.3874" in out and "1.1201" in out  # the paper's
+    assert out.index("Table 2") < out.index("this project") < out.index("as printed") < out.index("each care buys")
+    data = json.loads(path.read_text())
+    assert data["schema"] == "pendulum-ident/paper@1" and data["runs"] == 1
+    schemes = data["ways"]["ours"]["schemes"]
+    assert set(schemes) == set(data["paper"]) == set(data["torque_norm"]["printed"]) - {"truth"}
+    assert all(error < 0.01 for scheme in schemes.values() for error in scheme["median_error"].values())
+    assert report.read_text(encoding="utf-8").rstrip().endswith("</html>")
 
 
 def test_effects_lists_every_effect_with_its_law(capsys):
@@ -333,6 +368,8 @@ def test_models_that_make_no_sense_are_refused(runs, tmp_path, refused):
         ["diagnose", "TRAIN", "-o", "OUT/m.json"],
         ["add", "MODEL", "stribeck", "TRAIN", "-o", "OUT/m.json"],
         ["demo", "-o", "OUT/report.html"],
+        ["paper", "--report", "OUT/paper.html"],
+        ["paper", "--json", "OUT/paper.json"],
     ],
     ids=" ".join,
 )
@@ -369,13 +406,17 @@ def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refuse
         (["record", "--effect", "cogging", "--effect", "cogging", "-o", "run.csv"], "cogging"),
         (["record", "--theta", "inertia=0", "-o", "run.csv"], "inertia of a plant cannot be 0"),
         (["record", "--theta", "coulomb=100", "--seconds", "1.5", "-o", "run.csv"], "the arm never moves"),
-        (["record", "--backend", "pymunk", "-o", "run.csv"], "not available yet"),
+        (["record", "--backend", "dm1015b", "-o", "run.csv"], "not available yet"),
         (["record", "--backend", "mujoco", "-o", "run.csv"], "unknown backend 'mujoco'"),
         (["record", "--seconds", "0.2", "-o", "run.csv"], "should be a number, 1 or more"),
         (["record", "--seconds", "1e9", "-o", "run.csv"], "samples are asked for"),
         (["record", "--rate", "nan", "-o", "run.csv"], "should be a number from 10"),
         (["record", "--amplitude", "0", "-o", "run.csv"], "amplitude above zero"),
         (["record", "--seed", "-1", "-o", "run.csv"], "whole number"),
+        (["paper", "--runs", "0"], "whole number, 1 or more"),
+        (["paper", "--seconds", "1"], "should be a number from 5"),
+        (["paper", "--report", "p.html", "--json", "p.html"], "two outputs"),
+        (["paper", "run.csv"], "run.csv"),
     ],
     ids=lambda part: " ".join(part) if isinstance(part, list) else "",
 )

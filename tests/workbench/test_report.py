@@ -2,7 +2,6 @@ import html
 import json
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from estimators.regions import Region
 from pendulum_env.physics import BASE, Model
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import Recording
+from tests.workbench.pages import Page, values
 from workbench.report import render, write_report
 from workbench.report.figure import broken, numbers, thin
 from workbench.report.sections import SECTIONS
@@ -52,36 +52,6 @@ def diagnosis(train: Recording, holdout: Recording) -> Diagnosis:
 @pytest.fixture(scope="module")
 def page(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> str:
     return render([train], [holdout], diagnosis, identify([train], diagnosis.model.terms))
-
-
-class Page(HTMLParser):
-    """What a browser would make of the page: tags with their attributes, text outside scripts, and figures."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.text = ""
-        self.figures: list[dict] = []
-        self._inside = ""
-        self.feed(text)
-        self.text = re.sub(r"\s+", " ", self.text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        self._inside = dict(attrs).get("type") or tag if tag in ("script", "style") else self._inside
-
-    def handle_endtag(self, tag: str) -> None:
-        self._inside = "" if tag in ("script", "style") else self._inside
-
-    def handle_data(self, data: str) -> None:
-        if self._inside == "application/json":
-            self.figures.append(json.loads(data))
-        elif not self._inside:
-            self.text += data
-
-
-def values(found: Page, attribute: str) -> list[str]:
-    return [attrs[attribute] or "" for _, attrs in found.tags if attribute in attrs]
 
 
 def test_page_loads_nothing_from_elsewhere(page: str) -> None:

@@ -1,7 +1,7 @@
 """The commands in the order of a first visit."""
 
 from workbench.command import Command
-from workbench.commands import add, compare, demo, diagnose, effects, identify, record
+from workbench.commands import add, compare, demo, diagnose, effects, identify, paper, record
 
 COMMANDS: dict[str, Command] = {
     "demo": demo.COMMAND,
@@ -11,6 +11,7 @@ COMMANDS: dict[str, Command] = {
     "diagnose": diagnose.COMMAND,
     "add": add.COMMAND,
     "effects": effects.COMMAND,
+    "paper": paper.COMMAND,
 }
 
 __all__ = ["COMMANDS"]

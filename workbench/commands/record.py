@@ -4,22 +4,32 @@ from __future__ import annotations
 
 import argparse
 
+import gymnasium as gym
 import numpy as np
 
-from pendulum_env.backends.simulated import COUNTS, TORQUE_NOISE, record
-from pendulum_env.excitation import EXCITATIONS, excitation
+from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.backends.simulated import TORQUE_NOISE, record
+from pendulum_env.env import MAX_TORQUE
+from pendulum_env.excitation import EXCITATIONS, Excitation, excitation
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import hide, paper_plant, read_parameters
-from pendulum_env.recording import write_recording
+from pendulum_env.policy import OpenLoop, rollout
+from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import FEWEST, SHORTEST, SLOWEST
 from pendulum_env.recording.storage import WRITERS
+from pendulum_env.registration import PENDULUM
 from workbench.command import Command
 from workbench.inputs import InputError, argument, check_outputs, number, whole, wrote
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
-BACKENDS = {"simulated": True, "pymunk": False, "dm1015b": False, "replay": False}  # whether it is available
+BACKENDS = {  # and whether it is available
+    "simulated": True,  # the batched simulator
+    "pymunk": True,  # a rigid body in the environment
+    "replay": True,  # a recording again
+    "dm1015b": False,
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -36,6 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--backend", type=argument(_backend), default="simulated", metavar="NAME", help=", ".join(BACKENDS)
     )
+    parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
     parser.add_argument(
         "--effect",
         dest="effects",
@@ -78,19 +89,48 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         command = excitation(arguments.excitation, rng, arguments.seconds, arguments.amplitude)
     except ValueError as error:
         raise InputError(str(error)) from None
-    with terminal.progress("simulating"):
-        recording = record(
-            plant, command, arguments.seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng
-        )
+    recording = _run(arguments, plant, command, rng, terminal)
     if np.ptp(recording.position) == 0:
         raise InputError(f"the arm never moves: {command.amplitude:g} N m do not overcome its friction")
     write_recording(recording, arguments.output)
     turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
-    terminal.say(f"{arguments.seconds:g} s at {arguments.rate:g} Hz, {len(recording)} samples")
+    terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
     terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
     if plant.effects:
         terminal.say(f"hidden: {', '.join(plant.effects)}")
     wrote([arguments.output], terminal)
+
+
+def _run(
+    arguments: argparse.Namespace, plant: Model, command: Excitation, rng: np.random.Generator, terminal: Terminal
+) -> Recording:
+    """Record with the backend that was asked for."""
+    if arguments.backend == "simulated":
+        with terminal.progress("simulating"):
+            return record(plant, command, arguments.seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng)
+    if (arguments.backend == "replay") != (arguments.replay is not None):
+        raise InputError("--backend replay and --replay FILE belong together: give both or neither")
+    env = gym.make(
+        PENDULUM,
+        max_episode_steps=-1,
+        backend=arguments.backend,
+        model=plant,
+        rate=arguments.rate,
+        counts=arguments.counts,
+        torque_noise=arguments.noise,
+        max_torque=max(MAX_TORQUE, command.amplitude),
+        recording=arguments.replay,
+    )
+    rate = env.unwrapped.rate  # type: ignore[attr-defined]
+    steps = round(arguments.seconds * rate)
+    with terminal.progress("running") as tell:
+        return rollout(
+            env,
+            OpenLoop(command, rate),
+            steps,
+            seed=int(rng.integers(2**31)),
+            watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / arguments.seconds),
+        )
 
 
 def _excitation(text: str) -> str:

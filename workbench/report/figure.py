@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pendulum_env._typing import JSON, Array, Index
+from pendulum_env._typing import JSON, Array, ArrayLike, Index
 
 POINTS = 2400  # of one curve; more than a screen is wide
 DIGITS = 5  # significant, more than a plot can show
@@ -64,14 +64,14 @@ def line(x: Array, y: Array, name: str, color: str, unit: str, **more: object) -
     }
 
 
-def band(x: Array, half: Array, name: str, **more: object) -> JSON:
-    """Filled band of plus and minus `half` (N,) about zero."""
+def band(x: Array, half: Array, name: str, middle: ArrayLike = 0.0, **more: object) -> JSON:
+    """Filled band of plus and minus `half` (N,) about its middle."""
     return {
         "type": "scatter",
         "mode": "lines",
         "name": name,
         "x": numbers(np.r_[x, x[::-1]]),
-        "y": numbers(np.r_[half, -half[::-1]]),
+        "y": numbers(np.r_[middle + half, (middle - half)[::-1]]),
         "fill": "toself",
         "fillcolor": "--noise",
         "line": {"width": 0},

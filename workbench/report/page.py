@@ -18,6 +18,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.recording import Recording
 from workbench.report import words
 from workbench.report.case import Case
+from workbench.report.section import Section
 from workbench.report.sections import SECTIONS
 
 
@@ -58,14 +59,19 @@ def render(
     """HTML of the report; see `write_report`."""
     case = Case.of(recordings, holdout, diagnosis, identification)
     sections = [section for make in SECTIONS if (section := make(case)) is not None]
+    return assemble(sections, f"diagnosis of {words.listing([recording.name for recording in case.train])}")
+
+
+def assemble(sections: Sequence[Section], subject: str) -> str:
+    """HTML of a page from its sections; the first one's title is the page's, `subject` stands above it."""
     return (
         _environment()
         .get_template("page.html")
         .render(
             sections=sections,
             title=sections[0].title,
+            subject=subject,
             written=f"{datetime.now().astimezone():%d %B %Y, %H:%M}",
-            recordings=[recording.name for recording in case.train],
             plotly=_plotly(),
             plotly_version=get_plotlyjs_version(),
         )

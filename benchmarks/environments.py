@@ -1,0 +1,154 @@
+"""Steps per second of environments and online estimators, beside their peers, in one run.
+
+CPU time per step, the least of several repetitions, so that other work on the machine does not count.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import gymnasium as gym
+import numpy as np
+
+from estimators.online.recursion import SquareRootLeastSquares
+from estimators.recursion import start, step
+from estimators.wrappers import EstimateParameters
+from pendulum_env.registration import PENDULUM
+from workbench.terminal import Terminal
+
+STEPS, REPEAT = 2000, 5
+
+
+def cpu(work: Callable[[], object], steps: int = STEPS) -> float:
+    """Least CPU time per step [us]."""
+    work()
+    times = []
+    for _ in range(REPEAT):
+        begin = time.process_time()
+        for _ in range(steps):
+            work()
+        times.append((time.process_time() - begin) / steps * 1e6)
+    return min(times)
+
+
+def stepping(env: gym.Env, action: np.ndarray) -> Callable[[], object]:
+    env.reset(seed=0)
+
+    def work() -> None:
+        *_, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            env.reset()
+
+    return work
+
+
+def environments() -> list[tuple[str, float, str]]:
+    one = np.array([0.5], dtype=np.float32)
+    rows = [("Gymnasium's Pendulum-v1", cpu(stepping(gym.make("Pendulum-v1"), one)), "")]
+    try:
+        rows.append(("MuJoCo's InvertedPendulum-v5", cpu(stepping(gym.make("InvertedPendulum-v5"), one)), ""))
+    except gym.error.DependencyNotInstalled:
+        rows.append(("MuJoCo's InvertedPendulum-v5", np.nan, "pip install mujoco to compare"))
+    push = np.array([3.0], dtype=np.float32)
+    bare = cpu(stepping(gym.make(PENDULUM), push))
+    rows.append(("DirectDrivePendulum-v0", bare, "aim: as fast as Pendulum-v1, faster than MuJoCo"))
+    rows.append(("the same, 2 substeps", cpu(stepping(gym.make(PENDULUM, substeps=2), push)), ""))
+    wrapped = cpu(stepping(EstimateParameters(gym.make(PENDULUM)), push))
+    rows.append(("six estimators add", wrapped - bare, "aim: below 40 us"))
+    return rows
+
+
+def recursions() -> list[tuple[str, float, str]]:
+    from filterpy.kalman import KalmanFilter
+
+    rng = np.random.default_rng(0)
+    row = rng.normal(size=4)
+    kalman = KalmanFilter(4, 1)
+    kalman.P, kalman.Q = 1e7 * np.eye(4), np.zeros((4, 4))
+    ours = SquareRootLeastSquares((1, 6), 4)
+    six = np.tile(row, (1, 6, 1)), np.ones((1, 6)), np.ones((1, 6), dtype=bool)
+    state = start(4)
+    rows = [
+        ("filterpy, one update", cpu(lambda: kalman.update(1.0, H=row[None])), ""),
+        ("ours, one update (readable form)", cpu(lambda: step(state, row, 1.0)), ""),
+        ("ours, six updates at once", cpu(lambda: ours.take(*six)), "in square-root form"),
+    ]
+    try:
+        from padasip.filters import FilterRLS
+    except ImportError:
+        rows.append(("padasip, one update", np.nan, "pip install padasip to compare"))
+    else:
+        peer = FilterRLS(n=4, mu=1.0)
+        rows.insert(1, ("padasip, one update", cpu(lambda: peer.adapt(1.0, row)), ""))
+    return rows
+
+
+def batches() -> list[tuple[str, float, str]]:
+    rows = []
+    for count in (1, 64, 1024, 4096):
+        env = gym.make_vec(PENDULUM, num_envs=count, max_episode_steps=None)
+        env.reset(seed=0)
+        actions = np.random.default_rng(0).uniform(-6, 6, (count, 1)).astype(np.float32)
+        each = cpu(lambda env=env, actions=actions: env.step(actions), 200) / count  # type: ignore[misc]
+        rows.append((f"{count} pendulums", 1.0 / each, "aim: over 1" if count == 1024 else ""))
+    return rows
+
+
+def stability(updates: int, terminal: Terminal) -> str:
+    """Updates of six schemes under a persistent excitation, with forgetting: whether P stays what it has to be."""
+    rng = np.random.default_rng(0)
+    batch = 500
+    squares = SquareRootLeastSquares((batch, 6), 4, forgetting=0.9999)
+    truth = np.array([0.09, 2.0, 0.36, 0.92])
+    worst = np.inf
+    with terminal.progress("updating") as tell:
+        for k in range(updates // batch):
+            phi = rng.normal(size=(batch, 6, 4)) * [20.0, 0.7, 5.0, 1.0]
+            squares.take(phi, phi @ truth + 0.05 * rng.normal(size=(batch, 6)), rng.random((batch, 6)) < 0.8)
+            if k % 1000 == 0:
+                P = squares.P
+                worst = min(worst, float(np.linalg.eigvalsh(P).min()))
+                tell(f"{k * batch:,}", k * batch / updates)
+                if not (np.isfinite(squares.theta).all() and (P == P.swapaxes(-1, -2)).all() and worst > 0):
+                    return f"broken after {k * batch:,} updates"
+    return (
+        f"symmetric, finite, least eigenvalue ever {worst:.2g}, theta off by {np.abs(squares.theta - truth).max():.1g}"
+    )
+
+
+def imports() -> list[tuple[str, float, str]]:
+    def seconds(module: str) -> float:
+        code = f"import time; t = time.perf_counter(); import {module}; print(time.perf_counter() - t)"
+        runs = [
+            subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True) for _ in range(5)
+        ]
+        return min(float(run.stdout) for run in runs)
+
+    aims = {"pendulum_env": "aim: below 0.4 s", "pendulum_env.env": "with Gymnasium and pymunk", "estimators": ""}
+    return [(f"import {module}", seconds(module), aim) for module, aim in aims.items()]
+
+
+def main(argv: list[str] | None = None) -> int:
+    arguments = sys.argv[1:] if argv is None else argv
+    updates = int(arguments[0]) if arguments else 10_000_000
+    terminal = Terminal()
+    for title, unit, rows in (
+        ("One environment", "us per step", environments()),
+        ("Recursive least squares, four parameters", "us", recursions()),
+        ("Batched environment", "million steps per s", batches()),
+        ("Imports", "s", imports()),
+    ):
+        terminal.heading(title)
+        terminal.table(
+            ("what", unit, "note"), [(what, f"{value:.3g}", note) for what, value, note in rows], left=("note",)
+        )
+    terminal.heading(f"{updates:,} updates of the square-root recursion")
+    terminal.say(stability(updates, terminal))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

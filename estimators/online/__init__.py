@@ -1,0 +1,5 @@
+"""Estimation while it runs: one sample in, the parameters of all schemes out."""
+
+from estimators.online.estimator import Estimates, OnlineEstimator, SchemeEstimate
+
+__all__ = ["Estimates", "OnlineEstimator", "SchemeEstimate"]

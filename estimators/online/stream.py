@@ -1,0 +1,57 @@
+"""Measurements sample by sample: what `measure` makes of a whole recording, as soon as it can be known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.measurements import Smoothing
+from pendulum_env._typing import Array, Index, Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """One sample of B pendulums, `reach` samples ago; the fields are those of `Measurements`, each (B,).
+
+    index counts the samples of each pendulum since it was reset and is negative while too few have come in.
+    """
+
+    index: Index
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    held: Array
+
+
+class Stream:
+    """The filter of `measure`, fed with one sample of B pendulums after the other."""
+
+    def __init__(self, smoothing: Smoothing, period: float, batch: int) -> None:
+        """Take the filter, the time between samples [s] and the number of pendulums B."""
+        self._delay = smoothing.reach * period
+        self._length = 2 * smoothing.reach + 1
+        # oldest sample first; the newest torque that is known is the one that acted until the newest position
+        self._motion = np.ascontiguousarray(smoothing.of_motion(period)[:, ::-1])  # (3, W)
+        self._torque = np.ascontiguousarray(smoothing.of_torque()[:, :0:-1])  # (2, W - 1)
+        # every sample is written twice, so that the last W of them always lie in a row
+        self._position, self._command = np.zeros((2, 2 * self._length, batch))
+        self._step = 0
+        self._index = np.full(batch, -self._length, dtype=np.intp)
+
+    def reset(self, which: Mask) -> None:
+        """Those pendulums (B,) start anew with the next sample."""
+        self._index[which] = -self._length
+
+    def take(self, time: Array, position: Array, torque: Array) -> Instant:
+        """Take in a sample: time [s], position [rad], and torque [N m] over the period that ends with it, (B,) each."""
+        length, slot = self._length, self._step % self._length
+        self._position[slot] = self._position[slot + length] = position
+        self._command[slot] = self._command[slot + length] = torque
+        self._step += 1
+        self._index += 1
+        q, v, a = self._motion @ self._position[slot + 1 : slot + 1 + length]
+        at_instant, held = self._torque @ self._command[slot + 2 : slot + 1 + length]
+        return Instant(self._index.copy(), time - self._delay, q, v, a, at_instant, held)

@@ -1,0 +1,79 @@
+"""Ways to go from a recording to parameters: this project's, the same with one care left out, and the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.measurements import Measurements, measure
+from estimators.paper.as_printed import PRINTED, as_logged
+from estimators.schemes import (
+    PAPER,
+    SCHEMES,
+    Dynamic,
+    Energy,
+    FilteredDynamic,
+    FilteredHamiltonian,
+    FilteredPower,
+    Hamiltonian,
+    Scheme,
+)
+from pendulum_env.recording import Recording
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to go from recordings to parameters.
+
+    Attributes:
+        id: name in files.
+        text: what it does, as a heading.
+        schemes: the six regressions.
+        measured: how motion and torque are taken from a recording.
+    """
+
+    id: str
+    text: str
+    schemes: Sequence[Scheme]
+    measured: Callable[[Recording], Measurements] = measure
+
+
+def at_rest_in_stick(recording: Recording) -> Measurements:
+    """Measurements whose velocity is 0 where its sign is lost in noise, so that sgn q' is 0 in stick."""
+    m = measure(recording)
+    return replace(m, velocity=np.where(m.moving, m.velocity, 0.0))
+
+
+def command_as_logged(recording: Recording) -> Measurements:
+    """Measurements whose torque is the command of the same row, as if it had not been held since: half a sample off."""
+    m = measure(recording)
+    return replace(m, torque=np.append(m.held[1:], m.held[-1]), held=m.torque)
+
+
+def differentiated_backwards(recording: Recording) -> Measurements:
+    """Measurements whose velocity is the backward difference of the encoder, and acceleration that of the velocity."""
+    m, raw = measure(recording), as_logged(recording)
+    margin = (len(raw) - len(m)) // 2
+    same = slice(margin, margin + len(m))
+    return replace(m, position=raw.position[same], velocity=raw.velocity[same], acceleration=raw.acceleration[same])
+
+
+STICK_KEPT: tuple[Scheme, ...] = (
+    Dynamic(guard=None),
+    FilteredDynamic(guard=None),
+    Energy(guard=None),
+    FilteredPower(guard=None),
+    Hamiltonian(guard=None),
+    FilteredHamiltonian(guard=None),
+)
+WAYS: tuple[Way, ...] = (
+    Way("ours", "this project", SCHEMES),
+    Way("stick_kept", "stick kept, sgn q' as noise has it", STICK_KEPT),
+    Way("stick_as_zero", "stick kept, sgn q' = 0 there", STICK_KEPT, at_rest_in_stick),
+    Way("command_as_logged", "torque half a sample off", SCHEMES, command_as_logged),
+    Way("differentiated_backwards", "backward differences", SCHEMES, differentiated_backwards),
+    Way("paper", "energy from the start, inertia borrowed", PAPER),
+    Way("printed", "the paper's equations as printed", PRINTED, as_logged),
+)

@@ -1,0 +1,125 @@
+"""Six regressor models that run along with an environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from estimators.online import Estimates, SchemeEstimate
+from estimators.schemes import OnlineScheme
+from estimators.wrappers.options import Names, make, measured
+from pendulum_env._typing import Array
+from pendulum_env.physics import Term
+
+BOUND = 1e6  # of what is put into an observation
+
+
+class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Estimate the parameters online, by recursive least squares, from the measurement in `info`.
+
+    Adds to `info`:
+        estimates: by scheme, each with `theta` (P,), `covariance` (P, P), honest under correlated errors, and
+            `prediction_error`, a priori and 0 where the sample was not used, as in stick.
+        estimates_time: time of the newest sample used [s]: smoothing and stick need to see both sides of a sample.
+        regressor: (P,), the torque balance's row at that sample, 0 in stick.
+        parameters: their names in order.
+
+    Example:
+        >>> import gymnasium as gym
+        >>> from estimators.wrappers import EstimateParameters
+        >>> env = EstimateParameters(gym.make("pendulum_env/DirectDrivePendulum-v0"), schemes=["dynamic"])
+        >>> _, info = env.reset(seed=0)
+        >>> info["estimates"]["dynamic"]["theta"]
+        array([0., 0., 0., 0.])
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        schemes: Names = "all",
+        terms: Sequence[str | Term] | None = None,
+        *,
+        rate: float | None = None,
+        in_observation: bool = False,
+        **options: Any,
+    ) -> None:
+        """Wrap an environment whose `info` carries `time`, `position` and `torque`.
+
+        Args:
+            env: the environment.
+            schemes: ids of schemes, or schemes; "all" are the six.
+            terms: ids of terms, or terms with their shape parameters; None are the paper's four.
+            rate: samples per second [Hz]; None asks the environment.
+            in_observation: whether theta and the standard errors of all schemes are appended to a Box observation.
+            options: `smoothing`, `prior`, `forgetting`, `random_walk`, `reset_every`, `settle`; see `OnlineEstimator`.
+
+        Raises:
+            ValueError: if a name is unknown or an option is out of its range.
+        """
+        gym.utils.RecordConstructorArgs.__init__(
+            self, schemes=schemes, terms=terms, rate=rate, in_observation=in_observation, **options
+        )
+        gym.Wrapper.__init__(self, env)
+        self.estimator = make(env, schemes, terms, rate, 1, options)
+        self._ids = tuple(scheme.id for scheme in self.estimator.schemes)
+        self._in_observation = in_observation
+        if in_observation:
+            self.observation_space = widened(env.observation_space, len(self._ids) * len(self.estimator.names))
+
+    @property
+    def schemes(self) -> tuple[OnlineScheme, ...]:
+        """The schemes that run."""
+        return self.estimator.schemes
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment and forget what was estimated."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self.estimator.reset()
+        return self._add(observation, info)
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step the environment and take in its measurement."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        observation, info = self._add(observation, info)
+        return observation, reward, terminated, truncated, info
+
+    def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+        time, position, torque = measured(info)
+        now = self.estimator.take(np.array([time]), np.array([position]), np.array([torque]))
+        info["estimates"] = {id: SchemeEstimate(now, s, 0) for s, id in enumerate(self._ids)}
+        info["estimates_time"] = float(now.time[0])
+        info["regressor"] = now.regressor[0]
+        info["parameters"] = self.estimator.names
+        if self.env.render_mode is not None:
+            self.env.unwrapped.overlay = self._lines(now)  # type: ignore[attr-defined]
+        if self._in_observation:
+            observation = np.concatenate([observation, told(now)[0]], dtype=np.float32)
+        return observation, info
+
+    def _lines(self, now: Estimates) -> tuple[str, ...]:
+        """What the picture says."""
+        names = "  ".join(f"{name[:9]:>9}" for name in self.estimator.names)
+        rows = (f"{id:<21}" + "  ".join(f"{v:9.4f}" for v in now.theta[0, s]) for s, id in enumerate(self._ids))
+        return (f"{'':21}{names}", *rows)
+
+
+def told(now: Estimates) -> Array:
+    """What an observation tells of the estimates: theta and standard errors of all schemes (B, 2 S P)."""
+    std = np.sqrt(np.maximum(np.einsum("bsii->bsi", now.covariance), 0.0))
+    both = np.concatenate([now.theta, std], axis=2).reshape(len(now.theta), -1)
+    return np.clip(both, -BOUND, BOUND)
+
+
+def widened(space: gym.Space[Any], parameters: int) -> gym.spaces.Box:
+    """Observation space with theta and standard errors appended.
+
+    Raises:
+        ValueError: if the space is not a one-dimensional Box.
+    """
+    if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
+        raise ValueError(f"estimates can be put into a Box of one dimension, not into {space}: flatten it first")
+    more = np.full(2 * parameters, BOUND, dtype=np.float32)
+    return gym.spaces.Box(np.concatenate([space.low, -more]), np.concatenate([space.high, more]), dtype=np.float32)

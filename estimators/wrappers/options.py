@@ -1,0 +1,75 @@
+"""What the estimating wrappers are asked for: names in, terms and schemes out, so that an env's spec can be rebuilt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+
+from estimators.online import OnlineEstimator
+from estimators.schemes import SCHEMES, OnlineScheme, scheme
+from pendulum_env.physics import BASE, Term
+from pendulum_env.physics.library import term
+
+Names = str | Sequence[str | OnlineScheme]
+
+
+def chosen_schemes(names: Names) -> tuple[OnlineScheme, ...]:
+    """Schemes by id, or as they are; "all" are the six.
+
+    Raises:
+        ValueError: if there is no scheme of a name.
+    """
+    if isinstance(names, str):
+        names = [item.id for item in SCHEMES] if names == "all" else [names]
+    return tuple(scheme(item) if isinstance(item, str) else item for item in names)
+
+
+def chosen_terms(names: Sequence[str | Term] | None) -> tuple[Term, ...]:
+    """Terms by id, with their default shape parameters, or as they are; None are the paper's four.
+
+    Raises:
+        ValueError: if there is no term of a name.
+    """
+    if names is None:
+        return BASE
+    return tuple(term(item)() if isinstance(item, str) else item for item in names)
+
+
+def rate_of(env: gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any], rate: float | None) -> float:
+    """Samples per second of an environment [Hz].
+
+    Raises:
+        ValueError: if neither the caller nor the environment knows.
+    """
+    if rate is not None:
+        return rate
+    known = getattr(env.unwrapped, "rate", None)
+    if known is None:
+        raise ValueError("the environment does not say its sampling rate: pass rate=... in Hz")
+    return float(known)
+
+
+def make(
+    env: gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any],
+    schemes: Names,
+    terms: Sequence[str | Term] | None,
+    rate: float | None,
+    batch: int,
+    options: dict[str, Any],
+) -> OnlineEstimator:
+    """Estimator for an environment; see `OnlineEstimator` for the options."""
+    return OnlineEstimator(rate_of(env, rate), chosen_terms(terms), chosen_schemes(schemes), batch=batch, **options)
+
+
+def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:
+    """Time, position and torque of a sample.
+
+    Raises:
+        KeyError: if the environment does not measure.
+    """
+    try:
+        return info["time"], info["position"], info["torque"]
+    except KeyError as error:
+        raise KeyError(f"info lacks {error}: the wrapped environment has to carry time, position and torque") from None

@@ -1,0 +1,86 @@
+"""What every backend offers, be it simulated, recorded or a rig: torque for a measurement, once per period."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from pendulum_env.backends.sensing import Sensor
+from pendulum_env.physics import Model
+
+
+class Status(Enum):
+    """State of a backend; the value says what it means for the episode."""
+
+    RUNNING = "the joint obeys the torque"
+    ENDED = "there is nothing more to measure: reset to start again"
+    FAULT = "the drive has stopped: the sample's fault says why"
+
+
+class Sample(NamedTuple):
+    """One measurement, at the end of the period over which the torque was held."""
+
+    time: float  # since `enable` [s]
+    position: float  # unwrapped, as the encoder reads it [rad]
+    velocity: float | None  # [rad/s]; None where only the position is measured
+    torque: float  # applied over the period that ends now [N m]; 0 before the first
+    status: Status = Status.RUNNING
+    fault: str | None = None
+
+
+@dataclass(frozen=True)
+class Start:
+    """How a simulated run begins; a rig or a recording begins as it is and ignores it."""
+
+    position: float = 0.0  # [rad]
+    velocity: float = 0.0  # [rad/s]
+    rng: np.random.Generator = field(default_factory=np.random.default_rng)
+
+
+class Backend(Protocol):
+    """A pendulum with a torque input; `open, enable, exchange ..., disable, close`, where close never raises."""
+
+    @property
+    def follows(self) -> bool:
+        """Whether the torque moves the joint; a recording plays what it holds."""
+
+    def open(self) -> None:
+        """Get hold of what is needed; the joint stays without power."""
+
+    def enable(self, start: Start) -> Sample:
+        """Begin a run, with zero torque: the first measurement, at time 0."""
+
+    def exchange(self, torque: float) -> Sample:
+        """Apply a torque [N m] for one period, then measure."""
+
+    def disable(self) -> None:
+        """End a run: no torque."""
+
+    def close(self) -> None:
+        """Let go of everything; may be called at any time, and twice."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What the environment is asked for; each backend takes from it what concerns it.
+
+    Attributes:
+        model: plant to simulate, with its effects.
+        period: between samples [s].
+        substeps: integration steps in a period.
+        sensor: encoder and torque measurement of a simulated plant.
+        recording: file to replay.
+    """
+
+    model: Model
+    period: float
+    substeps: int
+    sensor: Sensor
+    recording: str | None = None
+
+
+Maker = Callable[[Setup], Backend]

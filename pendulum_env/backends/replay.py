@@ -1,0 +1,52 @@
+"""The replay backend: a recording, stepped through sample by sample; the torque asked for is ignored."""
+
+from __future__ import annotations
+
+from pendulum_env.backends.port import Sample, Setup, Start, Status
+from pendulum_env.recording import Recording, read_recording
+
+
+class Replay:
+    """A recording as a backend: torque, position and, where there is one, velocity are those it holds."""
+
+    follows = False
+
+    def __init__(self, setup: Setup) -> None:
+        """Take the recording of the setup.
+
+        Raises:
+            ValueError: if there is none.
+            RecordingError: if it cannot be read.
+        """
+        if setup.recording is None:
+            raise ValueError("backend 'replay' needs a recording: pass recording='run.csv'")
+        self.recording: Recording = read_recording(setup.recording)
+
+    def open(self) -> None:
+        """The recording is read already."""
+
+    def enable(self, start: Start) -> Sample:
+        """Go back to the first sample; a recording starts as it was recorded."""
+        self._index = 0
+        return self._sample()
+
+    def exchange(self, torque: float) -> Sample:
+        """Next sample, whatever the torque; at the last one the run has ended."""
+        self._index = min(self._index + 1, len(self.recording) - 1)
+        return self._sample()
+
+    def disable(self) -> None:
+        """Nothing moves."""
+
+    def close(self) -> None:
+        """There is nothing to let go of."""
+
+    def _sample(self) -> Sample:
+        run, k = self.recording, self._index
+        return Sample(
+            float(run.time[k] - run.time[0]),
+            float(run.position[k]),
+            None if run.velocity is None else float(run.velocity[k]),
+            float(run.torque[k - 1]) if k else 0.0,  # a recording holds the torque that acts from each sample on
+            Status.RUNNING if k < len(run) - 1 else Status.ENDED,
+        )

@@ -1,0 +1,57 @@
+"""What a simulated rig shows of its motion: an encoder's counts, a noisy torque channel, a velocity."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pendulum_env._typing import Array, ArrayLike
+
+COUNTS = 1_024_000  # per turn, the paper's encoder
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Encoder and torque channel.
+
+    Attributes:
+        counts: of the encoder per turn; 0 measures the angle exactly.
+        torque_noise: standard deviation of the white noise on the measured torque [N m].
+        ideal_velocity: whether velocity is measured exactly; without it, it is the backward difference of the angle,
+            as in the paper, which is half a period late and quantised.
+    """
+
+    counts: int = COUNTS
+    torque_noise: float = 0.0
+    ideal_velocity: bool = False
+
+    def __post_init__(self) -> None:
+        if self.counts < 0 or not 0 <= self.torque_noise < np.inf:
+            raise ValueError(
+                f"counts ({self.counts}) and torque_noise ({self.torque_noise:g}) cannot be negative or infinite"
+            )
+
+    def position(self, position: ArrayLike) -> Array:
+        """Angle as the encoder reads it [rad]."""
+        return read_encoder(position, self.counts)
+
+    def velocity(self, velocity: ArrayLike) -> ArrayLike | None:
+        """Velocity as it is measured [rad/s], if it is."""
+        return velocity if self.ideal_velocity else None
+
+    def torque(self, torque: ArrayLike, rng: np.random.Generator) -> ArrayLike:
+        """Torque as it is measured [N m]."""
+        if self.torque_noise == 0:
+            return torque
+        return torque + self.torque_noise * rng.standard_normal(np.shape(torque))
+
+
+def read_encoder(position: ArrayLike, counts: int) -> Array:
+    """Angle [rad] as an encoder with that many counts per turn reports it; 0 counts report it exactly."""
+    if counts == 0:
+        return np.asarray(position)
+    count = 2 * math.pi / counts
+    rounded: Array = np.rint(position / count)
+    return count * rounded

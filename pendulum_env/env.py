@@ -1,0 +1,197 @@
+"""The pendulum as a Gymnasium environment: simulated by pymunk, replayed from a recording, or the rig itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from pendulum_env.backends import BACKENDS, Replay, RigidBody, Sample, Sensor, Setup, Start, Status
+from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.lookup import find
+from pendulum_env.physics import Model
+from pendulum_env.plant import make_plant
+from pendulum_env.rendering import MODES, Renderer
+
+MAX_TORQUE = 15.0  # [N m], of the DM1015B
+MAX_VELOCITY = 100.0  # [rad/s], bound of the observation; the measurement in `info` has none
+
+Observation = NDArray[np.float32]
+Action = NDArray[np.float32]
+
+
+class DirectDrivePendulum(gym.Env[Observation, Action]):
+    """A direct-drive pendulum with a torque input, seen through its encoder.
+
+    q = 0 hangs down, positive counter-clockwise. Action: torque [N m], held for one period and limited to
+    +-max_torque, shape (1,). Observation: cos q, sin q, q' [rad/s], shape (3,), of the measured angle.
+
+    `info` carries the measurement that estimators and recordings use: `time` [s] since the reset, `position` [rad]
+    unwrapped as the encoder reads it, `velocity` [rad/s], `torque` [N m] as it was applied over the period that ends at
+    `time` (0 after a reset), and `follows`: False where the action is ignored, as in a replay.
+
+    The environment is a plant, not a task: its reward is 0 and it never terminates by itself, except on a fault of the
+    drive. `InformationReward` pays for what a step teaches. A recording's end truncates the episode.
+    """
+
+    metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
+
+    def __init__(
+        self,
+        backend: str = "pymunk",
+        *,
+        effects: Sequence[str] = (),
+        theta: Mapping[str, float] | Sequence[float] | None = None,
+        model: Model | str | Path | None = None,
+        rate: float = 1000.0,
+        substeps: int = 1,
+        max_torque: float = MAX_TORQUE,
+        counts: int = COUNTS,
+        torque_noise: float = 0.0,
+        velocity: str = "difference",
+        recording: str | Path | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """Make the pendulum.
+
+        Args:
+            backend: "pymunk" or "replay".
+            effects: hidden in the simulated plant, as `stribeck=0.4`; `pendulum-ident effects` lists them.
+            theta: parameters of the plant that differ from the paper's, by name, or all four in order.
+            model: an identified model or its file, as the plant.
+            rate: samples, and actions, per second [Hz]; a replay has its own.
+            substeps: integration steps per sample; the error is of second order in their length, 4e-6 rad RMS over 30 s
+                of the paper's excitation for steps of 1 ms.
+            max_torque: bound of the action [N m].
+            counts: of the encoder per turn; 0 measures the angle exactly.
+            torque_noise: standard deviation of the white noise on the measured torque [N m].
+            velocity: "difference", the paper's backward difference of the encoder, or "ideal".
+            recording: file that "replay" plays.
+            render_mode: "rgb_array" or "human".
+
+        Raises:
+            ValueError: if an argument is unknown or out of its range; the message says which and what to do.
+            RecordingError: if the recording cannot be read.
+            ModelError: if the model cannot be read.
+        """
+        for what, value in (("rate", rate), ("substeps", substeps), ("max_torque", max_torque)):
+            if not 0 < value < np.inf or (what == "substeps" and value != int(value)):
+                raise ValueError(f"{what} of a pendulum cannot be {value:g}: give a positive number")
+        if render_mode is not None:
+            find("render_mode", render_mode, dict.fromkeys(MODES))
+        ideal = find("velocity", velocity, {"difference": False, "ideal": True})
+        self.model = make_plant(theta, effects, model)
+        self.max_torque, self.render_mode = float(max_torque), render_mode
+        self.overlay: tuple[str, ...] = ()  # lines that a wrapper wants to have shown
+        sensor = Sensor(counts, torque_noise, ideal)
+        path = None if recording is None else str(recording)
+        self._setup = Setup(self.model, 1.0 / rate, int(substeps), sensor, path)
+        self._make = find("backend", backend, BACKENDS)
+        self.backend = self._make(self._setup)
+        self.backend.open()
+        self.rate = self.backend.recording.rate if isinstance(self.backend, Replay) else float(rate)
+        self.metadata = {**self.metadata, "render_fps": max(1, round(self.rate))}
+        high = np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32)
+        self.observation_space = gym.spaces.Box(-high, high, dtype=np.float32)
+        self.action_space = gym.spaces.Box(-self.max_torque, self.max_torque, (1,), dtype=np.float32)
+        self._renderer = Renderer(render_mode) if render_mode is not None else None
+        self._running = False
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the plant is a model, that can start anywhere and be replaced."""
+        return isinstance(self.backend, RigidBody)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode, at rest and hanging down unless told otherwise.
+
+        Args:
+            seed: of the noise of the measurement.
+            options: for a simulated plant: `position` [rad], `velocity` [rad/s], and `theta`, linear parameters of the
+                plant by name for this and later episodes.
+
+        Raises:
+            ValueError: if an option is unknown, or the backend cannot obey it.
+        """
+        super().reset(seed=seed)
+        options = options or {}
+        for name in options:
+            find("option of reset", name, {"position": 0, "velocity": 0, "theta": 0})
+        if options and not self.simulated:
+            raise ValueError(f"the {type(self.backend).__name__} backend starts as it is: reset it without options")
+        if self._running:
+            self.backend.disable()
+        if "theta" in options:
+            self.model = self.model.at(options["theta"])
+            self.backend = self._make(replace(self._setup, model=self.model))
+            self.backend.open()
+        start = Start(float(options.get("position", 0.0)), float(options.get("velocity", 0.0)), self.np_random)
+        first = self.backend.enable(start)
+        self._running = True
+        # the backward difference starts with the angle one period earlier
+        self._before = float(self._setup.sensor.position(start.position - start.velocity / self.rate))
+        if not self.backend.follows:
+            self._before = first.position
+        observation, info = self._show(first)
+        if self.render_mode == "human":
+            self.render()
+        return observation, info
+
+    def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Hold a torque for one period.
+
+        Raises:
+            ValueError: if the action is no number.
+        """
+        torque = float(action[0])
+        if torque != torque:
+            raise ValueError("the action is NaN: a torque in N m is needed")
+        sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
+        observation, info = self._show(sample)
+        if self.render_mode == "human":
+            self.render()
+        return observation, 0.0, sample.status is Status.FAULT, sample.status is Status.ENDED, info
+
+    def _show(self, sample: Sample) -> tuple[Observation, dict[str, Any]]:
+        """What the agent and the estimators see of a sample."""
+        position, velocity = sample.position, sample.velocity
+        if velocity is None:
+            velocity = (position - self._before) * self.rate
+        self._before = position
+        bounded = min(max(velocity, -MAX_VELOCITY), MAX_VELOCITY)
+        observation = np.array([math.cos(position), math.sin(position), bounded], dtype=np.float32)
+        info: dict[str, Any] = {
+            "time": sample.time,
+            "position": position,
+            "velocity": velocity,
+            "torque": sample.torque,
+            "follows": self.backend.follows,
+        }
+        if sample.fault is not None:
+            info["fault"] = sample.fault
+        self._last = info
+        return observation, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Picture (H, W, 3) of the arm, its torque and what the estimators have found; None in mode human."""
+        if self._renderer is None:
+            gym.logger.warn("render was called without a render_mode: pass render_mode='rgb_array' to gym.make")
+            return None
+        return self._renderer.draw(self._last, self.max_torque, self.overlay)
+
+    def close(self) -> None:
+        """Let go of the backend and of the window."""
+        if self._running:
+            self.backend.disable()
+            self._running = False
+        self.backend.close()
+        if self._renderer is not None:
+            self._renderer.close()

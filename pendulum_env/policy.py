@@ -1,0 +1,85 @@
+"""Excitation signals as policies, and rollouts that become recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from pendulum_env.excitation import Excitation
+from pendulum_env.recording import Recording
+
+State = tuple[Any, ...] | None
+
+
+class Policy(Protocol):
+    """What chooses torques; stable-baselines3's models are policies as they are."""
+
+    def predict(
+        self,
+        observation: Any,
+        state: State = None,
+        episode_start: Any = None,
+        deterministic: bool = False,
+    ) -> tuple[Any, State]:
+        """Actions for observations, and the state to come back with; one pendulum, or a batch (B, ...)."""
+
+
+class OpenLoop:
+    """A signal as a policy: the torque of each step, whatever is observed; it begins anew with each episode."""
+
+    def __init__(self, excitation: Excitation, rate: float) -> None:
+        """Take the signal and the steps per second [Hz]."""
+        self.excitation, self.rate = excitation, rate
+
+    def predict(
+        self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[NDArray[np.float32], State]:
+        """Torque of the step, (1,) or (B, 1) [N m]; the state counts the steps of each episode."""
+        batch = np.shape(observation)[:-1]
+        steps = np.zeros(batch) if state is None else np.asarray(state[0])
+        if episode_start is not None:
+            steps = np.where(np.reshape(episode_start, batch), 0, steps)
+        torque = self.excitation.signal(steps / self.rate)
+        return np.asarray(torque, dtype=np.float32)[..., None], (steps + 1,)
+
+
+def rollout(
+    env: gym.Env[Any, Any],
+    policy: Policy,
+    steps: int,
+    *,
+    seed: int | None = None,
+    name: str = "rollout",
+    watch: Callable[[dict[str, Any]], None] | None = None,
+) -> Recording:
+    """Run a policy in an environment and keep the measurement.
+
+    Args:
+        env: whose `info` carries `time`, `position` and `torque`.
+        policy: what chooses the torque.
+        steps: at most; the episode may end before.
+        seed: of the reset.
+        name: of the recording.
+        watch: called with each step's `info`.
+
+    Returns:
+        One sample for each step; its torque acts from its time on.
+    """
+    observation, info = env.reset(seed=seed)
+    state: State = None
+    rows = np.empty((steps, 3))
+    for k in range(steps):
+        action, state = policy.predict(observation, state, np.array(k == 0))
+        time, position = info["time"], info["position"]
+        observation, _, terminated, truncated, info = env.step(action)
+        rows[k] = time, position, info["torque"]
+        if watch is not None:
+            watch(info)
+        if terminated or truncated:
+            rows = rows[: k + 1]
+            break
+    return Recording(name=name, time=rows[:, 0], position=rows[:, 1], torque=rows[:, 2])

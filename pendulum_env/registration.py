@@ -1,0 +1,15 @@
+"""The environments that Gymnasium knows: id, where they are, and their usual settings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+PENDULUM = "pendulum_env/DirectDrivePendulum-v0"
+
+ENVIRONMENTS: dict[str, dict[str, Any]] = {
+    PENDULUM: {
+        "entry_point": "pendulum_env.env:DirectDrivePendulum",
+        "vector_entry_point": "pendulum_env.vector_env:DirectDrivePendulumVector",
+        "max_episode_steps": 30_000,  # 30 s at the usual 1 kHz
+    },
+}

@@ -1,0 +1,200 @@
+"""Many pendulums at once, in NumPy: the same physics as the pymunk backend, for training and for statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from pendulum_env._typing import Array, ArrayLike, Mask
+from pendulum_env.backends.sensing import COUNTS, Sensor
+from pendulum_env.env import MAX_TORQUE, MAX_VELOCITY
+from pendulum_env.lookup import find
+from pendulum_env.physics import Model, Samples
+from pendulum_env.physics.simulation import Balance, CommandLine, step
+from pendulum_env.physics.term import Memory
+from pendulum_env.plant import make_plant
+
+Batch = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+
+
+class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
+    """B direct-drive pendulums that advance together; made by `gymnasium.make_vec`.
+
+    Actions (B, 1) and observations (B, 3) are those of `DirectDrivePendulum`, so is `info`, with arrays (B,). The
+    pendulums start at rest, hanging down, and each ends after max_episode_steps.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        effects: Sequence[str] = (),
+        theta: Mapping[str, float] | Sequence[float] | None = None,
+        model: Model | str | Path | None = None,
+        rate: float = 1000.0,
+        substeps: int = 1,
+        max_torque: float = MAX_TORQUE,
+        counts: int = COUNTS,
+        torque_noise: float = 0.0,
+        velocity: str = "difference",
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    ) -> None:
+        """Make the pendulums; the arguments are those of `DirectDrivePendulum`, but for two.
+
+        Args:
+            num_envs: number B of pendulums.
+            effects, theta, model, rate, substeps, max_torque, counts, torque_noise, velocity: as there.
+            max_episode_steps: after which a pendulum's episode is truncated; None never does.
+            autoreset_mode: when a pendulum whose episode has ended starts anew: with the next step, as Gymnasium's own
+                environments do, or within the same step, `info["final_obs"]` keeping the last observation.
+
+        Raises:
+            ValueError: if an argument is unknown or out of its range.
+        """
+        for what, value in (("rate", rate), ("substeps", substeps), ("num_envs", num_envs)):
+            if not 0 < value < np.inf or (what != "rate" and value != int(value)):
+                raise ValueError(f"{what} of pendulums cannot be {value:g}: give a positive number")
+        self.autoreset = AutoresetMode(autoreset_mode)
+        if self.autoreset is AutoresetMode.DISABLED:
+            raise ValueError("pendulums restart by themselves: choose autoreset_mode NextStep or SameStep")
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
+        ideal = find("velocity", velocity, {"difference": False, "ideal": True})
+        self.model = make_plant(theta, effects, model)
+        self.sensor = Sensor(counts, torque_noise, ideal)
+        self.num_envs, self.rate, self.substeps, self.max_torque = num_envs, float(rate), int(substeps), max_torque
+        self.max_episode_steps, self.render_mode = max_episode_steps, None
+        high = np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32)
+        self.single_observation_space = gym.spaces.Box(-high, high, dtype=np.float32)
+        self.single_action_space = gym.spaces.Box(-max_torque, max_torque, (1,), dtype=np.float32)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._everyone = np.ones(num_envs, dtype=bool)
+        self.set_theta(np.repeat(self.model.theta[:, None], num_envs, axis=1))
+        self._x: Samples | None = None
+
+    def set_theta(self, theta: Array) -> None:
+        """Linear parameters (P, B) of the pendulums, in the order of the model's columns, from now on.
+
+        Raises:
+            ValueError: if the shape does not fit.
+        """
+        theta = np.array(theta, dtype=float)
+        wanted = (len(self.model.theta), self.num_envs)
+        if theta.shape != wanted:
+            raise ValueError(f"theta has shape {theta.shape}, these pendulums need {wanted}")
+        self.theta = theta  # (P, B)
+        self._balance = Balance(self.model.terms, theta)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Batch, dict[str, Any]]:
+        """Begin an episode with every pendulum.
+
+        Args:
+            seed: of the measurement's noise, one for all; of a list, the first.
+            options: `position` [rad] and `velocity` [rad/s], scalars or (B,), `theta` as (P, B).
+
+        Raises:
+            ValueError: if an option is unknown.
+        """
+        super().reset(seed=seed[0] if isinstance(seed, list) else seed)
+        options = options or {}
+        for name in options:
+            find("option of reset", name, {"position": 0, "velocity": 0, "theta": 0})
+        if "theta" in options:
+            self.set_theta(options["theta"])
+        count = self.num_envs
+        self.steps = np.zeros(count, dtype=np.int64)
+        self._ended = np.zeros(count, dtype=bool)
+        self._command = CommandLine(self.model.terms, 1.0 / self.rate, self.substeps)
+        position, velocity = (np.full(count, options.get(name, 0.0), dtype=float) for name in ("position", "velocity"))
+        x = Samples(np.zeros(count), position, velocity, np.zeros(count))
+        self._x = replace(x, memory=self._balance.start(x))
+        self._before = self.sensor.position(position - velocity / self.rate)
+        return self._show(np.zeros(count))
+
+    def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
+        self, actions: Batch
+    ) -> tuple[Batch, Array, Bools, Bools, dict[str, Any]]:
+        """Hold the torques (B, 1) for one period.
+
+        Raises:
+            ValueError: if an action is no number.
+        """
+        torque = np.clip(np.asarray(actions, dtype=float)[:, 0], -self.max_torque, self.max_torque)
+        if np.isnan(torque).any():
+            raise ValueError(f"the action of pendulum {int(np.isnan(torque).argmax())} is NaN: a torque is needed")
+        revived = self._ended if self.autoreset is AutoresetMode.NEXT_STEP else np.zeros_like(self._ended)
+        self._advance(torque)
+        if revived.any():
+            torque = np.where(revived, 0.0, torque)
+            self._restart(revived)
+        observation, info = self._show(torque)
+        truncated = np.zeros(self.num_envs, dtype=bool)
+        if self.max_episode_steps is not None:
+            truncated = self.steps >= self.max_episode_steps
+        self._ended = truncated
+        if self.autoreset is AutoresetMode.SAME_STEP and truncated.any():
+            info = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
+            self._restart(truncated)
+            fresh, first = self._show(np.where(truncated, 0.0, torque))
+            observation, info = fresh, {**first, **info}
+        return observation, np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool), truncated, info
+
+    def _advance(self, torque: Array) -> None:
+        assert self._x is not None, "call reset before step"
+        x, h = self._x, 1.0 / self.rate / self.substeps
+        for command in self._command.push(torque):
+            x = step(self._balance, replace(x, torque=command), h)
+        self.steps = self.steps + 1
+        self._x = replace(x, time=self.steps / self.rate)
+
+    def _restart(self, which: Mask) -> None:
+        """Put those pendulums (B,) at rest, hanging down."""
+        assert self._x is not None
+        x = self._x
+        self.steps = np.where(which, 0, self.steps)
+        still = Samples(np.zeros_like(x.time), *np.zeros((3, self.num_envs)))
+        self._command.forget(which)
+
+        def fresh(old: Array, new: Array) -> Array:
+            return np.where(which, new, old)
+
+        memory: dict[str, Memory] = {
+            id: tuple(map(fresh, x.memory[id], states)) for id, states in self._balance.start(still).items()
+        }
+        self._x = Samples(
+            fresh(x.time, still.time), fresh(x.position, still.position), fresh(x.velocity, still.velocity),
+            fresh(x.torque, still.torque), memory,
+        )  # fmt: skip
+        self._before = fresh(self._before, still.position)
+
+    def _show(self, torque: Array) -> tuple[Batch, dict[str, Any]]:
+        """Observation and info of the pendulums as they are, after `torque` (B,)."""
+        assert self._x is not None
+        position = self.sensor.position(self._x.position)
+        velocity: ArrayLike | None = self.sensor.velocity(self._x.velocity)
+        if velocity is None:
+            velocity = (position - self._before) * self.rate
+        self._before = position
+        observation = np.empty((self.num_envs, 3), dtype=np.float32)
+        observation[:, 0], observation[:, 1] = np.cos(position), np.sin(position)
+        observation[:, 2] = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
+        seen = {
+            "time": self._x.time,
+            "position": position,
+            "velocity": np.asarray(velocity),
+            "torque": np.asarray(self.sensor.torque(torque, self.np_random)),
+            "follows": self._everyone,
+        }
+        return observation, seen | {f"_{name}": self._everyone for name in seen}

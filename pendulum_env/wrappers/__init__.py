@@ -1,0 +1,7 @@
+"""Gymnasium wrappers around what is measured and around the plant."""
+
+from pendulum_env.wrappers.randomize_plant import RandomizePlant
+from pendulum_env.wrappers.randomize_plant_vector import RandomizePlantVector
+from pendulum_env.wrappers.record_measurements import RecordMeasurements
+
+__all__ = ["RandomizePlant", "RandomizePlantVector", "RecordMeasurements"]

@@ -1,0 +1,104 @@
+"""Measurements of an environment, appended to a file while it runs."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import gymnasium as gym
+
+from pendulum_env.files import check_output
+
+HEADER = b"time,position,torque\n"
+INTERVAL = 0.5  # [s] of measured time between writes
+
+
+class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Append every measurement to a CSV recording, as it comes: a killed process loses at most the last second.
+
+    Each row holds the torque that acts from its time on, as recordings do, so it is written one step later than it is
+    measured, and the last sample of an episode, after which no torque is known to act, is left out. The first episode
+    goes to `path`, the next ones to `path` with -2, -3, ... before its ending; episodes without a step leave no file.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], path: str | Path, *, overwrite: bool = False) -> None:
+        """Wrap an environment whose `info` carries `time`, `position` and `torque`.
+
+        Args:
+            env: the environment.
+            path: of the recording, ending in .csv.
+            overwrite: whether files of earlier runs may be replaced.
+
+        Raises:
+            ValueError: if the path does not end in .csv.
+            OSError: if its folder is missing or cannot be written to.
+        """
+        gym.utils.RecordConstructorArgs.__init__(self, path=str(path), overwrite=overwrite)
+        gym.Wrapper.__init__(self, env)
+        self.path = check_output(path)
+        if self.path.suffix.lower() != ".csv":
+            raise ValueError(f"{path}: measurements are appended to a CSV file: let the name end in .csv")
+        self._overwrite = overwrite
+        self._episode, self._file = 0, None
+        self._rows: list[str] = []
+
+    _file: BinaryIO | None
+
+    def file_of(self, episode: int) -> Path:
+        """File of an episode, counted from 1."""
+        return self.path if episode == 1 else self.path.with_stem(f"{self.path.stem}-{episode}")
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; the next step opens a new file."""
+        self._finish()
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._last = info
+        self._written = info["time"]
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step the environment and keep its measurement.
+
+        Raises:
+            FileExistsError: with the first step, if the file exists and may not be replaced.
+        """
+        if self._file is None:
+            self._open()
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        last, self._last = self._last, info
+        self._rows.append(f"{last['time']!r},{last['position']!r},{info['torque']!r}\n")
+        if terminated or truncated or not math.isfinite(info["time"]) or info["time"] >= self._written + INTERVAL:
+            self._flush()
+        return observation, reward, terminated, truncated, info
+
+    def close(self) -> None:
+        """Write what is left and close the environment."""
+        self._finish()
+        super().close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy goes on with an episode of its own: two processes must not write one file."""
+        return {**self.__dict__, "_file": None, "_rows": []}
+
+    def _open(self) -> None:
+        self._episode += 1
+        path = self.file_of(self._episode)
+        try:
+            self._file = path.open("wb" if self._overwrite else "xb", buffering=0)
+        except FileExistsError:
+            self._episode -= 1
+            raise FileExistsError(f"{path}: exists already: choose another name, or pass overwrite=True") from None
+        self._file.write(HEADER)
+
+    def _flush(self) -> None:
+        if self._file is not None and self._rows:
+            self._file.write("".join(self._rows).encode())  # in one piece: a killed process leaves no half row
+            self._rows.clear()
+        self._written = self._last["time"]
+
+    def _finish(self) -> None:
+        if self._file is not None:
+            self._flush()
+            self._file.close()
+            self._file = None

@@ -1,0 +1,85 @@
+"""Batched pendulums learn with stable-baselines3."""
+
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.wrappers import RescaleAction
+from gymnasium.wrappers.vector import RescaleAction as RescaleActions
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+from agents.vec_env import BatchedVecEnv
+from estimators.wrappers import EstimateParameters, EstimateParametersVector, InformationReward, InformationRewardVector
+from pendulum_env.excitation import excitation
+from pendulum_env.policy import OpenLoop
+from pendulum_env.registration import ENVIRONMENTS, PENDULUM
+
+
+@pytest.mark.parametrize("id", ENVIRONMENTS)
+def test_stable_baselines_checker_has_nothing_to_say(id):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(RescaleAction(gym.make(id), np.float32(-1), np.float32(1)))
+        check_env(InformationReward(EstimateParameters(gym.make(id, max_torque=1.0), in_observation=True)))
+
+
+def made(count, steps, **arguments):
+    env = gym.make_vec(PENDULUM, num_envs=count, max_episode_steps=steps, autoreset_mode="SameStep", **arguments)
+    env = InformationRewardVector(EstimateParametersVector(env, schemes="dynamic", in_observation=True))
+    return BatchedVecEnv(env)
+
+
+def test_episodes_end_as_vec_envs_do():
+    env = made(3, 500)
+    env.seed(4)
+    observation = env.reset()
+    assert env.observation_space.contains(observation[0])
+    for k in range(500):
+        last = observation
+        observation, reward, done, infos = env.step(np.full((3, 1), 5.0 * np.sin(0.02 * k), dtype=np.float32))
+        assert done.all() == (k == 499)
+    assert infos[0]["TimeLimit.truncated"]
+    assert infos[0]["terminal_observation"].shape == last[0].shape
+    np.testing.assert_array_equal(observation[:, :7], [[1, 0, 0, 0, 0, 0, 0]] * 3)  # nothing is estimated yet
+    np.testing.assert_allclose(infos[0]["terminal_observation"][3:7], last[0][3:7], rtol=0.05)  # and here it was
+    assert infos[0]["terminal_observation"][3] > 0.05
+    assert reward.dtype == np.float32
+
+
+def test_ppo_learns_on_batched_pendulums_and_repeats_itself():
+    def weights():
+        env = VecNormalize(VecMonitor(made(8, 64, rate=200.0)))
+        model = PPO("MlpPolicy", env, n_steps=64, batch_size=256, n_epochs=1, seed=1, device="cpu")
+        model.learn(1024)
+        assert model.ep_info_buffer
+        return np.concatenate([p.detach().numpy().ravel() for p in model.policy.parameters()])
+
+    np.testing.assert_array_equal(weights(), weights())
+
+
+def test_policies_are_evaluated_by_stable_baselines():
+    env = InformationReward(EstimateParameters(gym.make(PENDULUM, max_episode_steps=1000), schemes="dynamic"))
+    signal = OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it recommends a Monitor
+        gained, _ = evaluate_policy(signal, env, n_eval_episodes=2)
+    assert gained > 20
+    model = PPO("MlpPolicy", RescaleAction(env, np.float32(-1), np.float32(1)), n_steps=64, device="cpu")
+    assert model.predict(env.observation_space.sample())[0].shape == (1,)
+
+
+def test_pendulums_that_start_anew_later_are_refused():
+    with pytest.raises(ValueError, match="autoreset_mode='SameStep'"):
+        BatchedVecEnv(gym.make_vec(PENDULUM, num_envs=2))
+
+
+def test_actions_may_be_rescaled():
+    env = gym.make_vec(PENDULUM, num_envs=2, autoreset_mode="SameStep")
+    env = BatchedVecEnv(RescaleActions(env, np.float32(-1), np.float32(1)))
+    env.reset()
+    env.step(np.ones((2, 1), dtype=np.float32))
+    np.testing.assert_allclose(env.last_info["torque"], 15.0, rtol=1e-6)

@@ -1,0 +1,263 @@
+"""Estimation sample by sample: equal to estimation from the whole recording, sure of itself as far as it may be."""
+
+import pickle
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.measurements import Smoothing, choose_smoothing, measure, remember
+from estimators.online import Estimates, OnlineEstimator
+from estimators.online.recursion import SquareRootLeastSquares
+from estimators.recursion import PRIOR, history
+from estimators.schemes import PAPER, SCHEMES, Energy, FilteredDynamic
+from pendulum_env.physics import BASE, effect
+from pendulum_env.recording import Recording
+
+MORE = (*SCHEMES, Energy(window=None), FilteredDynamic(order=2), FilteredDynamic(cutoff=60.0, guard=0.05))
+
+
+def run(estimator: OnlineEstimator, recording: Recording) -> list[Estimates]:
+    """Estimates after every sample; the torque comes with the sample that ends its period."""
+    held = np.r_[0.0, recording.torque[:-1]]
+    return [
+        estimator.take(np.full(1, t), np.full(1, q), np.full(1, u))
+        for t, q, u in zip(recording.time, recording.position, held, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [
+        BASE,
+        (*BASE, effect("stribeck")(stribeck_velocity=0.6), effect("cogging")(order=7.0)),
+        (*BASE, effect("payload_change")(moment=4.0), effect("load_dependent_friction")()),
+        (*BASE, effect("torque_saturation")(limit=6.0)),
+    ],
+    ids=lambda terms: terms[-1].id,
+)
+def test_online_equals_offline(terms, paper_run):
+    """To 1e-9: theta and P of the recursion, for every scheme, at several moments."""
+    recording = paper_run.recording
+    smoothing = choose_smoothing(recording)
+    online = OnlineEstimator(recording.rate, terms, MORE, smoothing=smoothing)
+    estimates = run(online, recording)
+    whole = measure(recording, smoothing)
+    points = np.array([1500, 4000, 9000])
+    for s, scheme in enumerate(MORE):
+        equations, usable = scheme.regression(whole, terms)
+        course = history(equations, usable, points)
+        for k, point in enumerate(points):
+            now = estimates[point + smoothing.reach + online.delay]
+            assert now.index[0] == point
+            np.testing.assert_allclose(now.theta[0, s], course.theta[k], rtol=1e-9, atol=1e-12)
+            scale = np.sqrt(np.outer(*2 * [np.diag(course.P[k])]))
+            np.testing.assert_allclose(now.P[0, s] / scale, course.P[k] / scale, atol=1e-9)
+
+
+@pytest.mark.parametrize("id", ["presliding", "actuator_lag", "dead_time", "joint_flexibility"])
+def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
+    """On data without the effect's absence being known: base parameters as offline to a few standard errors."""
+    terms = (*BASE, effect(id)())
+    recording = paper_run.recording
+    smoothing = choose_smoothing(recording)
+    now = run(OnlineEstimator(recording.rate, terms, SCHEMES[:1], smoothing=smoothing), recording)[-1]
+    equations, usable = SCHEMES[0].regression(remember(measure(recording, smoothing), terms), terms)
+    course = history(equations, usable, np.array([len(equations.y) - 1]))
+    assert np.isfinite(now.theta).all()
+    np.testing.assert_allclose(now.theta[0, 0, :4], course.theta[0, :4], rtol=0.02, atol=0.02)
+
+
+def test_batch_is_many_alone(paper_run):
+    recording = paper_run.recording
+    half = Recording("late", recording.time, 0.5 * recording.position, recording.torque)
+    both = OnlineEstimator(recording.rate, batch=2)
+    held = np.r_[0.0, recording.torque[:-1]]
+    for k in range(3000):
+        now = both.take(
+            np.full(2, recording.time[k]), np.array([recording.position[k], half.position[k]]), np.full(2, held[k])
+        )
+    for b, alone in enumerate((recording, half)):
+        one = run(
+            OnlineEstimator(recording.rate),
+            Recording("", *(x[:3000] for x in (alone.time, alone.position, alone.torque))),
+        )[-1]
+        np.testing.assert_allclose(now.theta[b], one.theta[0], rtol=1e-9)
+        np.testing.assert_allclose(now.covariance[b], one.covariance[0], rtol=1e-6)
+
+
+def test_reset_forgets_one_pendulum_and_leaves_the_other(paper_run):
+    recording = paper_run.recording
+    held = np.r_[0.0, recording.torque[:-1]]
+
+    def feed(estimator: OnlineEstimator, ks: range, batch: int) -> Estimates:
+        for k in ks:
+            now = estimator.take(*(np.full(batch, x[k]) for x in (recording.time, recording.position, held)))
+        return now
+
+    both = OnlineEstimator(recording.rate, BASE, MORE, batch=2)
+    feed(both, range(2000), 2)
+    both.reset(np.array([False, True]))
+    after = feed(both, range(2000, 4000), 2)
+    steady = feed(OnlineEstimator(recording.rate, BASE, MORE), range(4000), 1)
+    fresh = feed(OnlineEstimator(recording.rate, BASE, MORE), range(2000, 4000), 1)
+    np.testing.assert_allclose(after.theta[0], steady.theta[0], rtol=1e-9)
+    np.testing.assert_allclose(after.theta[1], fresh.theta[0], rtol=1e-9)
+    np.testing.assert_allclose(after.P[1], fresh.P[0], rtol=1e-9)
+
+
+def test_estimates_that_were_handed_out_do_not_change(paper_run):
+    estimator = OnlineEstimator(paper_run.recording.rate)
+    early = run(estimator, paper_run.recording)[5000]
+    theta = early.theta.copy()
+    estimator.reset()
+    np.testing.assert_array_equal(early.theta, theta)
+    assert (np.linalg.eigvalsh(early.covariance) > 0).all()
+
+
+def test_pickled_estimator_goes_on_as_before(paper_run):
+    recording = paper_run.recording
+    estimator = OnlineEstimator(recording.rate, (*BASE, effect("stribeck")()))
+    held = np.r_[0.0, recording.torque[:-1]]
+    for k in range(4000):
+        estimator.take(*(np.full(1, x[k]) for x in (recording.time, recording.position, held)))
+    copy = pickle.loads(pickle.dumps(estimator))
+    for k in range(4000, 5000):
+        a, b = (
+            e.take(*(np.full(1, x[k]) for x in (recording.time, recording.position, held))) for e in (estimator, copy)
+        )
+    np.testing.assert_array_equal(a.theta, b.theta)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 5), st.integers(0, 2**32 - 1), st.sampled_from([1.0, 0.99]))
+def test_recursion_equals_filterpy(parameters, seed, forgetting):
+    """To 1e-9, once P is below P(0), beyond which nothing is forgotten."""
+    rng = np.random.default_rng(seed)
+    phi, truth = rng.normal(size=(60, parameters)), rng.normal(size=parameters)
+    y = phi @ truth + 0.1 * rng.normal(size=60)
+    ours = SquareRootLeastSquares((1, 1), parameters, forgetting=forgetting)
+    kalman = KalmanFilter(dim_x=parameters, dim_z=1)
+    kalman.Q, kalman.R = np.zeros((parameters,) * 2), np.eye(1)
+    for k, (row, value) in enumerate(zip(phi, y, strict=True)):
+        if k == 15:
+            kalman.x, kalman.P = ours.theta[0, 0][:, None].copy(), ours.P[0, 0].copy()
+        if k >= 15:
+            kalman.P = kalman.P / forgetting
+            kalman.update(value, H=row[None])
+        ours.take(row[None, None], np.array([[value]]), np.ones((1, 1), dtype=bool))
+    np.testing.assert_allclose(ours.theta[0, 0], kalman.x[:, 0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(ours.P[0, 0], kalman.P, rtol=1e-9, atol=1e-12)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.tuples(*3 * [st.floats(-1e6, 1e6)], st.booleans()), min_size=1, max_size=60))
+def test_covariance_stays_positive_definite_whatever_comes(rows):
+    ours = SquareRootLeastSquares((1, 1), 2, PRIOR, 0.9)
+    for a, b, y, used in rows:
+        ours.take(np.array([[[a, b]]]), np.array([[y]]), np.array([[used]]))
+        assert np.isfinite(ours.theta).all() and np.isfinite(ours.P).all()
+        assert (ours.P == ours.P.swapaxes(-1, -2)).all()
+        assert (np.linalg.eigvalsh(ours.P) > -1e-9 * np.abs(ours.P).max()).all()
+
+
+def test_without_excitation_forgetting_does_not_run_away():
+    ours = SquareRootLeastSquares((1, 1), 2, PRIOR, 0.99)
+    for _ in range(20_000):
+        ours.take(np.array([[[1.0, 0.0]]]), np.array([[1.0]]), np.ones((1, 1), dtype=bool))
+    assert np.diag(ours.P[0, 0]).max() <= PRIOR / 0.99
+
+
+def stick_and_slip(runs: int, seconds: float, change: float | None = None) -> tuple[np.ndarray, ...]:
+    """Time, position and measured torque of many runs of an independent simulator, and their two truths."""
+    heavier = {} if change is None else {"payload_change": {"pay_I": 0.03, "pay_mgl": 0.6, "pay_t": change}}
+    cases = [
+        (Plant(effects=heavier), Experiment(rate=500.0, seconds=seconds, seed=seed, torque_noise=0.05))
+        for seed in range(runs)
+    ]
+    records = simulate(cases)
+    position, torque = (np.array([getattr(r, name) for r in records]).T for name in ("position", "torque"))
+    plant = Plant()
+    before = np.array([plant.inertia, plant.gravity, plant.viscous, plant.coulomb])
+    return records[0].time, position, np.vstack([np.zeros(runs), torque[:-1]]), before
+
+
+def coverage(now: Estimates, truth: np.ndarray) -> np.ndarray:
+    """Share of runs whose 95 % interval holds the truth (S, P)."""
+    std = np.sqrt(np.einsum("bsii->bsi", now.covariance))
+    return (np.abs(now.theta - truth) < 1.96 * std).mean(axis=0)
+
+
+@pytest.mark.parametrize("forgetting", [1.0, 0.998])
+def test_intervals_hold_the_truth_as_often_as_they_say(forgetting):
+    """200 seeded runs: 90 to 99 %, for every scheme on average over its parameters, and never below 87 %."""
+    time, position, torque, truth = stick_and_slip(200, 8.0)
+    online = OnlineEstimator(500.0, batch=200, forgetting=forgetting)
+    for k in range(len(time)):
+        now = online.take(np.full(200, time[k]), position[k], torque[k])
+    share = coverage(now, truth)
+    assert (share > 0.87).all(), share
+    assert ((share.mean(axis=1) > 0.90) & (share.mean(axis=1) < 0.99)).all(), share
+
+
+@pytest.mark.parametrize("memory", [{"forgetting": 0.997}, {"random_walk": 0.1}], ids=lambda memory: next(iter(memory)))
+def test_a_payload_picked_up_in_mid_run_is_tracked(memory):
+    time, position, torque, before = stick_and_slip(20, 14.0, change=7.0)
+    forgetful, faithful = OnlineEstimator(500.0, batch=20, **memory), OnlineEstimator(500.0, batch=20)
+    for k in range(len(time)):
+        sample = np.full(20, time[k]), position[k], torque[k]
+        now, stays = forgetful.take(*sample), faithful.take(*sample)
+    after = before + np.array([0.03, 0.6, 0.0, 0.0])
+    for s in range(6):
+        error = np.median(np.abs(now.theta[:, s, :2] - after[:2]) / after[:2], axis=0)
+        assert (error < 0.03).all(), (s, error)
+        assert (np.median(np.abs(stays.theta[:, s, :2] - after[:2]) / after[:2], axis=0) > 0.05).all()
+
+
+def test_covariance_can_start_anew_and_estimates_stay(paper_run):
+    recording = paper_run.recording
+    estimates = run(OnlineEstimator(recording.rate, reset_every=4.0), recording)
+    trace = np.array([np.trace(now.P[0, 0]) for now in estimates])
+    jumps = np.flatnonzero(trace[1:] > 100 * trace[:-1])
+    assert len(jumps) == 2
+    before, after = estimates[jumps[0]], estimates[jumps[0] + 1]
+    np.testing.assert_allclose(before.theta[0, 0], after.theta[0, 0], rtol=0.05)
+
+
+def test_settling_leaves_out_the_beginning(paper_run):
+    estimates = run(OnlineEstimator(paper_run.recording.rate, settle=1.0), paper_run.recording)
+    started = [k for k, now in enumerate(estimates) if now.usable.any()]
+    assert estimates[started[0]].index[0] >= 1.0 * paper_run.recording.rate
+
+
+def test_stick_teaches_nothing(sticky):
+    recording = sticky.recording
+    estimates = run(OnlineEstimator(recording.rate, schemes=SCHEMES[:1]), recording)
+    used = np.array([now.usable[0, 0] for now in estimates])
+    silent = np.array([(now.error[0, 0] == 0) and not now.regressor.any() for now in estimates])
+    assert 0.05 < used.mean() < 0.8
+    assert silent[~used].all()
+
+
+def test_smoothing_for_an_encoder_is_longer_the_coarser_it_is():
+    widths = [Smoothing.of_encoder(counts, 1000.0).half_width for counts in (0, 1_024_000, 65_536, 8192)]
+    assert widths == sorted(widths) and widths[0] < widths[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"schemes": PAPER}, "hamiltonian borrows its inertia"),
+        ({"rate": 50.0}, "lower the cutoff or sample faster"),
+        ({"forgetting": 1.1}, "forgetting factor cannot be 1.1"),
+        ({"prior": 0.0}, "give a positive number"),
+        ({"random_walk": -1.0}, "random_walk cannot be -1"),
+        ({"terms": ()}, "nothing to estimate"),
+    ],
+)
+def test_bad_options_are_refused(arguments, text):
+    with pytest.raises(ValueError, match=text):
+        OnlineEstimator(**{"rate": 1000.0, **arguments})

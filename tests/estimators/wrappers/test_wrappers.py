@@ -1,0 +1,206 @@
+"""Estimating wrappers: what they add to info, in every order that makes sense, for one pendulum and for many."""
+
+import itertools
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import NormalizeObservation, RescaleAction, TimeLimit
+
+from estimators.measurements import Smoothing, measure
+from estimators.recursion import history
+from estimators.schemes import SCHEMES, FilteredDynamic
+from estimators.wrappers import (
+    EstimateParameters,
+    EstimateParametersVector,
+    InformationReward,
+    InformationRewardVector,
+)
+from pendulum_env.excitation import excitation
+from pendulum_env.physics import BASE
+from pendulum_env.plant import PAPER
+from pendulum_env.policy import OpenLoop, rollout
+from pendulum_env.registration import PENDULUM
+from pendulum_env.wrappers import RandomizePlant, RandomizePlantVector, RecordMeasurements
+
+POLICY = OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0)
+
+
+def last_info(env, steps, seed=0):
+    infos = []
+    rollout(env, POLICY, steps, seed=seed, watch=infos.append)
+    return infos[-1]
+
+
+def test_estimates_converge_to_the_plant_while_it_runs():
+    env = EstimateParameters(gym.make(PENDULUM, torque_noise=0.02))
+    info = last_info(env, 6000)
+    assert info["parameters"] == tuple(PAPER)
+    for scheme in SCHEMES:
+        told = info["estimates"][scheme.id]
+        np.testing.assert_allclose(told["theta"], list(PAPER.values()), rtol=0.01)
+        std = np.sqrt(np.diag(told["covariance"]))
+        assert (std < 0.01 * told["theta"]).all()
+        assert abs(told["prediction_error"]) < 1
+    assert 0 < info["time"] - info["estimates_time"] < 0.05
+
+
+def test_online_and_offline_estimates_of_a_rollout_are_equal():
+    """The issue's contract: what the wrapper finds is what the recording of the same run gives."""
+    env = EstimateParameters(gym.make(PENDULUM, torque_noise=0.02), schemes="all")
+    infos = []
+    recording = rollout(env, POLICY, 4000, seed=0, watch=infos.append)
+    smoothing = Smoothing.of_encoder(1_024_000, 1000.0)
+    last = 3500
+    for scheme in SCHEMES:
+        equations, usable = scheme.regression(measure(recording, smoothing), BASE)
+        theta = history(equations, usable, np.array([last])).theta[0]
+        # the wrapper sees the start as sample 0, and each later sample one step later than it is indexed
+        info = infos[last + smoothing.reach + env.estimator.delay - 1]
+        np.testing.assert_allclose(info["estimates"][scheme.id]["theta"], theta, rtol=1e-9)
+
+
+def test_every_order_of_wrappers_works(tmp_path):
+    makers = {
+        "plant": lambda env: RandomizePlant(env, 0.2),
+        "record": lambda env: RecordMeasurements(env, tmp_path / "run.csv", overwrite=True),
+        "estimate": EstimateParameters,
+        "limit": lambda env: TimeLimit(env, 300),
+        "rescale": lambda env: RescaleAction(env, np.float32(-1), np.float32(1)),
+    }
+    estimates = []
+    for order in itertools.permutations(makers):
+        env = gym.make(PENDULUM, max_episode_steps=-1)
+        for name in order:
+            env = makers[name](env)
+        env = InformationReward(env)
+        env.reset(seed=4)
+        total, truncated = 0.0, False
+        while not truncated:
+            _, reward, _, truncated, info = env.step(np.array([0.3], dtype=np.float32))
+            total += reward
+        env.close()
+        assert total > 0
+        estimates.append(info["estimates"]["filtered_dynamic"]["theta"])
+    np.testing.assert_allclose(estimates, [estimates[0]] * len(estimates), rtol=1e-9)
+
+
+def test_spec_rebuilds_the_wrapped_environment():
+    env = InformationReward(
+        EstimateParameters(
+            RandomizePlant(gym.make(PENDULUM, effects=["stribeck"]), 0.1),
+            schemes=["energy", "dynamic"],
+            terms=["inertia", "gravity", "viscous", "coulomb", "stribeck"],
+            forgetting=0.999,
+            in_observation=True,
+        )
+    )
+    again = gym.make(env.spec)
+    assert str(again) == str(env)
+    assert again.observation_space == env.observation_space
+    a, b = last_info(env, 1500), last_info(again, 1500)
+    np.testing.assert_array_equal(a["estimates"]["energy"]["theta"], b["estimates"]["energy"]["theta"])
+    assert len(a["estimates"]["energy"]["theta"]) == 5
+    assert gym.envs.registration.EnvSpec.from_json(env.spec.to_json()) == env.spec
+
+
+def test_wrapped_environment_passes_the_checker_and_can_be_pickled():
+    env = EstimateParameters(gym.make(PENDULUM, max_torque=1.0), in_observation=True)
+    observation, _ = env.reset(seed=0)
+    assert observation.shape == (3 + 2 * 6 * 4,) and observation.dtype == np.float32
+    for k in range(300):
+        observation, *_ = env.step(np.array([np.sin(k / 20)], dtype=np.float32))
+        assert env.observation_space.contains(observation)
+    with pytest.warns(UserWarning, match="different from the unwrapped version"):
+        check_env(env, skip_render_check=True)
+    copy = pickle.loads(pickle.dumps(env))
+    action = np.array([0.5], dtype=np.float32)
+    for _ in range(100):
+        a, b = env.step(action)[0], copy.step(action)[0]
+    np.testing.assert_allclose(a, b, rtol=1e-5)
+    assert NormalizeObservation(env).reset(seed=0)[0].shape == observation.shape
+
+
+def test_reset_starts_estimation_anew():
+    env = EstimateParameters(gym.make(PENDULUM))
+    last_info(env, 2000)
+    _, info = env.reset()
+    assert all((info["estimates"][scheme.id]["theta"] == 0).all() for scheme in SCHEMES)
+    a, b = last_info(env, 1000), last_info(EstimateParameters(gym.make(PENDULUM)), 1000)
+    np.testing.assert_allclose(a["estimates"]["dynamic"]["theta"], b["estimates"]["dynamic"]["theta"], rtol=1e-9)
+
+
+def test_reward_is_the_growth_of_the_information():
+    env = InformationReward(EstimateParameters(gym.make(PENDULUM)), prior=1e-3)
+    _, info = env.reset(seed=0)
+    rows, total = [], 0.0
+    for k in range(2000):
+        action = POLICY.predict(np.zeros(3), (k,))[0]
+        _, reward, _, _, info = env.step(action)
+        rows.append(info["regressor"])
+        total += reward
+        assert reward >= 0
+    rows = np.array(rows)
+    information = 1e-3 * np.eye(4) + rows.T @ rows
+    assert total == pytest.approx(np.linalg.slogdet(information)[1] - 4 * np.log(1e-3), rel=1e-9)
+    env.reset()
+    assert sum(env.step(np.zeros(1, dtype=np.float32))[1] for _ in range(200)) == 0  # at rest
+
+
+def test_picture_shows_the_estimates():
+    env = EstimateParameters(gym.make(PENDULUM, render_mode="rgb_array"))
+    env.reset()
+    bare = gym.make(PENDULUM, render_mode="rgb_array")
+    bare.reset()
+    assert np.count_nonzero(env.render().min(axis=2) < 100) > np.count_nonzero(bare.render().min(axis=2) < 100) + 500
+
+
+def test_many_pendulums_are_estimated_like_one():
+    env = InformationRewardVector(
+        EstimateParametersVector(
+            RandomizePlantVector(gym.make_vec(PENDULUM, num_envs=3, max_episode_steps=1500), 0.2),
+            in_observation=True,
+            schemes=["dynamic", FilteredDynamic(order=2)],
+        )
+    )
+    observation, info = env.reset(seed=1)
+    assert observation.shape == (3, 3 + 2 * 2 * 4)
+    plants = info["plant"].copy()
+    state, total = None, np.zeros(3)
+    for _ in range(1500):
+        action, state = POLICY.predict(observation, state)
+        observation, reward, _, truncated, info = env.step(action)
+        total += reward
+    assert truncated.all()
+    np.testing.assert_allclose(info["estimates"]["filtered_dynamic"]["theta"], plants, rtol=0.02)
+    assert env.observation_space.contains(observation)
+    assert (total > 20).all()
+    observation, reward, _, _, info = env.step(action)  # starts all anew
+    assert (info["estimates"]["dynamic"]["theta"] == 0).all() and (reward == 0).all()
+    alone = InformationReward(EstimateParameters(gym.make(PENDULUM, theta=plants[1].tolist()), schemes="dynamic"))
+    one = np.zeros(())
+    rewards = []
+    observation, _ = alone.reset()
+    for k in range(1500):
+        observation, reward, *_ = alone.step(POLICY.predict(observation, (k,))[0])
+        rewards.append(reward)
+    assert sum(rewards) + one == pytest.approx(total[1], rel=0.02)
+
+
+def test_wrong_use_is_explained():
+    with pytest.raises(ValueError, match="did you mean dynamic"):
+        EstimateParameters(gym.make(PENDULUM), schemes=["dynamics"])
+    with pytest.raises(ValueError, match="unknown effect 'stribek'"):
+        EstimateParameters(gym.make(PENDULUM), terms=["inertia", "stribek"])
+    with pytest.raises(ValueError, match="pass rate"):
+        EstimateParameters(gym.make("Pendulum-v1"))
+    with pytest.raises(KeyError, match="has to carry time, position and torque"):
+        EstimateParameters(gym.make("Pendulum-v1"), rate=100.0, schemes="dynamic").reset()
+    with pytest.raises(KeyError, match="wrap the environment in EstimateParameters"):
+        InformationReward(gym.make(PENDULUM)).reset()
+    with pytest.raises(ValueError, match="give a small positive number"):
+        InformationReward(gym.make(PENDULUM), prior=0.0)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'forgeting'"):
+        EstimateParameters(gym.make(PENDULUM), forgeting=0.9)

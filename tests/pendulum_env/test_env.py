@@ -1,0 +1,265 @@
+"""The environment's contract, for every backend, and its physics against an independent integrator."""
+
+import pickle
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import NormalizeObservation, RecordVideo, RescaleAction, TimeLimit
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from pendulum_env.env import DirectDrivePendulum
+from pendulum_env.excitation import excitation
+from pendulum_env.physics import effects
+from pendulum_env.plant import hide, paper_plant
+from pendulum_env.policy import OpenLoop, rollout
+from pendulum_env.recording import Recording, RecordingError, write_recording
+from pendulum_env.registration import ENVIRONMENTS, PENDULUM
+
+
+def paper_torque(seconds: float, seed: int = 0) -> np.ndarray:
+    return excitation("paper", np.random.default_rng(seed)).signal(np.arange(round(1000 * seconds)) / 1000)
+
+
+def positions(env: gym.Env, torque: np.ndarray, seed: int | None = 0) -> np.ndarray:
+    _, info = env.reset(seed=seed)
+    run = [info["position"]]
+    for value in torque:
+        run.append(env.step(np.array([value], dtype=np.float32))[-1]["position"])
+    return np.array(run)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recordings") / "run.csv"
+    env = gym.make(PENDULUM, torque_noise=0.05)
+    write_recording(rollout(env, OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0), 1500, seed=0), path)
+    return path
+
+
+@pytest.fixture(params=["pymunk", "replay"])
+def settings(request, file):
+    return {"backend": request.param, "recording": file if request.param == "replay" else None}
+
+
+def test_environments_are_known_without_an_import():
+    """As Gymnasium reads no entry points any more, a .pth file announces them; here, its one line is run first."""
+    code = (
+        "import pendulum_env, sys; assert 'gymnasium' not in sys.modules; import gymnasium; "
+        f"print(gymnasium.make('{PENDULUM}').unwrapped.rate, 'pymunk' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["1000.0", "True"]
+
+
+@pytest.mark.parametrize("id", ENVIRONMENTS)
+def test_gymnasiums_checker_only_recommends_a_normalised_action(id, settings):
+    """A torque in N m is the contract; with the bound at 1 N m there is nothing left to recommend."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        check_env(gym.make(id, **settings).unwrapped)
+    assert all("symmetric and normalized space" in str(warning.message) for warning in said)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gym.make(id, max_torque=1.0, **settings).unwrapped)
+
+
+def test_gymnasiums_wrappers_work(tmp_path, settings):
+    env = gym.make(PENDULUM, render_mode="rgb_array", rate=50.0, **settings)
+    env = NormalizeObservation(RescaleAction(TimeLimit(env, 5), np.float32(-1), np.float32(1)))
+    env = RecordVideo(env, str(tmp_path / "videos"), episode_trigger=lambda episode: True, disable_logger=True)
+    env.reset(seed=0)
+    truncated, steps = False, 0
+    while not truncated:
+        observation, _, _, truncated, info = env.step(np.array([0.5], dtype=np.float32))
+        steps += 1
+    env.close()
+    assert steps == 5
+    assert env.observation_space.contains(observation.astype(np.float32))
+    if settings["backend"] == "pymunk":
+        assert info["torque"] == pytest.approx(7.5)  # half of 15 N m
+    assert list(tmp_path.glob("videos/*.mp4"))
+
+
+def test_spec_rebuilds_the_environment(settings):
+    env = gym.make(PENDULUM, **settings)
+    again = gym.make(env.spec)
+    np.testing.assert_array_equal(positions(env, np.full(50, 3.0)), positions(again, np.full(50, 3.0)))
+
+
+def test_same_seed_same_run_bit_for_bit():
+    torque = paper_torque(1.0)
+
+    def run(env, seed):
+        env.reset(seed=seed)
+        return np.array([env.step(np.array([u], dtype=np.float32))[-1]["torque"] for u in torque])
+
+    env = gym.make(PENDULUM, torque_noise=0.1, effects=["stribeck"])
+    first = run(env, 3)
+    np.testing.assert_array_equal(first, run(env, 3))
+    np.testing.assert_array_equal(first, run(gym.make(PENDULUM, torque_noise=0.1, effects=["stribeck"]), 3))
+    assert not np.array_equal(first, run(env, 4))
+    np.testing.assert_array_equal(positions(env, torque, 3), positions(env, torque, 3))
+
+
+@pytest.mark.parametrize("effect", ["stribeck", "actuator_lag", "dead_time", "joint_flexibility"])
+def test_a_pickled_environment_goes_on_where_it_was(effect):
+    env = gym.make(PENDULUM, effects=[effect])
+    torque = paper_torque(2.0)
+    positions(env, torque[:1000])
+    copy = pickle.loads(pickle.dumps(env))
+    for value in torque[1000:]:
+        action = np.array([value], dtype=np.float32)
+        a, b = env.step(action)[-1], copy.step(action)[-1]
+    assert a["position"] == pytest.approx(b["position"], abs=1e-9)
+
+
+def test_pymunk_follows_an_independent_integrator():
+    """30 s of the paper's excitation, at the default substeps: RMS below 5e-4 rad, and in fact below 1e-5."""
+    torque = paper_torque(30.0).astype(np.float32).astype(float)
+    plant = Plant(inertia=0.0895, gravity=2.01, viscous=0.3638, coulomb=0.9163)
+    (reference,) = simulate([(plant, Experiment(rate=1000.0, seconds=30.0, counts=None, torque_noise=0.0))], [torque])
+    run = positions(gym.make(PENDULUM, counts=0), torque)
+    error = run[: len(reference.position)] - reference.position
+    assert np.sqrt(np.mean(error**2)) < 1e-5
+
+
+def test_error_is_of_second_order_in_the_step():
+    torque = paper_torque(5.0)
+    runs = {n: positions(gym.make(PENDULUM, counts=0, substeps=n), torque) for n in (1, 2, 4, 32)}
+    errors = [np.sqrt(np.mean((runs[n] - runs[32]) ** 2)) for n in (1, 2, 4)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (orders > 1.6).all(), orders
+
+
+@pytest.mark.parametrize("effect", effects())
+def test_every_effect_moves_the_body_as_it_moves_the_model(effect):
+    """pymunk's constraint against the project's own simulation: the same law, two integrators."""
+    torque = paper_torque(3.0).astype(np.float32).astype(float)
+    plant = hide(paper_plant(), effect)
+    free = positions(gym.make(PENDULUM, counts=0), torque)
+    body = positions(gym.make(PENDULUM, counts=0, effects=[effect]), torque)
+    model = plant.simulate(1e-3, torque, 0.0, 0.0).position[:, 0]
+    shown = np.sqrt(np.mean((body - free) ** 2))
+    assert np.sqrt(np.mean((body - model) ** 2)) < max(1e-4, 0.01 * shown)
+
+
+def test_joint_sticks_exactly_below_its_friction():
+    env = gym.make(PENDULUM, counts=0, velocity="ideal")
+    run = positions(env, np.full(300, 0.9))  # fc is 0.9163
+    assert (run == 0).all()
+    assert positions(env, np.full(300, 0.93))[-1] > 0
+
+
+def test_measurement_is_what_was_asked_for():
+    env = gym.make(PENDULUM, counts=8192, max_torque=4.0)
+    _, info = env.reset(options={"position": 1.0, "velocity": 2.0})
+    assert info["velocity"] == pytest.approx(2.0, abs=2 * np.pi / 8192 * 1000)
+    assert (info["time"], info["torque"]) == (0.0, 0.0)
+    for k in range(1, 100):
+        before = info
+        _, reward, terminated, _, info = env.step(np.array([9.0], dtype=np.float32))
+        assert info["time"] == pytest.approx(k / 1000)
+        assert info["torque"] == 4.0  # clipped
+        assert info["position"] * 8192 / (2 * np.pi) == pytest.approx(round(info["position"] * 8192 / (2 * np.pi)))
+        assert info["velocity"] == pytest.approx((info["position"] - before["position"]) * 1000)
+        assert (reward, terminated) == (0.0, False)
+
+
+def test_measured_torque_has_the_noise_that_was_asked_for():
+    env = gym.make(PENDULUM, torque_noise=0.1)
+    env.reset(seed=0)
+    torque = np.array([env.step(np.array([2.0], dtype=np.float32))[-1]["torque"] for _ in range(4000)])
+    assert torque.mean() == pytest.approx(2.0, abs=0.01)
+    assert torque.std() == pytest.approx(0.1, rel=0.05)
+
+
+def test_replay_plays_the_recording_and_says_that_it_ignores_the_action(file):
+    env = gym.make(PENDULUM, backend="replay", recording=file)
+    played = rollout(env, OpenLoop(excitation("steps", np.random.default_rng(1)), 1000.0), 10_000)
+    again = rollout(env, OpenLoop(excitation("prbs", np.random.default_rng(1)), 1000.0), 10_000)
+    np.testing.assert_array_equal(played.torque, again.torque)
+    assert len(played) == 1499  # after the last sample no torque is known
+    info = env.reset()[1]
+    assert info["follows"] is False
+    with pytest.raises(ValueError, match="starts as it is"):
+        env.reset(options={"position": 1.0})
+
+
+def test_an_identified_model_can_be_the_plant(tmp_path):
+    plant = hide(paper_plant({"inertia": 0.2}), "cogging=0.3,0.1,12")
+    plant.save(tmp_path / "model.json")
+    torque = paper_torque(0.5)
+    by_file = positions(gym.make(PENDULUM, model=tmp_path / "model.json"), torque)
+    by_words = positions(gym.make(PENDULUM, theta={"inertia": 0.2}, effects=["cogging=0.3,0.1,12"]), torque)
+    np.testing.assert_array_equal(by_file, by_words)
+    four = gym.make(PENDULUM, theta=[0.2, 2.01, 0.3638, 0.9163], effects=["cogging=0.3,0.1,12"])
+    np.testing.assert_array_equal(positions(four, torque), by_words)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "text"),
+    [
+        ({"backend": "pymonk"}, ValueError, "did you mean pymunk"),
+        ({"effects": ["stribek"]}, ValueError, "did you mean stribeck"),
+        ({"theta": [1.0, 2.0]}, ValueError, "theta has 2 values, it needs 4"),
+        ({"theta": {"mass": 1.0}}, ValueError, "unknown parameter 'mass'"),
+        ({"rate": 0.0}, ValueError, "rate of a pendulum cannot be 0"),
+        ({"substeps": 1.5}, ValueError, "substeps of a pendulum cannot be 1.5"),
+        ({"counts": -1}, ValueError, "cannot be negative"),
+        ({"velocity": "exact"}, ValueError, "unknown velocity"),
+        ({"backend": "replay"}, ValueError, "needs a recording"),
+        ({"backend": "replay", "recording": "nowhere.csv"}, RecordingError, "there is no such file"),
+        ({"render_mode": "ansi"}, ValueError, "unknown render_mode"),
+    ],
+)
+def test_bad_arguments_are_refused_with_a_remedy(arguments, error, text):
+    with pytest.raises(error, match=text):
+        DirectDrivePendulum(**arguments)
+
+
+def test_bad_actions_and_options_are_refused():
+    env = gym.make(PENDULUM).unwrapped
+    env.reset()
+    with pytest.raises(ValueError, match="the action is NaN"):
+        env.step(np.array([np.nan], dtype=np.float32))
+    with pytest.raises(ValueError, match="did you mean position"):
+        env.reset(options={"positon": 1.0})
+
+
+def test_picture_shows_the_arm_where_it_is():
+    env = gym.make(PENDULUM, render_mode="rgb_array")
+    pictures = {}
+    for angle in (0.0, np.pi / 2, np.pi):
+        env.reset(options={"position": angle})
+        pictures[angle] = env.render()
+    height, width, _ = pictures[0.0].shape
+
+    def center_of_arm(picture):
+        blue = (picture[..., 2].astype(int) - picture[..., 0]) > 60
+        rows, columns = np.nonzero(blue)
+        return columns.mean() - width / 2, rows.mean() - height / 2
+
+    assert center_of_arm(pictures[0.0])[1] > center_of_arm(pictures[np.pi / 2])[1] > center_of_arm(pictures[np.pi])[1]
+    assert center_of_arm(pictures[np.pi / 2])[0] > 40 > abs(center_of_arm(pictures[0.0])[0])
+
+
+def test_a_window_opens_and_closes():
+    env = gym.make(PENDULUM, render_mode="human")
+    positions(env, np.full(50, 2.0))
+    env.close()
+    env.close()
+
+
+def test_recording_of_a_rollout_is_a_recording():
+    env = gym.make(PENDULUM)
+    signal = excitation("multisine", np.random.default_rng(0), 2.0)
+    run = rollout(env, OpenLoop(signal, 1000.0), 2000, seed=0)
+    assert isinstance(run, Recording)
+    np.testing.assert_allclose(
+        run.torque, signal.signal(run.time), atol=1e-6
+    )  # each row's torque acts from its time on

@@ -1,0 +1,111 @@
+"""Batched pendulums: the same physics as one, and Gymnasium's rules for starting anew."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from pendulum_env.excitation import excitation
+from pendulum_env.physics import effects
+from pendulum_env.policy import OpenLoop
+from pendulum_env.registration import PENDULUM
+
+
+def torques(steps: int, count: int) -> np.ndarray:
+    time = np.arange(steps) / 1000
+    phases = np.arange(count)
+    return (3 * np.sin(12.07 * time[:, None] + phases) + 3 * np.sin(2.25 * time[:, None])).astype(np.float32)
+
+
+@pytest.mark.parametrize("effect", [None, *effects()])
+def test_each_pendulum_moves_as_one_alone(effect):
+    hidden = [] if effect is None else [effect]
+    many = gym.make_vec(PENDULUM, num_envs=3, counts=0, effects=hidden, max_episode_steps=None)
+    one = gym.make(PENDULUM, counts=0, effects=hidden)
+    action = torques(2000, 3)
+    many.reset(seed=0)
+    one.reset(seed=0)
+    worst = 0.0
+    for row in action:
+        together, alone = many.step(row[:, None])[-1], one.step(row[1:2])[-1]
+        worst = max(worst, abs(together["position"][1] - alone["position"]))
+    assert worst < 2e-4
+
+
+def test_spaces_and_infos_are_gymnasiums():
+    env = gym.make_vec(PENDULUM, num_envs=4)
+    observation, info = env.reset(seed=1)
+    assert env.observation_space.contains(observation)
+    observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+    assert env.observation_space.contains(observation)
+    assert reward.shape == terminated.shape == truncated.shape == info["position"].shape == (4,)
+    assert gym.wrappers.vector.DictInfoToList(env).reset()[1][3]["position"] == 0.0
+
+
+def test_next_step_starts_an_ended_pendulum_anew():
+    env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=5)
+    assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    env.reset(seed=0)
+    action = np.full((2, 1), 5.0, dtype=np.float32)
+    for _ in range(5):
+        *_, truncated, info = env.step(action)
+    assert truncated.all() and (info["position"] != 0).all()
+    *_, truncated, info = env.step(action)
+    assert not truncated.any() and (info["position"] == 0).all() and (info["time"] == 0).all()
+    assert (info["torque"] == 0).all()
+    assert (env.step(action)[-1]["time"] == 0.001).all()
+
+
+def test_same_step_keeps_the_last_observation():
+    env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=3, autoreset_mode="SameStep")
+    env.reset(seed=0)
+    action = np.full((2, 1), 5.0, dtype=np.float32)
+    for _ in range(3):
+        observation, _, _, truncated, info = env.step(action)
+    assert truncated.all()
+    np.testing.assert_array_equal(observation, [[1, 0, 0]] * 2)
+    assert (info["final_obs"][:, 2] > 0).all()
+    assert (info["final_info"]["time"] == 0.003).all() and (info["time"] == 0).all()
+
+
+@pytest.mark.parametrize("effect", ["actuator_lag", "dead_time", "presliding", "joint_flexibility"])
+def test_a_new_episode_knows_nothing_of_the_last(effect):
+    env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=200, effects=[effect])
+    action = torques(400, 2)
+
+    def episode():
+        return np.array([env.step(row[:, None])[-1]["position"] for row in action[:200]])
+
+    env.reset(seed=0)
+    first = episode()
+    env.step(action[0][:, None])  # starts both anew
+    np.testing.assert_array_equal(first, episode())
+
+
+def test_seeded_and_open_loop():
+    signal = OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0)
+
+    def run():
+        env = gym.make_vec(PENDULUM, num_envs=3, torque_noise=0.1)
+        observation, _ = env.reset(seed=5)
+        state = None
+        for _ in range(50):
+            action, state = signal.predict(observation, state)
+            observation, *_, info = env.step(action)
+        return info["torque"]
+
+    np.testing.assert_array_equal(run(), run())
+    assert len(set(run())) == 3
+
+
+def test_bad_arguments_are_refused():
+    with pytest.raises(ValueError, match="num_envs of pendulums cannot be 0"):
+        gym.make_vec(PENDULUM, num_envs=0)
+    with pytest.raises(ValueError, match="restart by themselves"):
+        gym.make_vec(PENDULUM, num_envs=1, autoreset_mode="Disabled")
+    env = gym.make_vec(PENDULUM, num_envs=2)
+    env.reset()
+    with pytest.raises(ValueError, match="pendulum 1 is NaN"):
+        env.step(np.array([[0.0], [np.nan]], dtype=np.float32))
+    with pytest.raises(ValueError, match=r"theta has shape \(4,\)"):
+        env.unwrapped.set_theta(np.ones(4))

@@ -1,0 +1,85 @@
+"""What is measured is kept, whatever happens to the process."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from pendulum_env.excitation import excitation
+from pendulum_env.policy import OpenLoop, rollout
+from pendulum_env.recording import read_recording
+from pendulum_env.registration import PENDULUM
+from pendulum_env.wrappers import RecordMeasurements
+
+POLICY = OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0)
+
+
+def test_file_is_the_recording_of_the_rollout(tmp_path):
+    env = RecordMeasurements(gym.make(PENDULUM, torque_noise=0.1), tmp_path / "run.csv")
+    run = rollout(env, POLICY, 1500, seed=0)
+    env.close()
+    kept = read_recording(tmp_path / "run.csv")
+    for name in ("time", "position", "torque"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(run, name))
+
+
+def test_replay_of_what_was_recorded_records_the_same(tmp_path):
+    env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "first.csv")
+    rollout(env, POLICY, 1500, seed=0)
+    env.close()
+    again = RecordMeasurements(
+        gym.make(PENDULUM, backend="replay", recording=tmp_path / "first.csv"), tmp_path / "second.csv"
+    )
+    rollout(again, POLICY, 5000)
+    again.close()
+    first, second = (tmp_path / f"{name}.csv" for name in ("first", "second"))
+    assert first.read_text().splitlines()[:-1] == second.read_text().splitlines()  # the last torque is not known
+
+
+def test_each_episode_has_its_file_and_none_is_replaced(tmp_path):
+    env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv")
+    env.reset()
+    for _ in range(3):  # the first reset has no step and leaves no file
+        rollout(env, POLICY, 1200)
+    env.close()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run-2.csv", "run-3.csv", "run.csv"]
+    again = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv")
+    with pytest.raises(FileExistsError, match="exists already: choose another name"):
+        rollout(again, POLICY, 10)
+    assert len(read_recording(tmp_path / "run.csv")) == 1200
+    replaced = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv", overwrite=True)
+    rollout(replaced, POLICY, 1100)
+    replaced.close()
+    assert len(read_recording(tmp_path / "run.csv")) == 1100
+
+
+def test_killed_process_loses_at_most_the_last_second(tmp_path):
+    path = tmp_path / "run.csv"
+    code = f"""
+        import gymnasium as gym, numpy as np
+        from pendulum_env.wrappers import RecordMeasurements
+        env = RecordMeasurements(gym.make({PENDULUM!r}), {str(path)!r})
+        env.reset()
+        for k in range(10**9):
+            env.step(np.array([5.0 * np.sin(0.01 * k)], dtype=np.float32))
+            if k % 100 == 0:
+                print(k, flush=True)
+    """
+    with subprocess.Popen([sys.executable, "-c", textwrap.dedent(code)], stdout=subprocess.PIPE, text=True) as process:
+        for line in process.stdout:
+            if int(line) >= 5000:
+                break
+        os.kill(process.pid, signal.SIGKILL)
+    assert len(read_recording(path)) >= 4000
+
+
+def test_bad_paths_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"let the name end in \.csv"):
+        RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.npz")
+    with pytest.raises(FileNotFoundError, match="create it first"):
+        RecordMeasurements(gym.make(PENDULUM), tmp_path / "nowhere" / "run.csv")

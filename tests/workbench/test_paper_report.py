@@ -1,0 +1,111 @@
+"""The page about the paper's experiment: self-contained, complete, its numbers and curves those of the experiment."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from estimators.paper import TABLE_2, WAYS, Experiment, paper_experiment
+from tests.workbench.pages import Page, values
+from workbench.report.paper import SECTIONS, render
+
+
+@pytest.fixture(scope="module")
+def experiment() -> Experiment:
+    return paper_experiment(runs=2, seconds=6.0, seed=1)
+
+
+@pytest.fixture(scope="module")
+def page(experiment: Experiment) -> str:
+    return render(experiment)
+
+
+@pytest.fixture(scope="module")
+def figures(page: str) -> dict[str, dict]:
+    """Figures by their id."""
+    found = Page(page)
+    ids = [attrs["id"] for tag, attrs in found.tags if tag == "div" and "plot" in (attrs.get("class") or "").split()]
+    return dict(zip(ids, found.figures, strict=True))
+
+
+def curve(figure: dict, name: str) -> np.ndarray:
+    return next(np.array([t["x"], t["y"]], dtype=float) for t in figure["data"] if t["name"] == name)
+
+
+def test_page_loads_nothing_from_elsewhere(page: str) -> None:
+    found = Page(page)
+    assert values(found, "src") == []
+    assert all(href.startswith("#") for href in values(found, "href"))
+    assert not any(tag in ("link", "iframe", "img", "object", "embed") for tag, _ in found.tags)
+    assert len(page.encode()) < 4_000_000
+
+
+def test_page_has_every_section_and_a_link_to_each(page: str) -> None:
+    found = Page(page)
+    sections = [attrs["id"] for tag, attrs in found.tags if tag == "section"]
+    assert len(sections) == len(SECTIONS)
+    assert set(sections) <= {href[1:] for href in values(found, "href")}
+    ids = values(found, "id")
+    assert len(ids) == len(set(ids))
+
+
+def test_page_has_figures_2_to_9(page: str, figures: dict[str, dict]) -> None:
+    expected = {f"figure-{k}" for k in range(2, 8)}
+    assert set(figures) == expected | {"figure-8a", "figure-8b", "figure-9-printed", "figure-9-ours"}
+    text = Page(page).text
+    assert all(f"Figure {k}" in text for k in range(2, 10))
+    style = re.search(r"<style>(.*?)</style>", page, re.DOTALL)[1]
+    for color in set(re.findall(r'"(--[a-z0-9-]+)"', json.dumps(figures))):
+        assert style.count(f"{color}:") == 2, f"{color} in light and dark"
+
+
+def test_table_holds_the_papers_values_and_ours(page: str, experiment: Experiment) -> None:
+    text = Page(page).text
+    for scheme, row in TABLE_2.items():
+        for shown in (value for value in row if value is not None):
+            assert f"{shown:.4f}" in text
+        for way in ("ours", "printed"):
+            assert all(f"{value:.4f}" in text for value in experiment.score(way, scheme).theta[1:])
+    for way in WAYS:
+        assert way.text[1:] in text
+
+
+@pytest.mark.parametrize(("number", "scheme"), list(enumerate(TABLE_2, 2)))
+def test_convergence_is_drawn_with_truth_and_band(number, scheme, figures, experiment) -> None:
+    figure = figures[f"figure-{number}"]
+    for k, place in enumerate(("", "2", "3", "4")):
+        panel = {"data": [trace for trace in figure["data"] if trace["yaxis"] == f"y{place}"]}
+        truth = experiment.truth[k]
+        assert curve(panel, "truth")[1] == pytest.approx([truth, truth])
+        course = experiment.found[0]["ours"][scheme].convergence
+        np.testing.assert_allclose(curve(panel, "ours")[1], course.theta[:, k], rtol=1e-3, atol=1e-4)
+        band = curve(panel, "ours, 95 % band")[1]
+        assert band.size == 2 * len(course.time)
+        assert (band[0] >= band[-1]) and band[: len(course.time)][-1] > course.theta[-1, k]
+        low, high = figure["layout"][f"yaxis{place}"]["range"]
+        assert low < truth < high
+
+
+def test_a_missed_aim_is_said(monkeypatch: pytest.MonkeyPatch, experiment: Experiment) -> None:
+    monkeypatch.setattr("workbench.report.paper.setup.TARGET", 1e-9)
+    text = Page(render(experiment)).text
+    assert "Not every scheme finds the paper's pendulum" in text and "which misses the aim" in text
+
+
+def test_following_is_drawn_as_measured_and_as_simulated(figures, experiment) -> None:
+    position = figures["figure-8a"]
+    measured, simulated, error = (curve(position, n) for n in ("measured", "simulated", "simulated − measured"))
+    np.testing.assert_allclose(simulated[1] - measured[1], error[1], atol=2e-4)
+    assert np.abs(error[1]).max() < 0.02 < np.ptp(measured[1])
+    torque = figures["figure-8b"]
+    applied, jagged = curve(torque, "applied"), curve(torque, "calculated by backward differences")
+    assert np.std(jagged[1] - applied[1]) > 0.2  # the paper's peaks
+
+
+def test_norms_are_drawn_beside_that_of_the_truth(figures, experiment) -> None:
+    for way in ("printed", "ours"):
+        norms = experiment.norms(way)
+        models, truth = figures[f"figure-9-{way}"]["data"]
+        assert models["x"] == pytest.approx(list(norms.models.values()), rel=1e-4)
+        assert truth["x"] == pytest.approx([norms.truth] * 2, rel=1e-4)
