@@ -82,10 +82,10 @@ def fly(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
     return fly_all([flights], [(terms, theta)])[0][:, 0]
 
 
-Candidate = tuple[Sequence[Term], Array]  # terms and their linear parameters (P,)
+Parametrised = tuple[Sequence[Term], Array]  # terms and their linear parameters (P,)
 
 
-def fly_all(flights: Sequence[Flights], models: Sequence[Candidate], nudges: Array | None = None) -> list[Array]:
+def fly_all(flights: Sequence[Flights], models: Sequence[Parametrised], nudges: Array | None = None) -> list[Array]:
     """Simulated positions of V models, for each recording (N + 1, V, B) [rad]; the models' terms are of equal classes.
 
     Recordings whose flights take as many periods are simulated together: a step of many costs little more.
@@ -112,9 +112,9 @@ def _in_step(flights: Sequence[Flights]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _simulate(flights: Sequence[Flights], models: Sequence[Candidate], nudges: Array) -> list[Array]:
-    """The same for flights of as many periods."""
-    counts, shape = [len(flight.first) for flight in flights], (len(models), -1)
+def _simulate(flights: Sequence[Flights], models: Sequence[Parametrised], nudges: Array) -> list[Array]:
+    """Simulated positions of V models in flights of as many periods, as `fly_all` gives them."""
+    counts = [len(flight.first) for flight in flights]
 
     def each(series: Sequence[Array]) -> Array:
         """One value a flight (B,) of each recording for every model, (V B,)."""
@@ -138,7 +138,7 @@ def _simulate(flights: Sequence[Flights], models: Sequence[Candidate], nudges: A
         each([flight.windows.recording.time[flight.first] for flight in flights]),
         memory=memory,
     )
-    positions = path.position.reshape(len(path.position), *shape)
+    positions = path.position.reshape(len(path.position), len(models), -1)
     return np.split(positions, np.cumsum(counts)[:-1], axis=2)
 
 

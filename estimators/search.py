@@ -309,7 +309,7 @@ class Search:
         steps = self.ladder(base, challenged)
         if all(self.is_confirmed(after, before) for before, after in pairwise(steps)):
             return steps
-        return self.ladder(base, terms)
+        return [self.report(step.added, step.model.terms) for step in grown]
 
     def _is_level(self, one: Trial, other: Trial) -> bool:
         """Whether two trials tie, and their last terms are equally complex."""
