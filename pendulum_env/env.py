@@ -95,7 +95,10 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self._make = find("backend", backend, BACKENDS)
         self.backend = self._make(self._setup)
         self.backend.open()
-        self.rate = self.backend.recording.rate if isinstance(self.backend, Replay) else float(rate)
+        # what a wrapper may want to know of the measurement
+        self.recording = self.backend.recording if isinstance(self.backend, Replay) else None
+        self.rate = float(rate) if self.recording is None else self.recording.rate
+        self.counts = counts if self.recording is None else None
         self.metadata = {**self.metadata, "render_fps": max(1, round(self.rate))}
         high = np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32)
         self.observation_space = gym.spaces.Box(-high, high, dtype=np.float32)

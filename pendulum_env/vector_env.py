@@ -70,7 +70,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
         ideal = find("velocity", velocity, {"difference": False, "ideal": True})
         self.model = make_plant(theta, effects, model)
-        self.sensor = Sensor(counts, torque_noise, ideal)
+        self.sensor, self.counts = Sensor(counts, torque_noise, ideal), counts
         self.num_envs, self.rate, self.substeps, self.max_torque = num_envs, float(rate), int(substeps), max_torque
         self.max_episode_steps, self.render_mode = max_episode_steps, None
         high = np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32)

@@ -107,8 +107,11 @@ class Judge:
     def __call__(self, P: Array) -> Array:
         """Covariance (B, S, P, P)."""
         parameters = P.shape[-1]
-        free = np.maximum(self.count - parameters, 1.0)
-        guess = (GUESS * self.squares / free)[..., None, None] * P
+        spare = self.count - parameters
+        noise = np.where(
+            spare > 0, GUESS * self.squares / np.maximum(spare, 1.0), 1.0
+        )  # unit noise, before any is seen
+        guess = noise[..., None, None] * P
         known = self.known >= parameters + FEWEST
         correction = (self.known - 1) / np.maximum(self.known, 1)
         return np.where(known[..., None, None], correction[..., None, None] * (P @ self.meat @ P), guess)

@@ -83,6 +83,11 @@ class SchemeEstimate(Mapping[str, Any]):
     def __repr__(self) -> str:
         return repr(dict(self))
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SchemeEstimate) and all(np.array_equal(self[name], other[name]) for name in self)
+
+    __hash__ = None  # type: ignore[assignment]  # as of any mapping
+
 
 class OnlineEstimator:
     """Recursive least squares by any of the schemes, one sample per step.

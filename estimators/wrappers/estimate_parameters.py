@@ -52,7 +52,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             env: the environment.
             schemes: ids of schemes, or schemes; "all" are the six.
             terms: ids of terms, or terms with their shape parameters; None are the paper's four.
-            rate: samples per second [Hz]; None asks the environment.
+            rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             in_observation: whether theta and the standard errors of all schemes are appended to a Box observation.
             options: `smoothing`, `prior`, `forgetting`, `random_walk`, `reset_every`, `settle`; see `OnlineEstimator`.
 

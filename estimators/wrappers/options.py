@@ -7,12 +7,16 @@ from typing import Any
 
 import gymnasium as gym
 
+from estimators.measurements import Smoothing, choose_smoothing
 from estimators.online import OnlineEstimator
 from estimators.schemes import SCHEMES, OnlineScheme, scheme
+from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.library import term
+from pendulum_env.recording import Recording
 
 Names = str | Sequence[str | OnlineScheme]
+AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]
 
 
 def chosen_schemes(names: Names) -> tuple[OnlineScheme, ...]:
@@ -37,22 +41,37 @@ def chosen_terms(names: Sequence[str | Term] | None) -> tuple[Term, ...]:
     return tuple(term(item)() if isinstance(item, str) else item for item in names)
 
 
-def rate_of(env: gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any], rate: float | None) -> float:
+def rate_of(env: AnyEnv, rate: float | None) -> float:
     """Samples per second of an environment [Hz].
 
     Raises:
         ValueError: if neither the caller nor the environment knows.
     """
-    if rate is not None:
-        return rate
-    known = getattr(env.unwrapped, "rate", None)
+    known = _attribute(env, "rate") if rate is None else rate
     if known is None:
         raise ValueError("the environment does not say its sampling rate: pass rate=... in Hz")
     return float(known)
 
 
+def smoothing_of(env: AnyEnv, rate: float) -> Smoothing:
+    """Smoothing for an environment's encoder or the recording it plays; for the paper's encoder if neither is known."""
+    recording = _attribute(env, "recording")
+    if isinstance(recording, Recording):
+        return choose_smoothing(recording)
+    counts = _attribute(env, "counts")
+    return Smoothing.of_encoder(COUNTS if counts is None else counts, rate)
+
+
+def _attribute(env: AnyEnv, name: str) -> Any:
+    """Attribute of the innermost environment, of the first of several; None if it has none."""
+    inner = env.unwrapped
+    if isinstance(inner, gym.vector.SyncVectorEnv):
+        inner = inner.envs[0].unwrapped
+    return getattr(inner, name, None)
+
+
 def make(
-    env: gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any],
+    env: AnyEnv,
     schemes: Names,
     terms: Sequence[str | Term] | None,
     rate: float | None,
@@ -60,7 +79,10 @@ def make(
     options: dict[str, Any],
 ) -> OnlineEstimator:
     """Estimator for an environment; see `OnlineEstimator` for the options."""
-    return OnlineEstimator(rate_of(env, rate), chosen_terms(terms), chosen_schemes(schemes), batch=batch, **options)
+    rate = rate_of(env, rate)
+    if options.get("smoothing") is None:
+        options = {**options, "smoothing": smoothing_of(env, rate)}
+    return OnlineEstimator(rate, chosen_terms(terms), chosen_schemes(schemes), batch=batch, **options)
 
 
 def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:

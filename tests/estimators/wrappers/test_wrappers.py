@@ -128,6 +128,7 @@ def test_reset_starts_estimation_anew():
     last_info(env, 2000)
     _, info = env.reset()
     assert all((info["estimates"][scheme.id]["theta"] == 0).all() for scheme in SCHEMES)
+    assert np.diag(info["estimates"]["energy"]["covariance"]) == pytest.approx(1e7)  # nothing is known: P(0)
     a, b = last_info(env, 1000), last_info(EstimateParameters(gym.make(PENDULUM)), 1000)
     np.testing.assert_allclose(a["estimates"]["dynamic"]["theta"], b["estimates"]["dynamic"]["theta"], rtol=1e-9)
 
@@ -187,6 +188,34 @@ def test_many_pendulums_are_estimated_like_one():
         observation, reward, *_ = alone.step(POLICY.predict(observation, (k,))[0])
         rewards.append(reward)
     assert sum(rewards) + one == pytest.approx(total[1], rel=0.02)
+
+
+@pytest.mark.parametrize("counts", [8192, 65_536])
+def test_a_coarse_encoder_is_smoothed_as_it_needs(counts):
+    env = EstimateParameters(gym.make(PENDULUM, counts=counts, torque_noise=0.02), schemes="filtered_dynamic")
+    theta = last_info(env, 8000)["estimates"]["filtered_dynamic"]["theta"]
+    np.testing.assert_allclose(theta, list(PAPER.values()), rtol=0.02)
+
+
+def test_a_replay_is_estimated_like_the_run(tmp_path):
+    recorded = RecordMeasurements(gym.make(PENDULUM, counts=65_536, torque_noise=0.02), tmp_path / "run.csv")
+    last_info(recorded, 6000)
+    recorded.close()
+    env = EstimateParameters(gym.make(PENDULUM, backend="replay", recording=tmp_path / "run.csv"))
+    info = last_info(env, 10_000)
+    for scheme in SCHEMES:
+        np.testing.assert_allclose(info["estimates"][scheme.id]["theta"], list(PAPER.values()), rtol=0.02)
+
+
+def test_gymnasiums_own_vector_environments_are_estimated():
+    env = gym.make_vec(PENDULUM, num_envs=2, vectorization_mode="sync", counts=0)
+    env = EstimateParametersVector(env, schemes="dynamic")
+    observation, _ = env.reset(seed=0)
+    state = None
+    for _ in range(2000):
+        action, state = POLICY.predict(observation, state)
+        observation, *_, info = env.step(action)
+    np.testing.assert_allclose(info["estimates"]["dynamic"]["theta"], [list(PAPER.values())] * 2, rtol=0.01)
 
 
 def test_wrong_use_is_explained():
