@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.equations import Equations, IdentificationError
-from estimators.windows import WHOLE, Part, Windows, cut
+from estimators.windows import WHOLE, Part, Windows, cut, trace_all
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.physics.actuation import TorqueOffset
@@ -54,7 +54,8 @@ class Dataset:
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
         """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,)."""
-        per_window = [w.columns(variants) for w in self.windows]
+        traced = trace_all(self.windows, variants)
+        per_window = [w.columns(variants, own) for w, own in zip(self.windows, traced, strict=True)]
         return [
             (np.concatenate([phi for phi, _ in parts]), np.concatenate([fixed for _, fixed in parts]))
             for parts in zip(*per_window, strict=True)

@@ -16,7 +16,17 @@ from estimators.evidence import Evidence
 from estimators.identifiability import identifiability
 from estimators.measurements import measure
 from estimators.regions import Region, profiles, stand_out
-from estimators.search import BETTER, Progress, Search, has_transmission, impossible, look, no_progress, position_error
+from estimators.search import (
+    BETTER,
+    Progress,
+    Search,
+    has_transmission,
+    impossible,
+    look,
+    no_progress,
+    objection,
+    position_error,
+)
 from estimators.verdicts import judge
 from estimators.windows import SLOWEST
 from pendulum_env._typing import Array
@@ -112,13 +122,14 @@ def _examine(
     if search.is_astray(steps[-1]) or has_transmission(steps[-1].model.terms):
         progress("fitting the flights", 0.9)
         steps = search.fly(steps)
-    if search.is_astray(steps[-1]):
+    if search.hides(steps[-1]):
         # What happens near reversals shows in windows that come closer to them, if through more noise.
         closer, found = look(*gather(recordings, holdout, SHORTER), base, progress)
         found = closer.fly(found)
-        if len(found) > 1 and position_error(found[-1]) < BETTER * position_error(steps[-1]):
+        without = min(position_error(steps[-1]), position_error(found[0]))
+        if len(found) > 1 and position_error(found[-1]) < BETTER * without:
             search, steps, window_share = closer, found, SHORTER
-    if search.is_astray(steps[-1]):
+    if search.hides(steps[-1]):
         steps = search.grow_in_flight(steps)
     candidates, groups = judge(search, steps)
     doubts = identifiability([measure(recording) for recording in recordings], steps[-1].model.terms)
@@ -159,15 +170,20 @@ def upside_down(model: Model) -> list[str]:
 def unexplained(search: Search, last: Step) -> list[Region]:
     """Regions that the final model leaves unexplained, in torque or else in free-running motion."""
     left = search.train.residual(last.model.terms, last.model.theta)
-    wrong = impossible(last.model)
+    wrong = impossible(last.model, search.train.samples)
     if wrong:
         text = (
             f"{' and '.join(wrong)} came out negative, which no body has: check the signs of torque and position, "
             "or record a motion of more than one frequency"
         )
         return [Region("velocity", -np.inf, np.inf, 0.0, 0.0, text)]
+    regions = stand_out(profiles(search.train.samples, left, search.floor))
+    if search.unnamed is not None:
+        fast = float(np.abs(search.train.samples.velocity).max())
+        text = f"{search.unnamed.words} fits up to {fast:.3g} rad/s, and no effect of the library is such a law"
+        return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
     if is_structured(left, search.floor):
-        return stand_out(profiles(search.train.samples, left, search.floor))
+        return regions
     if search.is_astray(last):
         error = last.errors["train"].position_rms
         text = (
@@ -188,11 +204,19 @@ def is_structured(residual: Array, floor: float) -> bool:
 
 @dataclass(frozen=True)
 class Addition:
-    """One effect added to a model: the errors before and after the refit, and what noise alone would leave [N m]."""
+    """One effect added to a model.
+
+    Attributes:
+        before: the model refitted without the effect, and its errors.
+        after: the same with the effect.
+        noise_floor: torque error that measurement noise alone gives [N m].
+        objection: what speaks against the effect, None if nothing does.
+    """
 
     before: Step
     after: Step
     noise_floor: float
+    objection: str | None = None
 
 
 def add(model: Model, id: str, recordings: Sequence[Recording], holdout: Sequence[Recording] = ()) -> Addition:
@@ -209,4 +233,5 @@ def add(model: Model, id: str, recordings: Sequence[Recording], holdout: Sequenc
     before = search.report(None, search.settle(model.terms))
     trial = search.screen.best(before.model.terms, kind)
     terms = search.settle(trial.terms) if trial else (*before.model.terms, kind())
-    return Addition(before, search.report(id, terms), search.floor)
+    after = search.report(id, terms)
+    return Addition(before, after, search.floor, objection(after, before, search.train.samples))

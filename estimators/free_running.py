@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import distance_transform_cdt
 
-from estimators.windows import Windows
+from estimators.windows import Windows, trace_all
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Term, simulate
+from pendulum_env.physics.simulation import delayed, substeps
+from pendulum_env.physics.term import Memory
 
 SECONDS = 1.0  # length of a window
 
@@ -37,11 +39,14 @@ class Flights:
     position: Array
     velocity: Array
 
-    def before(self, delay: float) -> Array:
-        """Commands before the first of every flight, as far back as `delay` [s] reaches, oldest first (M, B) [N m]."""
+    def command(self, delay: float) -> Array:
+        """Held command in every flight, (N, B) [N m], `delay` [s] late; zero before the recording began."""
+        if delay == 0:
+            return self.torque
         recording = self.windows.recording
         reach = np.arange(-int(np.ceil(delay * recording.rate)) - 1, 0)[:, None] + self.first
-        return np.where(reach >= 0, recording.torque[np.maximum(reach, 0)], 0.0)
+        before = np.where(reach >= 0, recording.torque[np.maximum(reach, 0)], 0.0)
+        return delayed(self.torque, before, delay * recording.rate)
 
 
 def take_off(windows: Windows, seconds: float = SECONDS) -> Flights:
@@ -73,47 +78,104 @@ def follow(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
 
 
 def fly(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
-    """Simulated position in every flight, (N + 1, B) [rad].
+    """Simulated position in every flight, (N + 1, B) [rad]."""
+    return fly_all([flights], [(terms, theta)])[0][:, 0]
 
-    Terms with memory start from the state that the measured motion up to then has left them in.
+
+Parametrised = tuple[Sequence[Term], Array]  # terms and their linear parameters (P,)
+
+
+def fly_all(flights: Sequence[Flights], models: Sequence[Parametrised], nudges: Array | None = None) -> list[Array]:
+    """Simulated positions of V models, for each recording (N + 1, V, B) [rad]; the models' terms are of equal classes.
+
+    Recordings whose flights take as many periods are simulated together: a step of many costs little more.
+
+    Args:
+        flights: of each recording.
+        models: terms and linear parameters of each model.
+        nudges: added to the initial position [rad] and velocity [rad/s], for each model (V, 2).
     """
-    recording, first = flights.windows.recording, flights.first
-    memory = {}
-    for term in terms:
-        if term.delay:
-            continue  # a simulation delays the command itself
-        (x,) = flights.windows.trace([term])
-        memory.update({id: tuple(series[first] for series in state) for id, state in x.memory.items()})
+    nudges = np.zeros((len(models), 2)) if nudges is None else nudges
+    results: dict[int, Array] = {}
+    for together in _in_step(flights):
+        paths = _simulate([flights[k] for k in together], models, nudges)
+        results.update(zip(together, paths, strict=True))
+    return [results[k] for k in range(len(flights))]
+
+
+def _in_step(flights: Sequence[Flights]) -> list[list[int]]:
+    """Numbers of the recordings whose flights a simulation can step through together."""
+    groups: dict[tuple[int, int], list[int]] = {}
+    for k, flight in enumerate(flights):
+        key = len(flight.torque), substeps(1.0 / flight.windows.recording.rate)
+        groups.setdefault(key, []).append(k)
+    return list(groups.values())
+
+
+def _simulate(flights: Sequence[Flights], models: Sequence[Parametrised], nudges: Array) -> list[Array]:
+    """Simulated positions of V models in flights of as many periods, as `fly_all` gives them."""
+    counts = [len(flight.first) for flight in flights]
+
+    def each(series: Sequence[Array]) -> Array:
+        """One value a flight (B,) of each recording for every model, (V B,)."""
+        return np.tile(np.concatenate(series), len(models))
+
+    terms, memory = [], {}
+    for variants in zip(*(own for own, _ in models), strict=True):
+        if variants[0].delay:
+            continue  # the command is delayed below
+        stacked = {name: np.repeat([v.shape[name] for v in variants], sum(counts)) for name in variants[0].shape}
+        terms.append(replace(variants[0], **stacked))
+        memory.update(_memory(flights, variants))
+    delays = [sum(term.delay for term in own) for own, _ in models]
     path = simulate(
         terms,
-        theta,
-        1.0 / recording.rate,
-        flights.torque,
-        flights.position[0],
-        flights.velocity,
-        recording.time[first],
-        before=flights.before(sum(term.delay for term in terms)),
+        np.repeat(np.column_stack([theta for _, theta in models]), sum(counts), axis=1),
+        each([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in flights]),
+        np.concatenate([flight.command(delay) for delay in delays for flight in flights], axis=1),
+        each([flight.position[0] for flight in flights]) + np.repeat(nudges[:, 0], sum(counts)),
+        each([flight.velocity for flight in flights]) + np.repeat(nudges[:, 1], sum(counts)),
+        each([flight.windows.recording.time[flight.first] for flight in flights]),
         memory=memory,
     )
-    return path.position
+    positions = path.position.reshape(len(path.position), len(models), -1)
+    return np.split(positions, np.cumsum(counts)[:-1], axis=2)
+
+
+def _memory(flights: Sequence[Flights], variants: Sequence[Term]) -> dict[str, Memory]:
+    """State, at the start of every flight, in which the measured motion up to then has left V variants of a term."""
+    distinct = list(dict.fromkeys(variants))
+    traced = trace_all([flight.windows for flight in flights], distinct)
+    traces = [dict(zip(distinct, own, strict=True)) for own in traced]
+    states = {}
+    for id in traces[0][distinct[0]].memory:
+        rows = [
+            [series[flight.first] for series in trace[variant].memory[id]]
+            for variant in variants
+            for flight, trace in zip(flights, traces, strict=True)
+        ]
+        states[id] = tuple(np.concatenate(variable) for variable in zip(*rows, strict=True))
+    return states
 
 
 def position_noise(flights: Sequence[Flights], terms: Sequence[Term], theta: Array) -> float:
     """Root mean square position error that the noise of the torque channel and of the initial state gives [rad]."""
     rng = np.random.default_rng(0)
-    errors = []
-    for flight in flights:
-        w = flight.windows
-        shaken = replace(
+    shaken = [
+        replace(
             flight,
-            torque=flight.torque + w.raw_torque_noise * rng.standard_normal(flight.torque.shape),
-            velocity=flight.velocity + w.velocity_noise * rng.standard_normal(flight.velocity.shape),
+            torque=flight.torque + flight.windows.raw_torque_noise * rng.standard_normal(flight.torque.shape),
+            velocity=flight.velocity + flight.windows.velocity_noise * rng.standard_normal(flight.velocity.shape),
         )
-        errors.append((fly(shaken, terms, theta) - fly(flight, terms, theta))[1:].ravel())
-    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+        for flight in flights
+    ]
+    model = [(terms, theta)]
+    pairs = zip(fly_all(shaken, model), fly_all(flights, model), strict=True)
+    return float(np.sqrt(np.mean(np.concatenate([(one - other)[1:].ravel() for one, other in pairs]) ** 2)))
 
 
 def position_rms(flights: Sequence[Flights], terms: Sequence[Term], theta: Array) -> float:
     """Root mean square of the position error over all flights [rad]."""
-    errors = [follow(flight, terms, theta)[1:].ravel() for flight in flights]
+    paths = fly_all(flights, [(terms, theta)])
+    errors = [(path[:, 0] - flight.position)[1:].ravel() for path, flight in zip(paths, flights, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))

@@ -14,12 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.free_running import Flights
+from estimators.free_running import Flights, fly_all
 from estimators.least_squares import robust_covariance
 from estimators.shapes import continuous, moved
 from pendulum_env._typing import Array
-from pendulum_env.physics import Model, Term, simulate
-from pendulum_env.physics.simulation import delayed
+from pendulum_env.physics import Model, Term
 
 TURNS = 12
 SHARES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step that are tried
@@ -62,60 +61,25 @@ class Point:
 NUDGE = np.array([1e-4, 1e-3])  # of the initial position [rad] and velocity [rad/s], for their sensitivities
 
 
-def paths(flights: Flights, points: Sequence[Point]) -> Array:
-    """Simulated positions in B flights at V points, then at the first point from nudged states, (N, V + 2, B) [rad]."""
-    everyone = [*points, points[0], points[0]]
-    recording, first, batch = flights.windows.recording, flights.first, len(flights.first)
-    terms, memory = [], {}
-    for variants in zip(*(point.terms for point in everyone), strict=True):
-        if variants[0].delay:
-            continue  # the command is delayed below
-        stacked = {name: np.repeat([v.shape[name] for v in variants], batch) for name in variants[0].shape}
-        terms.append(replace(variants[0], **stacked))
-        distinct = list(dict.fromkeys(variants))
-        states = dict(zip(distinct, flights.windows.trace(distinct), strict=True))
-        for id in states[distinct[0]].memory:
-            series = zip(*(states[variant].memory[id] for variant in variants), strict=True)
-            memory[id] = tuple(np.concatenate([one[first] for one in variable]) for variable in series)
-    nudges = np.zeros((len(everyone), 2))
-    nudges[-2:] = np.diag(NUDGE)
-    path = simulate(
-        terms,
-        np.repeat(np.column_stack([point.theta for point in everyone]), batch, axis=1),
-        1.0 / recording.rate,
-        np.concatenate([_command(flights, sum(term.delay for term in point.terms)) for point in everyone], axis=1),
-        np.tile(flights.position[0], len(everyone)) + np.repeat(nudges[:, 0], batch),
-        np.tile(flights.velocity, len(everyone)) + np.repeat(nudges[:, 1], batch),
-        np.tile(recording.time[first], len(everyone)),
-        memory=memory,
-    )
-    return path.position[1:].reshape(-1, len(everyone), batch)
-
-
-def _command(flights: Flights, delay: float) -> Array:
-    """Held command in every flight, (N, B), `delay` [s] late."""
-    if delay == 0:
-        return flights.torque
-    return delayed(flights.torque, flights.before(delay), delay * flights.windows.recording.rate)
-
-
-def _errors(flights: Flights, points: Sequence[Point]) -> Array:
-    """Position errors (B, N, V) at V points, free of what another initial state would explain.
+def residuals(flights: Sequence[Flights], points: Sequence[Point]) -> list[Array]:
+    """Position errors of V points, for each recording (B, N, V), free of what another initial state would explain.
 
     The part of each flight's error that its two initial-state sensitivities can explain is taken out.
     """
+    everyone = [(point.terms, point.theta) for point in (*points, points[0], points[0])]
+    nudges = np.zeros((len(everyone), 2))
+    nudges[-2:] = np.diag(NUDGE)
+    return [_errors(*pair) for pair in zip(flights, fly_all(flights, everyone, nudges), strict=True)]
+
+
+def _errors(flights: Flights, path: Array) -> Array:
+    """Errors (B, N, V) of simulated positions (N + 1, V + 2, B), the last two of them from nudged initial states."""
     grain = max(1, round(GRAIN * flights.windows.recording.rate))
-    path = paths(flights, points)[grain - 1 :: grain]
-    measured = flights.position[1:][grain - 1 :: grain]
+    path, measured = path[grain::grain], flights.position[grain::grain]
     sensitivity = np.moveaxis((path[:, -2:] - path[:, :1]) / NUDGE[:, None], 2, 0)  # (B, N, 2)
     frames, _ = np.linalg.qr(sensitivity)
     error = np.moveaxis(path[:, :-2] - measured[:, None], 2, 0)  # (B, N, V)
     return np.asarray(error - frames @ (np.swapaxes(frames, 1, 2) @ error))
-
-
-def residuals(flights: Sequence[Flights], points: Sequence[Point]) -> list[Array]:
-    """Residuals of V points over all flights: for each recording (B, N, V)."""
-    return [_errors(flight, points) for flight in flights]
 
 
 def weigh(flights: Sequence[Flights], point: Point) -> list[Array]:

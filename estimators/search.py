@@ -21,10 +21,13 @@ from estimators.diagnosis import Step
 from estimators.evidence import Evidence, fit_terms
 from estimators.free_running import position_noise
 from estimators.screen import Screen, Trial
-from pendulum_env.physics import BASE, Model, Term, effects
+from estimators.unnamed import IMITATED, IMITATORS, PowerLaw
+from pendulum_env.physics import BASE, Model, Samples, Term, effects
 
 MATERIAL = 0.97  # an effect has to lower the cross-validated torque error to this share of it
-SHARE = 0.2  # and to explain this much of what noise does not
+SHARE = 0.2  # and to explain this much of what noise does not,
+NEEDED = 0.36  # or this much to stay once all others are in,
+PLAIN = float(np.sqrt(1 - NEEDED))  # which is this share of the error where noise is small
 HELD_OUT = 0.96  # and the held-out torque error to this
 SURPRISE = 10.0  # and to be this many nats likelier than its absence, besides the number of variants tried
 TIE = 5.0  # nats within which two effects count as equally likely
@@ -38,6 +41,8 @@ IN_FLIGHT = 6  # starts from which they are fitted, of those that promise most
 NO_WORSE = 1.02  # ratio of held-out torque errors within which an effect may stay that only flights show
 TEMPER = 10.0  # likelihood ratios are flattened by this: model errors are not white noise
 LOOSE = 2.5  # times the noise floor: transmissions leave more than this, and take long to search
+SELDOM = 0.1  # share of the samples at which friction may come out as negative
+BRANCHES = 3  # effects, of those that promise most, that are tried
 MOST = 6  # effects in one model
 
 Progress = Callable[[str, float], None]  # what is being done, share of the work that is done
@@ -54,6 +59,7 @@ class Search:
     train: Evidence
     holdout: Evidence
     progress: Progress = no_progress
+    unnamed: PowerLaw | None = None  # damping found that no effect of the library is
 
     def __post_init__(self) -> None:
         self.screen = Screen(self.train.data)
@@ -100,13 +106,19 @@ class Search:
         ties.sort(key=lambda trial: complexity(trial.terms[-1]))
         return ties + trials[len(ties) :]
 
-    def is_material(self, after: Trial, before: Trial) -> bool:
-        """Whether the last term of `after` lowers the predicted error by more than chance and by more than a trifle."""
+    def is_material(self, after: Trial, before: Trial, share: float = SHARE) -> bool:
+        """Whether the last term of `after` lowers the predicted error by more than chance and by more than a trifle.
+
+        Args:
+            after: with the term.
+            before: without it.
+            share: of what noise does not explain, that the term has to explain.
+        """
         variants = 1 + sum(1 for _ in after.terms[-1].grid(self.train.samples, self.screen.residual(before.terms)))
         enough = SURPRISE + 2 * np.log(variants)
         old, new = before.predicted_rms, after.predicted_rms
         explained = (old**2 - new**2) / (old**2 - self.floor**2) if old > self.floor else 0.0
-        return self.nats(after, before) > enough and new < MATERIAL * old and explained > SHARE
+        return self.nats(after, before) > enough and new < MATERIAL * old and explained > share
 
     def step(self, added: str | None, terms: Sequence[Term]) -> Step:
         """Fit the terms to the training data and take the errors; without standard errors, which take longer."""
@@ -128,7 +140,7 @@ class Search:
 
     def is_confirmed(self, after: Step, before: Step, torque: float = HELD_OUT) -> bool:
         """Whether held-out errors fall, both of them, and the parameters are those of a body with friction."""
-        return objection(after, before, torque) is None
+        return objection(after, before, self.train.samples, torque) is None
 
     def is_as_good(self, rival: Step, chosen: Step) -> bool:
         """Whether a rival follows the held-out recordings as well as the model that was chosen, or nearly."""
@@ -146,6 +158,14 @@ class Search:
         motion = float(np.std(np.concatenate([flight.position.ravel() for flight in flights])))
         noise = max(LEAST_POSITION * motion, position_noise(flights, step.model.terms, step.model.theta))
         return step.errors["train"].position_rms > ASTRAY * noise
+
+    def fits(self, step: Step) -> bool:
+        """Whether the torque fits."""
+        return step.errors["train"].torque_rms < LOOSE * self.floor
+
+    def hides(self, step: Step) -> bool:
+        """Whether the motion goes astray for something that the torque does not show."""
+        return self.unnamed is None and self.fits(step) and self.is_astray(step)
 
     def fly(self, steps: list[Step]) -> list[Step]:
         """The steps with the last model refined by free-running simulation, if held-out flights gain much by it."""
@@ -165,8 +185,8 @@ class Search:
         """
         while len(steps) <= MOST and self.is_astray(steps[-1]):
             found = self._best_in_flight(steps[-1])
-            if found is None:
-                break
+            if found is None or (self.is_astray(found) and position_error(found) > PLAIN * position_error(steps[-1])):
+                break  # a small repair of a motion that lacks more than that
             steps = [*steps, found]
         return steps
 
@@ -218,27 +238,78 @@ class Search:
                 trial = self.screen.refine(trial, term.id)
         return trial.terms
 
-    def grow(self, base: tuple[Term, ...]) -> list[Step]:
+    def grow(self, steps: list[Step]) -> list[Step]:
         """Add effects one at a time while they help."""
-        steps = [self.step(None, base)]
         while len(steps) <= MOST:
             terms = steps[-1].model.terms
             before = self.screen.trial(terms)
             confirmed: list[tuple[Trial, Step]] = []
-            for trial in self.alternatives(terms)[:3]:
+            for trial in self.alternatives(terms)[:BRANCHES]:
                 if confirmed and not self._is_level(trial, confirmed[0][0]):
                     break
-                if not self.is_material(trial, before):
-                    continue
-                self.progress(f"confirming {trial.terms[-1].id}", 0.9)
-                candidate = self.step(trial.terms[-1].id, self.settle(trial.terms))
-                if self.is_confirmed(candidate, steps[-1]):
-                    confirmed.append((trial, candidate))
+                step = self._confirmed(trial, before, steps[-1])
+                if step is not None:
+                    confirmed.append((trial, step))
             if not confirmed:
                 break
             # what the torque cannot tell apart, the motion may
-            steps.append(min((step for _, step in confirmed), key=lambda step: step.errors["train"].position_rms))
+            steps = [*steps, min((step for _, step in confirmed), key=lambda step: step.errors["train"].position_rms)]
         return steps
+
+    def _confirmed(self, trial: Trial, before: Trial, last: Step) -> Step | None:
+        """The step to a trial, if its last term is material and held-out data confirm it."""
+        if not self.is_material(trial, before):
+            return None
+        self.progress(f"confirming {trial.terms[-1].id}", 0.9)
+        step = self.step(trial.terms[-1].id, self.settle(trial.terms))
+        return step if self.is_confirmed(step, last) else None
+
+    def find(self, base: tuple[Term, ...]) -> list[Step]:
+        """Steps to the best model there is; where the one that grows first does not fit, others may start otherwise."""
+        bare = self.step(None, base)
+        grown = self.grow([bare])
+        found = self.prune(grown)
+        if len(grown) == 1 or self.fits(found[-1]) or has_transmission(found[-1].model.terms):
+            return found
+        before = self.screen.trial(base)
+        for trial in self.alternatives(base)[:BRANCHES]:
+            step = self._confirmed(trial, before, bare) if trial.terms[-1].id != grown[1].added else None
+            if step is not None:
+                found = min(found, self.prune(self.grow([bare, step])), key=self._cost)
+        return found
+
+    def _cost(self, steps: list[Step]) -> float:
+        """Predicted error of the last model [N m], raised for each effect by as much as it has to be worth."""
+        return self.screen.trial(steps[-1].model.terms).predicted_rms / PLAIN ** len(steps)
+
+    def disown(self, steps: list[Step]) -> list[Step]:
+        """The steps without friction effects that only imitate a law which the library does not name."""
+        base, terms = steps[0].model.terms, steps[-1].model.terms
+        imitators = [term for term in terms[len(base) :] if term.id in IMITATORS]
+        if all(term.id != IMITATED for term in imitators):
+            return steps
+        trial = self.screen.best(tuple(term for term in terms if term not in imitators), PowerLaw)
+        if trial is None or trial.predicted_rms > LOOSE * self.floor:
+            return steps
+        *others, law = self.settle(trial.terms)
+        simpler = complexity(law) < sum(complexity(term) for term in imitators)
+        gain = self.nats(self.screen.trial((*others, law)), self.screen.trial(terms))
+        if not isinstance(law, PowerLaw) or law.is_named or gain < (-TIE if simpler else SURPRISE):
+            return steps
+        self.unnamed = law
+        needed = self.challenge((*base, law), (*base, law, *others[len(base) :]))
+        return self.ladder(base, tuple(term for term in needed if term is not law))
+
+    def prune(self, grown: list[Step]) -> list[Step]:
+        """The steps after every effect has been challenged; as they have grown if held-out data do not confirm that."""
+        base, terms = grown[0].model.terms, grown[-1].model.terms
+        challenged = self.challenge(base, terms)
+        if {term.id for term in challenged} != {term.id for term in terms}:
+            challenged = self.settle(challenged)
+        steps = self.ladder(base, challenged)
+        if all(self.is_confirmed(after, before) for before, after in pairwise(steps)):
+            return steps
+        return [self.report(step.added, step.model.terms) for step in grown]
 
     def _is_level(self, one: Trial, other: Trial) -> bool:
         """Whether two trials tie, and their last terms are equally complex."""
@@ -246,54 +317,73 @@ class Search:
         return level and abs(self.nats(one, other)) < self.margin(one, other)
 
     def challenge(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> tuple[Term, ...]:
-        """Swap added effects for others that do clearly better in their place, and drop those that are not needed."""
-        for _ in range(MOST):
+        """Swap added effects for others that do clearly better in their place, and drop those that are not needed.
+
+        Beside all others, what is really there explains most of what noise does not. A model that lacks something else
+        is imperfect in ways that nearly every effect helps a little to hide.
+        """
+        for _ in range(2 * MOST):
             current = self.screen.trial(terms)
-            changed = False
-            for term in terms[len(base) :]:
-                others = tuple(t for t in terms if t is not term)
-                without = self.screen.trial(others)
-                if not self.is_material(replace(current, terms=(*others, term)), without):
-                    terms, changed = others, True
-                    break
-                if len(others) > len(base):
-                    rivals = self.alternatives(others, barred=[term.id])
+            changed = None
+            for without in self._weakest_first(base, terms):
+                term = next(t for t in terms if t not in without.terms)
+                if not self.is_material(replace(current, terms=(*without.terms, term)), without, NEEDED):
+                    changed = without.terms
+                elif len(without.terms) > len(base):
+                    rivals = self.alternatives(without.terms, barred=[term.id])
                     if rivals and self.nats(rivals[0], current) > SURPRISE:
-                        terms, changed = self.settle(rivals[0].terms), True
-                        break
-            if not changed:
+                        changed = self.settle(rivals[0].terms)
+                if changed:
+                    break
+            if changed is None:
                 break
+            terms = changed
         return terms
 
+    def _weakest_first(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> list[Trial]:
+        """Trials without each of the added terms, the one that is missed least first."""
+        withouts = [self.screen.trial(tuple(t for t in terms if t is not term)) for term in terms[len(base) :]]
+        return sorted(withouts, key=lambda trial: trial.predicted_rms)
+
     def ladder(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> list[Step]:
-        """Steps from the base to the final terms, at each the one that helps most."""
-        steps, left = [self.report(None, base)], list(terms[len(base) :])
-        while left:
-            present = steps[-1].model.terms
-            trials = [self.screen.trial((*present, term)) for term in left]
-            best = min(trials, key=lambda trial: trial.predicted_rms).terms[-1]
-            left.remove(best)
-            steps.append(self.report(best.id, (*present, best)))
+        """Steps from the base to the final terms; first comes what the final model can do without least."""
+        order: list[Term] = []
+        while len(terms) > len(base):
+            kept = self._weakest_first(base, terms)[0].terms
+            order.insert(0, next(term for term in terms if term not in kept))
+            terms = kept
+        steps = [self.report(None, base)]
+        for term in order:
+            steps.append(self.report(term.id, (*steps[-1].model.terms, term)))
         return steps
 
 
-def impossible(model: Model) -> list[str]:
-    """Names of parameters whose values no body with friction has."""
-    values = {name: estimate.value for name, estimate in model.estimates.items()}
-    negative = [name for name in ("inertia", "coulomb") if values.get(name, 0.0) < 0]
-    return negative if values.get("inertia", 1.0) != 0 else ["inertia", *negative]
+def impossible(model: Model, x: Samples) -> list[str]:
+    """What came out negative though no body has it so: inertia, or the power that friction takes along the samples.
+
+    One kind of friction alone may come out negative where the others outweigh it at every speed that was seen.
+    """
+    inertia = model.estimates["inertia"].value if "inertia" in model.estimates else 1.0
+    power, first = np.zeros_like(x.velocity), 0
+    for term in model.terms:
+        theta, first = model.theta[first : first + len(term.columns)], first + len(term.columns)
+        if term.kind == "dissipative" and type(term).start is Term.start:
+            power += sum(value * column.power(x) for value, column in zip(theta, term.columns, strict=True))
+    negative = ["friction"] if np.mean(power < 0) > SELDOM else []
+    return ["inertia", *negative] if inertia <= 0 else negative
 
 
-def objection(after: Step, before: Step, torque: float = HELD_OUT) -> str | None:
+def objection(after: Step, before: Step, x: Samples, torque: float = HELD_OUT) -> str | None:
     """What speaks against an added effect, None if nothing does.
 
     Args:
         after: the step with the effect.
         before: the step without it.
+        x: samples of the training data.
         torque: share of the held-out torque error to which it has to lower it.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
-    wrong = impossible(after.model)
+    wrong = impossible(after.model, x)
     if wrong:
         return f"makes {' and '.join(wrong)} negative"
     if new.position_rms >= old.position_rms:
@@ -324,12 +414,4 @@ def complexity(term: Term) -> int:
 def look(train: Evidence, test: Evidence, base: Sequence[Term], progress: Progress) -> tuple[Search, list[Step]]:
     """Search the library; returns the steps from the base model to the final one."""
     search = Search(train, test, progress)
-    start = search.settle(base)
-    grown = search.grow(start)[-1].model.terms
-    terms = search.challenge(start, grown)
-    if {term.id for term in terms} != {term.id for term in grown}:
-        terms = search.settle(terms)
-    steps = search.ladder(start, terms)
-    if not all(search.is_confirmed(after, before) for before, after in pairwise(steps)):
-        steps = search.ladder(start, grown)
-    return search, steps
+    return search, search.disown(search.find(search.settle(base)))

@@ -10,6 +10,7 @@ import numpy as np
 from estimators.diagnosis import Candidate, Step, Verdict
 from estimators.screen import Trial
 from estimators.search import HELD_OUT, LOOSE, SURPRISE, TEMPER, Search, complexity, objection
+from estimators.unnamed import IMITATORS
 from pendulum_env.physics import Term
 
 
@@ -100,11 +101,13 @@ def _fall(before: Step, after: Step, error: str) -> str:
 
 
 def _why_rejected(search: Search, trial: Trial, ratio: float, steps: Sequence[Step]) -> str:
+    if search.unnamed is not None and trial.terms[-1].id in IMITATORS:
+        return f"only imitates {search.unnamed.words}, which the library does not have"
     where = "once the selected effects are in" if len(steps) > 1 else "beside the base model"
     if ratio >= 1:
         return f"does not lower the held-out torque error {where} ({100 * (ratio - 1):+.3g} %)"
     lowered = f"lowers the held-out torque error by {100 * (1 - ratio):.1f} % {where}"
     if ratio > HELD_OUT:
         return f"{lowered}: no more than chance would"
-    speaks_against = objection(search.step(trial.terms[-1].id, trial.terms), steps[-1])
+    speaks_against = objection(search.step(trial.terms[-1].id, trial.terms), steps[-1], search.train.samples)
     return f"{lowered}, but {speaks_against or 'that is too little of what noise leaves to explain'}"

@@ -26,7 +26,7 @@ from scipy.ndimage import binary_dilation
 from estimators.motion import from_position, from_velocity, white_noise
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.physics import Column, Samples, Term
-from pendulum_env.physics.term import trace
+from pendulum_env.physics.term import traces
 from pendulum_env.recording import Recording
 
 LEAD_IN = 0.3  # [s] at the start, in which effects with memory still know a start that was not recorded
@@ -78,16 +78,14 @@ class Windows:
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
         """Samples with the state variables that each of several variants of one effect has along the recording."""
-        recording, period, x, kind = self.recording, 1.0 / self.recording.rate, self.samples, type(variants[0])
-        if kind.kind == "transmission":  # impacts are shorter than any smoothing
-            x = replace(x, position=recording.position, velocity=np.gradient(recording.position, period))
-        if kind.trace is not Term.trace:
-            memories = [variant.trace(x, recording.torque, period) for variant in variants]
-        elif kind.advance is not Term.advance:
-            memories = trace(variants, x, recording.torque, period)
-        else:
-            return [x] * len(variants)
-        return [replace(x, memory={v.id: memory}) for v, memory in zip(variants, memories, strict=True)]
+        return trace_all([self], variants)[0]
+
+    def driving(self, kind: type[Term]) -> Samples:
+        """Samples that drive the state of an effect."""
+        if kind.kind != "transmission":
+            return self.samples
+        q = self.recording.position  # impacts are shorter than any smoothing
+        return replace(self.samples, position=q, velocity=np.gradient(q, 1.0 / self.recording.rate))
 
     def column(self, column: Column, x: Samples) -> Array:
         """Averages (R,) of a column of the regressor, `x` being the samples with the term's state variables."""
@@ -97,10 +95,15 @@ class Windows:
         averages = self.average(column.mass(x) * self.acceleration) + self.average(smooth, kernel)
         return np.nan_to_num(averages, nan=0.0, posinf=0.0, neginf=0.0)  # a state that diverged explains nothing
 
-    def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
-        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,)."""
+    def columns(self, variants: Sequence[Term], traced: Sequence[Samples] | None = None) -> list[tuple[Array, Array]]:
+        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,).
+
+        Args:
+            variants: of one effect.
+            traced: their samples with state variables, where these are known already.
+        """
         parts = []
-        for variant, x in zip(variants, self.trace(variants), strict=True):
+        for variant, x in zip(variants, self.trace(variants) if traced is None else traced, strict=True):
             linear = [self.column(c, x) for c in variant.columns]
             # fixed columns are torques that hold like the command, and already averages over the triangle
             fixed = sum((self.average(c.force(x)) for c in variant.fixed), np.zeros(len(self.centers)))
@@ -132,6 +135,24 @@ class Windows:
     def noise(self, inertia: float) -> float:
         """Standard deviation that measurement noise alone gives a window's residual [N m]."""
         return float(np.hypot(self.torque_noise, inertia * self.acceleration_noise))
+
+
+def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list[Samples]]:
+    """Samples with the state variables of each of several variants of one effect, along each of several recordings."""
+    kind = type(variants[0])
+    driving = [w.driving(kind) for w in windows]
+    commands, periods = [w.recording.torque for w in windows], [1.0 / w.recording.rate for w in windows]
+    if kind.trace is not Term.trace:
+        runs = zip(driving, commands, periods, strict=True)
+        memories = [[variant.trace(*run) for variant in variants] for run in runs]
+    elif kind.advance is not Term.advance:
+        memories = traces(variants, driving, commands, periods)
+    else:
+        return [[x] * len(variants) for x in driving]
+    return [
+        [replace(x, memory={v.id: memory}) for v, memory in zip(variants, own, strict=True)]
+        for x, own in zip(driving, memories, strict=True)
+    ]
 
 
 def bump(half_width: int) -> Array:

@@ -21,7 +21,7 @@ SIZES = {
     "cogging": {"cog_n": 14.0, "cog_s": 0.15, "cog_c": 0.1},
     "torque_offset": {"offset": -0.2},
     "gravity_tilt": {"tilt_cos": 0.2},
-    "load_dependent_friction": {"load_mu": 0.1},
+    "load_dependent_friction": {"load_mu": 0.1, "load_w": 1.5},
     "periodic_disturbance": {"dist_a": 0.2, "dist_w": 20.0, "dist_ph": 1.0},
     "coulomb_asymmetry": {"asym_c": 0.2},
 }
@@ -32,7 +32,11 @@ def shooting(plant: Plant, rate: float, command: np.ndarray) -> np.ndarray:
     p = plant.parameters
 
     def dry(q: float, v: float, u: float) -> float:
-        return p["coulomb"] + p["strib_d"] * np.exp(-((v / p["strib_v"]) ** 2)) + p["load_mu"] * abs(u)
+        return (
+            p["coulomb"]
+            + p["strib_d"] * np.exp(-((v / p["strib_v"]) ** 2))
+            + p["load_mu"] * abs(u + p["load_w"] * np.sin(q))
+        )
 
     def drive(t: float, q: float, v: float, u: float) -> float:
         motor = u + p["offset"] + p["cog_s"] * np.sin(p["cog_n"] * q) + p["cog_c"] * np.cos(p["cog_n"] * q)

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from scipy.signal import lfilter
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric, one
 
 
@@ -94,7 +94,7 @@ class ActuatorLag(Term):
     def start(self, x: Samples) -> Memory:
         return (np.asarray(x.torque + 0.0 * x.position),)
 
-    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         return (x.torque + (memory[0] - x.torque) * np.exp(-duration / self.time_constant),)
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:

@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric, one
 
 
@@ -88,16 +88,37 @@ class QuadraticDrag(Term):
 
 @dataclass(frozen=True)
 class LoadDependentFriction(Term):
-    """Dry friction that grows with the transmitted torque, as in gears: mu |tau| sgn q'."""
+    """Dry friction that grows with the load of a gear, mu |tau| sgn q'.
+
+    Teeth are pressed from both sides, by the motor and by what hangs on the output; holding a weight, both press alike.
+    The weight's part w is zero where the motor drives the joint directly; a servo that is switched off, so that its
+    tau is zero, keeps this part.
+    Source: Duclusaud et al., Extended Friction Models for the Physics Simulation of Servo Actuators, 2024.
+    """
+
+    weight: float = 0.0
 
     id = "load_dependent_friction"
-    law = "mu |tau| sgn q'"
+    law = "mu |tau + w sin q| sgn q'"
     kind = "dissipative"
     reveal = "the same speeds under different torques"
+    shapes = (Shape("weight", "N m", 0.0, 1e4),)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return (Column("load_dependent_friction", "1", dry=lambda x: np.abs(x.torque), of_torque=True),)
+        return (
+            Column(
+                "load_dependent_friction",
+                "1",
+                dry=lambda x: np.abs(x.torque + self.weight * np.sin(x.position)),
+                of_torque=True,
+            ),
+        )
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        usual = float(np.std(x.torque))
+        return [cls(share * usual) for share in (0.0, 0.5, 1.0, 2.0)]
 
 
 @dataclass(frozen=True)
@@ -148,7 +169,7 @@ class Presliding(Term):
     def start(self, x: Samples) -> Memory:
         return (np.sign(x.velocity) + 0.0 * x.position,)
 
-    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         # exact for a constant direction: z - sgn q' decays with the distance travelled
         direction = np.sign(x.velocity)
         return (direction + (memory[0] - direction) * np.exp(-np.abs(x.velocity) * duration / self.displacement),)

@@ -59,7 +59,7 @@ class Balance:
         """State variables of all terms that have any, for a joint that has been as in `x` for long."""
         return {term.id: term.start(x) for term in self._remembering}
 
-    def advance(self, x: Samples, duration: float) -> Mapping[str, Memory]:
+    def advance(self, x: Samples, duration: ArrayLike) -> Mapping[str, Memory]:
         """State variables of all terms `duration` [s] later."""
         if not self._remembering:
             return x.memory
@@ -95,7 +95,12 @@ def _directed(net: ArrayLike, dry: ArrayLike, direction: ArrayLike) -> ArrayLike
     return np.where(direction == 0, at_rest, net - dry * direction)
 
 
-def step(balance: Balance, x: Samples, duration: float) -> Samples:
+def substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int:
+    """Integration steps that a period takes."""
+    return max(1, int(np.ceil(np.max(period) / longest_step - 1e-9)))
+
+
+def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
     """Advance time, position, velocity and memory by `duration` [s] under constant commanded torque; all (B,)."""
     q, v, h = np.asarray(x.position), np.asarray(x.velocity), duration
     direction = np.sign(v)
@@ -122,7 +127,7 @@ def step(balance: Balance, x: Samples, duration: float) -> Samples:
         new_q = np.where(stops, stop_q + 0.5 * leave * left**2, new_q)
         new_v = np.where(stops, leave * left, new_v)
     memory = balance.advance(replace(middle, velocity=0.5 * (middle_v + new_v)), 0.5 * h)
-    new_q, new_v = (np.clip(np.nan_to_num(part), -UNBOUNDED, UNBOUNDED) for part in (new_q, new_v))
+    new_q, new_v = (np.fmin(np.fmax(part, -UNBOUNDED), UNBOUNDED) for part in (new_q, new_v))
     return Samples(x.time + h, new_q, new_v, x.torque, memory)
 
 
@@ -165,7 +170,7 @@ class CommandLine:
 def simulate(
     terms: Sequence[Term],
     theta: Array,
-    period: float,
+    period: ArrayLike,
     torque: Array,
     position: ArrayLike,
     velocity: ArrayLike,
@@ -180,7 +185,7 @@ def simulate(
     Args:
         terms: terms of the model, with P linear parameters in all.
         theta: linear parameters, (P,) for all pendulums or (P, B).
-        period: time between commands [s].
+        period: time between commands, scalar or, without a term that delays the torque, (B,) [s].
         torque: command, (N,) for all pendulums or (N, B) [N m].
         position: initial position, scalar or (B,) [rad].
         velocity: initial velocity, scalar or (B,) [rad/s].
@@ -192,17 +197,23 @@ def simulate(
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
     batch = np.broadcast_shapes(
-        np.shape(position), np.shape(velocity), np.shape(start), torque.shape[1:], np.shape(theta)[1:], (1,)
+        np.shape(position),
+        np.shape(velocity),
+        np.shape(start),
+        np.shape(period),
+        torque.shape[1:],
+        np.shape(theta)[1:],
+        (1,),
     )
     balance = Balance(terms, np.asarray(theta, dtype=float))
-    substeps = max(1, int(np.ceil(period / longest_step - 1e-9)))
-    h = period / substeps
-    commands = np.repeat(torque, substeps, axis=0)
+    count = substeps(period, longest_step)
+    h = period / count
+    commands = np.repeat(torque, count, axis=0)
     delay = sum(term.delay for term in terms)
     if delay > 0:
         earlier = np.zeros((0, *torque.shape[1:])) if before is None else np.asarray(before, dtype=float)
         earlier = earlier[:, None] if earlier.ndim == 1 else earlier
-        commands = delayed(commands, np.repeat(earlier, substeps, axis=0), delay / h)
+        commands = delayed(commands, np.repeat(earlier, count, axis=0), float(delay / h))
     q, v, t = (np.broadcast_to(np.asarray(a, dtype=float), batch).copy() for a in (position, velocity, start))
     x = Samples(t, q, v, commands[0] if len(commands) else np.zeros(1))
     x = replace(x, memory={**balance.start(x), **(memory or {})})
@@ -210,6 +221,6 @@ def simulate(
     positions[0], velocities[0] = q, v
     for k, command in enumerate(commands):
         x = step(balance, replace(x, torque=command), h)
-        if (k + 1) % substeps == 0:
-            positions[(k + 1) // substeps], velocities[(k + 1) // substeps] = x.position, x.velocity
+        if (k + 1) % count == 0:
+            positions[(k + 1) // count], velocities[(k + 1) // count] = x.position, x.velocity
     return Trajectory(positions, velocities)

@@ -140,7 +140,7 @@ class Term:
         """State variables of a joint that has been as in `x` for long; empty for a term without memory."""
         return ()
 
-    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         """State variables `duration` [s] later, position and velocity moving on as in `x`, the command held."""
         return memory
 
@@ -155,46 +155,69 @@ class Term:
 
 
 def trace(variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:
-    """State variables of V variants of one effect, driven along N recorded samples of the motion.
+    """State variables of V variants of one effect along one recording, see `traces`; for each variant, each (N,)."""
+    return traces(variants, [x], [command], [period])[0]
 
-    All variants advance together: their shape parameters are stacked into arrays (V,).
+
+def traces(
+    variants: Sequence[Term], runs: Sequence[Samples], commands: Sequence[Array], periods: Sequence[float]
+) -> list[list[Memory]]:
+    """State variables of V variants of one effect, driven along the recorded motion of several recordings.
+
+    All variants and all recordings advance together: shape parameters are stacked into arrays (V, 1), and stretches of
+    the recordings run side by side, each led in from a little before, long enough to forget how it began.
 
     Args:
         variants: terms of one class.
-        x: samples of the motion (N,).
-        command: torque held from each sample to the next (N,) [N m].
-        period: between samples [s].
+        runs: samples of the motion, (N,) of each recording.
+        commands: torque held from each sample to the next (N,) [N m].
+        periods: between samples [s].
 
     Returns:
-        For each variant its state variables, each (N,), at the samples.
+        For each recording and each variant its state variables, each (N,), at the samples.
     """
     fields = {name: np.array([variant.shape[name] for variant in variants]) for name in variants[0].shape}
     stacked = type(variants[0])(**{name: values[:, None] for name, values in fields.items()})
-    count = len(command)
-    lead = count if np.isinf(stacked.forgets) else int(np.ceil(stacked.forgets / period))
-    # Stretches of the recording run side by side; each is led in from a little before, long enough to forget.
-    length = max(lead, int(np.ceil(count / 64))) if lead < count else count
-    begins = np.arange(0, count, length)
-    steps = length if len(begins) == 1 else length + lead
-    at = np.clip(begins + np.arange(-(steps - length), length)[:, None], 0, count - 1)  # (steps, stretches)
-    time, position, velocity = (np.asarray(series)[at] for series in (x.time, x.position, x.velocity))
-    commands = command[at]
+    counts = [len(command) for command in commands]
+    longest = max(counts)
+    lead = longest if np.isinf(stacked.forgets) else int(np.ceil(stacked.forgets / min(periods)))
+    length = max(lead, int(np.ceil(longest / 64))) if lead < longest else longest
+    begins = [np.arange(0, count, length) for count in counts]
+    stretches = [len(own) for own in begins]
+    steps = length if max(stretches) == 1 else length + lead
+    offsets = np.arange(-(steps - length), length)[:, None]
+    # (steps, stretches) each: index into all recordings in a row
+    at = np.concatenate(
+        [
+            np.clip(own + offsets, 0, count - 1) + first
+            for own, count, first in zip(begins, counts, np.cumsum([0, *counts[:-1]]), strict=True)
+        ],
+        axis=1,
+    )
+    time, position, velocity = (
+        np.concatenate([np.asarray(getattr(x, name)) for x in runs])[at] for name in ("time", "position", "velocity")
+    )
+    held = np.concatenate(commands)[at]
+    period = np.repeat(periods, stretches)
     half = 0.5 * (velocity[1:] + velocity[:-1])  # carries each sample to the next
     resting = np.diff(at, axis=0) == 0  # led in from before the first sample: nothing moves
-    shape = (len(variants), len(begins))
-    first = Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), commands[0])
-    memory = stacked.start(first)
+    shape = (len(variants), sum(stretches))
+    first_samples = Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), held[0])
+    memory = stacked.start(first_samples)
     history = np.empty((len(memory), steps, *shape))
     for k in range(steps):
         history[:, k] = memory
         if k < steps - 1:
-            moved = stacked.advance(memory, Samples(time[k], position[k], half[k], commands[k]), period)
+            moved = stacked.advance(memory, Samples(time[k], position[k], half[k], held[k]), period)
             if resting[k].any():
                 moved = tuple(np.where(resting[k], old, new) for old, new in zip(memory, moved, strict=True))
             memory = moved
     kept = np.moveaxis(history[:, steps - length :], 1, -1)  # (states, V, stretches, length)
-    series = kept.reshape(len(memory), len(variants), -1)[:, :, :count]
-    return [tuple(series[:, v]) for v in range(len(variants))]
+    results = []
+    for own, count in zip(np.split(kept, np.cumsum(stretches)[:-1], axis=2), counts, strict=True):
+        series = own.reshape(len(memory), len(variants), -1)[:, :, :count]
+        results.append([tuple(series[:, v]) for v in range(len(variants))])
+    return results
 
 
 def geometric(low: float, high: float, count: int) -> Array:

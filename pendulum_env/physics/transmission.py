@@ -65,7 +65,7 @@ class JointFlexibility(Term):
     def start(self, x: Samples) -> Memory:
         return _hang(x, self.resonance**2, self.gravity, 0.0)
 
-    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         return _swing(memory, x, duration, self.resonance**2, self.damping, self.gravity, 0.0)
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
@@ -134,7 +134,7 @@ class Backlash(Term):
     def start(self, x: Samples) -> Memory:
         return _hang(x, self.resonance**2, self.gravity, self.gap)
 
-    def advance(self, memory: Memory, x: Samples, duration: float) -> Memory:
+    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         return _swing(memory, x, duration, self.resonance**2, self.damping, self.gravity, self.gap)
 
     @classmethod
@@ -169,7 +169,7 @@ def _hang(x: Samples, stiffness: ArrayLike, gravity: ArrayLike, gap: ArrayLike) 
 def _swing(
     memory: Memory,
     x: Samples,
-    duration: float,
+    duration: ArrayLike,
     stiffness: ArrayLike,
     damping: ArrayLike,
     gravity: ArrayLike,
@@ -177,12 +177,12 @@ def _swing(
 ) -> Memory:
     """Motion of the link while the motor moves on at constant speed: velocity Verlet in short steps."""
     position, velocity = memory
-    steps = max(1, int(np.ceil(duration / SUBSTEP - 1e-9)))
+    steps = max(1, int(np.ceil(np.max(duration) / SUBSTEP - 1e-9)))
     h = duration / steps
     stiffness = np.minimum(stiffness, h**-2)  # stiffer contacts would be unstable at this step
     damping = np.minimum(damping, 0.5 / h)
 
-    def acceleration(elapsed: float, position: ArrayLike, velocity: ArrayLike) -> ArrayLike:
+    def acceleration(elapsed: ArrayLike, position: ArrayLike, velocity: ArrayLike) -> ArrayLike:
         motor = x.position + elapsed * x.velocity
         return _coupling(motor - position, x.velocity - velocity, stiffness, damping, gap) - gravity * np.sin(position)
 

@@ -223,6 +223,36 @@ def test_what_no_effect_of_the_library_explains_is_reported_with_its_place_and_f
     assert found.steps[-1].errors["holdout"].torque_rms > 2 * found.noise_floor
 
 
+def test_damping_with_a_cube_is_unexplained_and_no_pair_of_named_frictions(diagnosis):
+    found = diagnosis("cubic_damping")
+    assert found.selected == ()
+    assert "grows as |q'|^3" in found.json()["unexplained"]["where"]
+
+
+def test_gears_that_are_also_pressed_by_the_weight_are_load_dependent():
+    gears = {"load_dependent_friction": {"load_mu": 0.1, "load_w": 2.0}, "stribeck": {"strib_d": 0.4, "strib_v": 0.6}}
+    control = {"rate": 200.0, "seconds": 9.0, "excitation": "pd_loop"}
+    runs = simulate([(Plant(effects=gears), Experiment(seed=seed, **control)) for seed in (41, 42, 43)])  # type: ignore[arg-type]
+    first, second, last = (Recording(f"servo {k}", r.time, r.position, r.torque) for k, r in enumerate(runs))
+    found = diagnose([first, second], [last])
+    assert set(found.selected) == {"load_dependent_friction", "stribeck"}
+    estimates = found.model.estimates
+    assert estimates["load_dependent_friction"].value == pytest.approx(0.1, rel=0.2)
+    assert estimates["load_dependent_friction.weight"].value == pytest.approx(2.0, rel=0.3)
+
+
+def test_first_comes_what_the_model_can_do_without_least(diagnosis, recordings):
+    found = diagnosis("stribeck and tilt")
+    added = {step.added: step.model.terms[-1] for step in found.steps[1:]}
+    train, _ = gather([recordings["stribeck and tilt"]])
+    errors = []
+    for id in found.selected:
+        without = tuple(term for term in found.model.terms if term.id != id)
+        errors.append(train.errors(fit_terms(train, without)[0]).torque_rms)
+    assert list(added) == list(found.selected)
+    assert errors == sorted(errors, reverse=True)
+
+
 def test_a_simulation_without_noise_hides_nothing():
     period = 2e-3
     time = period * np.arange(4000)

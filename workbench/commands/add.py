@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from estimators.diagnose import add
-from estimators.diagnosis import Step
-from estimators.search import objection
+from estimators.diagnose import Addition, add
 from pendulum_env.physics import effect
 from workbench.command import Command
 from workbench.inputs import argument, check_outputs, keep_apart, read_model, read_recordings, take_recordings, wrote
@@ -38,7 +36,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         after.model.save(arguments.output)
     terminal.heading("Errors, the model refitted without and with the effect")
     tell_errors((before, after), terminal)
-    terminal.say(judgement(before, after))
+    terminal.say(judgement(added))
     left = after.errors["holdout"].torque_rms / added.noise_floor
     if left > FAR_ABOVE:
         terminal.say(
@@ -49,11 +47,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     wrote([arguments.output], terminal)
 
 
-def judgement(before: Step, after: Step) -> str:
+def judgement(addition: Addition) -> str:
     """Whether the effect earns its place, in a sentence: only data that it was not fitted to can tell."""
-    against = objection(after, before)
-    if against is not None:
-        return f"{after.added} {against}: these recordings give no reason to keep it"
+    before, after = addition.before, addition.after
+    if addition.objection is not None:
+        return f"{after.added} {addition.objection}: these recordings give no reason to keep it"
     old, new = before.errors["holdout"], after.errors["holdout"]
     torque, position = new.torque_rms / old.torque_rms, new.position_rms / old.position_rms
     return f"{after.added} lowers the held-out errors: torque to {torque:.1%}, position to {position:.1%} of before"
