@@ -42,7 +42,8 @@ NO_WORSE = 1.02  # ratio of held-out torque errors within which an effect may st
 TEMPER = 10.0  # likelihood ratios are flattened by this: model errors are not white noise
 LOOSE = 2.5  # times the noise floor: transmissions leave more than this, and take long to search
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
-BRANCHES = 3  # effects, of those that promise most, that are tried
+BRANCHES = 3  # effects, of those that promise most, from which a search may start
+TRIED = 8  # that are tried until one is confirmed
 MOST = 6  # effects in one model
 
 Progress = Callable[[str, float], None]  # what is being done, share of the work that is done
@@ -244,7 +245,7 @@ class Search:
             terms = steps[-1].model.terms
             before = self.screen.trial(terms)
             confirmed: list[tuple[Trial, Step]] = []
-            for trial in self.alternatives(terms)[:BRANCHES]:
+            for trial in self.alternatives(terms)[:TRIED]:
                 if confirmed and not self._is_level(trial, confirmed[0][0]):
                     break
                 step = self._confirmed(trial, before, steps[-1])
