@@ -13,10 +13,11 @@ import numpy as np
 
 from estimators.dataset import Dataset
 from estimators.least_squares import block_grams, cross_validate
-from estimators.shapes import Residuals, continuous, cross_entropy, gauss_newton
+from estimators.shapes import Residuals, continuous, cross_entropy, gauss_newton, scan
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
+REACH = 0.03  # of the recording, within which an instant is scanned for
 STARTS = 2  # variants of the grid from which a search over shape parameters starts
 FOLLOWS = 3  # turns in which a shape parameter is set to the parameter that it follows
 
@@ -146,7 +147,8 @@ class Screen:
             _, theta = self.project(np.column_stack([phi, own]), y - fixed)
             known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
             term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
-        term = gauss_newton(term, self._residuals(others))
+        time = self.data.samples.time
+        term = scan(gauss_newton(term, self._residuals(others)), self._residuals(others), REACH * float(np.ptp(time)))
         refined = self.trial((*trial.terms[:place], term, *trial.terms[place + 1 :]))
         return refined if following or refined.fitted_rms <= trial.fitted_rms else trial
 

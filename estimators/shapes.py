@@ -14,6 +14,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Shape, Term
 
 TURNS = 20  # of Gauss-Newton at most
+SCANNED = 21  # instants at a time
 STEPS = (1.0, 0.4, 0.1, 0.02)  # shares of a Gauss-Newton step that are tried
 DIFFERENCE = 1e-3  # relative, for derivatives
 ROUNDS, DRAWS, ELITE = 6, 48, 8  # of the cross-entropy search
@@ -21,7 +22,7 @@ ROUNDS, DRAWS, ELITE = 6, 48, 8  # of the cross-entropy search
 Residuals = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
 
 
-def moved(term: Term, shapes: Sequence[Shape], values: Array) -> Term:
+def moved(term: Term, shapes: Sequence[Shape], values: Sequence[float] | Array) -> Term:
     """The term with new values of some shape parameters, kept inside their limits."""
     return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(shapes, values, strict=True)})
 
@@ -65,6 +66,16 @@ def gauss_newton(term: Term, residuals: Residuals) -> Term:
         term, current = tried[best], outcomes[best]
         if squares[best] > before * (1 - 1e-4):
             break
+    return term
+
+
+def scan(term: Term, residuals: Residuals, reach: float) -> Term:
+    """Variant whose instants are the best within `reach` [s]: evenly spaced ones, and again around the best."""
+    for shape in (shape for shape in term.shapes if shape.instant):
+        for width in reach * np.array([1.0, 0.1, 0.01]):
+            values = term.shape[shape.name] + width * np.linspace(-1.0, 1.0, SCANNED)
+            tried = [moved(term, [shape], [value]) for value in values]
+            term = tried[int(np.argmin([float(residual @ residual) for residual in residuals(tried)]))]
     return term
 
 
