@@ -13,6 +13,11 @@ from estimators.search import HELD_OUT, LOOSE, SURPRISE, TEMPER, Search, complex
 from estimators.unnamed import IMITATORS
 from pendulum_env.physics import Term
 
+# A score is how often such a verdict is right. Measured on 200 blind recordings: those without a serious rival in 137 of
+# 140 cases, whatever the odds; what is wrong then is no near rival but something else.
+MOST_SURE = 0.98
+EXTRA = 2.0  # nats against each parameter more
+
 
 def judge(search: Search, steps: Sequence[Step]) -> tuple[list[Candidate], list[tuple[str, ...]]]:
     """Verdict on every effect of the library, and the groups that these data cannot tell apart."""
@@ -43,7 +48,7 @@ def _judge_selected(search: Search, final: Trial, before: Step, after: Step, las
     near_floor = final.predicted_rms < LOOSE * search.floor
     out_of_question = [id for id, kind in search.library.items() if kind.kind == "transmission" and near_floor]
     rivals = search.alternatives(others, barred=[term.id, *out_of_question])
-    odds = {rival.terms[-1].id: float(np.exp(-search.nats(final, rival) / TEMPER)) for rival in rivals}
+    odds = {rival.terms[-1].id: _odds(search, rival, final, term) for rival in rivals}
     total = 1.0 + sum(odds.values())
 
     def looks_the_same(rival: Trial) -> bool:
@@ -57,7 +62,7 @@ def _judge_selected(search: Search, final: Trial, before: Step, after: Step, las
         f"lowers the held-out errors: torque {_fall(before, after, 'torque_rms')} N m, "
         f"free-running position {_fall(before, after, 'position_rms')} rad"
     )
-    share = (1.0 + sum(odds[id] for id in alike)) / total
+    share = MOST_SURE * (1.0 + sum(odds[id] for id in alike)) / total
     return [
         Candidate(term.id, share, Verdict.SELECTED, ratio, reason),
         *(
@@ -65,6 +70,12 @@ def _judge_selected(search: Search, final: Trial, before: Step, after: Step, las
             for id in alike
         ),
     ]
+
+
+def _odds(search: Search, rival: Trial, final: Trial, term: Term) -> float:
+    """Odds of a rival against the term in its place; a more complex one that merely contains it has small ones."""
+    extra = max(0, complexity(rival.terms[-1]) - complexity(term))
+    return float(np.exp(-search.nats(final, rival) / TEMPER - EXTRA * extra))
 
 
 def _judge_left_out(search: Search, trial: Trial, steps: Sequence[Step]) -> Candidate:
