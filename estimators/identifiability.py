@@ -10,10 +10,11 @@ import numpy as np
 from estimators.measurements import Measurements
 from estimators.schemes import GUARD, Dynamic
 from pendulum_env._typing import JSON, Array
-from pendulum_env.physics import Term
+from pendulum_env.physics import BASE, Term
 
 SMALL = 0.3  # [rad]; up to here sin q and q differ by less than 1.5 %
 ALIKE = 1e-4  # columns of length one whose weighted sum is shorter than this act alike
+FOLLOWED = 0.9  # share of the squared torque that the motion may leave unexplained if it follows the torque
 ONE_SIDED = 0.002  # share of the motion that may go the other way by mistake
 
 
@@ -71,8 +72,15 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
 
 
 def is_driven(m: Measurements) -> bool:
-    """Whether there is more torque than noise."""
-    return bool(np.sqrt(np.mean(m.held**2)) > max(3 * m.torque_noise, 1e-9))
+    """Whether there is more torque than noise, or torque as white as noise that the motion follows all the same."""
+    if np.sqrt(np.mean(m.held**2)) > max(3 * m.torque_noise, 1e-9):
+        return True
+    equations, usable = Dynamic().regression(m, BASE)
+    phi, y = equations.phi[usable], equations.y[usable]
+    if len(y) <= 10 * len(BASE):
+        return False
+    left = y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0]
+    return bool(y @ y > 1e-18 * len(y) and left @ left < FOLLOWED * (y @ y))
 
 
 def _alike(phi: Array, names: Sequence[str]) -> list[Doubt]:

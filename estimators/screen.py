@@ -43,6 +43,7 @@ class Screen:
 
     data: Dataset
     _columns: dict[Term, Columns] = field(default_factory=dict)
+    _muffled: dict[Term, float] = field(default_factory=dict)
     _best: dict[tuple[tuple[Term, ...], str], Trial | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -100,9 +101,15 @@ class Screen:
     def _hidden_noise(self, terms: Sequence[Term]) -> float:
         """Variance of torque noise that terms filter out of the equations [(N m)^2]; it counts as error all the same.
 
-        A lag smooths the noise of the torque channel along with the torque: that must not make it look likelier.
+        A lag smooths the noise of the torque channel along with the torque, and saturation flattens it: that must not
+        make them look likelier.
         """
-        return sum(self.data.muffled(term) for term in terms if term.fixed and type(term).start is not Term.start)
+        total = 0.0
+        for term in terms:
+            if term.fixed and term not in self._muffled:
+                self._muffled[term] = self.data.muffled(term)
+            total += self._muffled.get(term, 0.0)
+        return total
 
     def project(self, phi: Array, y: Array) -> tuple[Array, Array]:
         """Weighted residual (R,) of y after a fit of phi, and the parameters (P,)."""

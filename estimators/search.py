@@ -30,6 +30,7 @@ NEEDED = 0.36  # or this much to stay once all others are in,
 PLAIN = float(np.sqrt(1 - NEEDED))  # which is this share of the error where noise is small
 HELD_OUT = 0.96  # and the held-out torque error to this
 SURPRISE = 10.0  # and to be this many nats likelier than its absence, besides the number of variants tried
+NOISY = 1.05  # times the noise floor, an error that noise may well explain
 TIE = 5.0  # nats within which two effects count as equally likely
 ALIKE = 1.15  # and ratio of held-out errors within which they do
 ASTRAY = 2.5  # times the position error that noise gives
@@ -118,6 +119,8 @@ class Search:
         variants = 1 + sum(1 for _ in after.terms[-1].grid(self.train.samples, self.screen.residual(before.terms)))
         enough = SURPRISE + 2 * np.log(variants)
         old, new = before.predicted_rms, after.predicted_rms
+        if after.hidden > before.hidden and old < NOISY * self.floor:
+            return False  # a law that alters the noise itself is not to be read from noise
         explained = (old**2 - new**2) / (old**2 - self.floor**2) if old > self.floor else 0.0
         return self.nats(after, before) > enough and new < MATERIAL * old and explained > share
 

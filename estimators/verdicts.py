@@ -13,8 +13,8 @@ from estimators.search import HELD_OUT, LOOSE, SURPRISE, TEMPER, Search, complex
 from estimators.unnamed import IMITATORS
 from pendulum_env.physics import Term
 
-# A score is how often such a verdict is right. Measured on 200 blind recordings: those without a serious rival in 137 of
-# 140 cases, whatever the odds; what is wrong then is no near rival but something else.
+# A score is how often such a verdict is right. On 200 blind recordings those without a serious rival were right in 137
+# of 140 cases, whatever their odds: what is wrong then is no near rival but something else.
 MOST_SURE = 0.98
 EXTRA = 2.0  # nats against each parameter more
 

@@ -116,12 +116,14 @@ class Windows:
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
         held = noise.copy()
         held[1:] = 0.5 * (noise[1:] + noise[:-1])
-        heard = replace(
-            self, recording=replace(self.recording, torque=noise), samples=replace(self.samples, torque=held)
+        noisier = replace(
+            self,
+            recording=replace(self.recording, torque=self.recording.torque + noise),
+            samples=replace(self.samples, torque=self.samples.torque + held),
         )
-        ((_, taken),) = heard.columns([term])
-        raw = heard.torque()
-        return float(np.var(raw) - np.var(raw - taken))
+        ((_, more),), ((_, taken),) = noisier.columns([term]), self.columns([term])
+        raw = self.average(held)
+        return float(np.var(raw) - np.var(raw - (more - taken)))
 
     def torque(self) -> Array:
         """Averages (R,) of the measured torque [N m]."""

@@ -85,6 +85,10 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
                 raise ValueError(f"{what} of a pendulum cannot be {value:g}: give a positive number")
         if render_mode is not None:
             find("render_mode", render_mode, dict.fromkeys(MODES))
+        if backend != "replay" and recording is not None:
+            raise ValueError(f"a recording is played by backend='replay', not by '{backend}'")
+        if backend == "replay" and (effects or theta is not None or model is not None):
+            raise ValueError("a replay plays the plant it was recorded with: leave out effects, theta and model")
         ideal = find("velocity", velocity, {"difference": False, "ideal": True})
         self.model = make_plant(theta, effects, model)
         self.max_torque, self.render_mode = float(max_torque), render_mode
@@ -157,12 +161,14 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         Raises:
             ValueError: if the action is no number.
         """
+        if not self._running:
+            raise gym.error.ResetNeeded("the pendulum has not been started: call reset before step")
         try:
             (torque,) = map(float, action)
-        except TypeError:
+        except (TypeError, ValueError):
             raise ValueError(f"the action has shape {np.shape(action)}, it needs (1,): a torque in N m") from None
-        if torque != torque:
-            raise ValueError("the action is NaN: a torque in N m is needed")
+        if not math.isfinite(torque):
+            raise ValueError(f"the action is {torque}: a torque in N m is needed")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
         observation, info = self._show(sample)
         if self.render_mode == "human":

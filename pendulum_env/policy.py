@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -66,9 +67,15 @@ def rollout(
         name: of the recording.
         watch: called with each step's `info`.
 
+    Raises:
+        ValueError: if the policy is a signal for another rate than the environment's.
+
     Returns:
         One sample for each step; its torque acts from its time on.
     """
+    rates = [getattr(part, "rate", None) for part in (policy, env.unwrapped)]
+    if None not in rates and not math.isclose(*rates):  # type: ignore[arg-type]
+        raise ValueError(f"the signal is laid out for {rates[0]:g} Hz, the environment runs at {rates[1]:g} Hz")
     observation, info = env.reset(seed=seed)
     state: State = None
     rows = np.empty((steps, 3))

@@ -139,6 +139,8 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         Raises:
             ValueError: if an action is no number.
         """
+        if self._x is None:
+            raise gym.error.ResetNeeded("the pendulums have not been started: call reset before step")
         if np.shape(actions) != (self.num_envs, 1):
             raise ValueError(f"the actions have shape {np.shape(actions)}, {self.num_envs} pendulums need one each")
         torque = np.clip(np.asarray(actions, dtype=float)[:, 0], -self.max_torque, self.max_torque)
@@ -164,7 +166,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         return observation, np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool), truncated, info
 
     def _advance(self, torque: Array) -> None:
-        assert self._x is not None, "call reset before step"
+        assert self._x is not None
         x, h = self._x, 1.0 / self.rate / self.substeps
         for command in self._command.push(torque):
             x = step(self._balance, replace(x, torque=command), h)

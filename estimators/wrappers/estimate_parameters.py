@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from estimators.online import Estimates, SchemeEstimate
 from estimators.schemes import OnlineScheme
-from estimators.wrappers.options import Names, make, measured
+from estimators.wrappers.options import Names, check_rate, make, measured
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
@@ -52,13 +53,19 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         Args:
             env: the environment.
             schemes: ids of schemes, or schemes; "all" are the six.
-            terms: ids of terms, or terms with their shape parameters; None are the paper's four.
+            terms: all terms of the model, by id or, with shape parameters of their own, as they are, such as
+                `(*BASE, Stribeck(stribeck_velocity=0.4))`; None are the paper's four. A term without linear parameters,
+                such as `dead_time`, is taken to be known.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             in_observation: whether theta and the standard errors of all schemes are appended to a Box observation.
-            options: `smoothing`, `prior`, `forgetting`, `random_walk`, `reset_every`, `settle`; see `OnlineEstimator`.
+            options: of `estimators.online.OnlineEstimator`: `forgetting` (factor for every equation, 1 forgets none),
+                `random_walk` (by which parameters may wander, as a share of their value [1/sqrt(s)]), `reset_every`
+                (time after which P starts anew [s]), `settle` (time that is left out at the start [s]), `prior` (P(0)
+                on the diagonal) and `smoothing`.
 
         Raises:
-            ValueError: if a name is unknown or an option is out of its range.
+            ValueError: if a name is unknown or an option is out of its range; when running, if samples do not come at
+                the rate.
         """
         gym.utils.RecordConstructorArgs.__init__(
             self, schemes=schemes, terms=terms, rate=rate, in_observation=in_observation, **options
@@ -66,7 +73,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         gym.Wrapper.__init__(self, env)
         self.estimator = make(env, schemes, terms, rate, 1, options)
         self._ids = tuple(scheme.id for scheme in self.estimator.schemes)
-        self._in_observation = in_observation
+        self._in_observation, self._time = in_observation, -math.inf
         if in_observation:
             self.observation_space = widened(env.observation_space, len(self._ids) * len(self.estimator.names))
 
@@ -79,6 +86,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         """Reset the environment and forget what was estimated."""
         observation, info = self.env.reset(seed=seed, options=options)
         self.estimator.reset()
+        self._time = -math.inf
         return self._add(observation, info)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -89,8 +97,11 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 
     def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         time, position, torque = measured(info)
+        check_rate(time - self._time, self.estimator.rate)
+        self._time = time
         now = self.estimator.take(np.array([time]), np.array([position]), np.array([torque]))
-        info["estimates"] = {id: SchemeEstimate(now, s, 0) for s, id in enumerate(self._ids)}
+        told_before = info.get("estimates", {})  # by a wrapper inside this one
+        info["estimates"] = {**told_before, **{id: SchemeEstimate(now, s, 0) for s, id in enumerate(self._ids)}}
         info["estimates_time"] = float(now.time[0])
         info["regressor"] = now.regressor[0]
         info["parameters"] = self.estimator.names

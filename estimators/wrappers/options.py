@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -88,6 +89,22 @@ def make(
     if options.get("smoothing") is None:
         options = {**options, "smoothing": smoothing_of(env, rate)}
     return OnlineEstimator(rate, chosen_terms(terms), chosen_schemes(schemes), batch=batch, **options)
+
+
+def check_rate(passed: float, rate: float) -> None:
+    """Refuse samples that do not come at the rate.
+
+    Args:
+        passed: time since the last sample, infinite for the first [s].
+        rate: samples per second [Hz].
+
+    Raises:
+        ValueError: if more than a tenth of a period is missing or too much.
+    """
+    if not 0.9 < passed * rate < 1.1 and passed * rate != math.inf and passed == passed:
+        raise ValueError(
+            f"samples come every {passed:.4g} s, not at {rate:g} Hz: pass their rate to EstimateParameters"
+        )
 
 
 def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:

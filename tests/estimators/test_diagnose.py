@@ -253,6 +253,17 @@ def test_first_comes_what_the_model_can_do_without_least(diagnosis, recordings):
     assert errors == sorted(errors, reverse=True)
 
 
+def test_torque_of_one_size_does_not_show_saturation():
+    """A law that scales it only changes units, and flattens its noise, which must not count as an explanation."""
+    signs = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 150), 200)
+    plant = Plant(inertia=0.0895, gravity=2.01, viscous=0.3638, coulomb=0.9163)
+    experiment = Experiment(rate=1000.0, seconds=30.0, torque_noise=0.02, seed=0)
+    (made,) = simulate([(plant, experiment)], [3.5 * signs])
+    found = diagnose([Recording("two levels", made.time, made.position, made.torque)])
+    assert found.selected == ()
+    assert found.model.estimates["inertia"].value == pytest.approx(0.0895, rel=0.02)
+
+
 def test_a_simulation_without_noise_hides_nothing():
     period = 2e-3
     time = period * np.arange(4000)

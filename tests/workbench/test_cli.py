@@ -81,6 +81,7 @@ def test_replay_needs_a_recording(refused, tmp_path):
     assert "--replay FILE belong together" in refused("record", "--backend", "replay", "-o", out)
     assert "--replay FILE belong together" in refused("record", "--backend", "pymunk", "--replay", "x.csv", "-o", out)
     assert "there is no such file" in refused("record", "--backend", "replay", "--replay", "nowhere.csv", "-o", out)
+    assert "--replay FILE belong together" in refused("record", "--replay", "nowhere.csv", "-o", out)
 
 
 def test_record_repeats_itself_with_the_same_seed(tmp_path):

@@ -138,16 +138,18 @@ def _run(
     terminal: Terminal,
 ) -> Recording:
     """Record with the backend that was asked for."""
+    if (arguments.backend == "replay") != (arguments.replay is not None):
+        raise InputError("--backend replay and --replay FILE belong together: give both or neither")
+    if arguments.replay is not None and plant.effects:
+        raise InputError("--effect does not go with a replay: it plays the plant that was recorded")
     if arguments.backend == "simulated":
         with terminal.progress("simulating"):
             return record(plant, command, seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng)
-    if (arguments.backend == "replay") != (arguments.replay is not None):
-        raise InputError("--backend replay and --replay FILE belong together: give both or neither")
     env = gym.make(
         PENDULUM,
         max_episode_steps=-1,
         backend=arguments.backend,
-        model=plant,
+        model=None if arguments.replay is not None else plant,
         rate=arguments.rate,
         counts=arguments.counts,
         torque_noise=arguments.noise,

@@ -238,7 +238,16 @@ def test_same_step_reset_pays_for_the_last_sample_and_keeps_what_was_handed_out(
     np.testing.assert_array_equal(info["time"], times)
 
 
+def test_wrappers_add_to_what_inner_ones_have_found():
+    env = EstimateParameters(gym.make(PENDULUM), schemes="dynamic")
+    env = EstimateParameters(env, schemes="energy", forgetting=0.999)
+    info = last_info(env, 100)
+    assert set(info["estimates"]) == {"dynamic", "energy"}
+
+
 def test_wrong_use_is_explained():
+    with pytest.raises(ValueError, match=r"samples come every 0\.001 s, not at 500 Hz"):
+        last_info(EstimateParameters(gym.make(PENDULUM), rate=500.0), 10)
     with pytest.raises(ValueError, match="a scheme is named twice"):
         EstimateParameters(gym.make(PENDULUM), schemes=["dynamic", "dynamic"])
     with pytest.raises(ValueError, match="a term is named twice"):
