@@ -134,7 +134,13 @@ class Screen:
         if not variants:
             return None
         if effect.rugged:
-            return self.trial((*terms, cross_entropy(variants, self._residuals(terms))))
+            residuals = self._residuals(terms)
+            places = {variant.shape[effect.rugged] for variant in variants}
+            niches = [[v for v in variants if v.shape[effect.rugged] == place] for place in sorted(places)]
+            found = [self.trial((*terms, cross_entropy(niche, residuals))) for niche in niches]
+            best = min(found, key=lambda trial: trial.fitted_rms)
+            refined = self.trial((*terms, gauss_newton(best.terms[-1], residuals)))
+            return min(best, refined, key=lambda trial: trial.fitted_rms)
         ranked = sorted(self.trials(terms, variants), key=lambda trial: trial.fitted_rms)
         if not effect.shapes or not (continuous(effect) or any(shape.follows for shape in effect.shapes)):
             return ranked[0]

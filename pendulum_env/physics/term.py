@@ -108,7 +108,7 @@ class Term:
     reveal: ClassVar[str] = "a richer excitation"  # the experiment that shows the effect
     beyond: ClassVar[str] = ""  # what data without the effect still leave open
     shapes: ClassVar[tuple[Shape, ...]] = ()
-    rugged: ClassVar[bool] = False  # whether the error has many local minima over the shape parameters
+    rugged: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
     forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]
 
     @property

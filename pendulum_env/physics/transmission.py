@@ -115,7 +115,7 @@ class Backlash(Term):
     kind = "transmission"
     reveal = "many reversals under changing load"
     forgets = 2.0
-    rugged = True
+    rugged = "resonance"
     shapes = (
         Shape("gap", "rad", 1e-4, 0.5),
         Shape("resonance", "rad/s", 10.0, 5e3),
