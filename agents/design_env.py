@@ -20,6 +20,7 @@ from agents.knowledge import FEATURES, NOMINAL, SLOW, Knowledge, recall
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
+from pendulum_env.env import MAX_TORQUE
 from pendulum_env.lookup import find
 from pendulum_env.vector_env import DirectDrivePendulumVector
 from pendulum_env.wrappers.spread import Spread
@@ -49,7 +50,7 @@ class Constraint:
 
 CONSTRAINTS = {
     "peak": Constraint(6.0),  # what the paper's two tones reach
-    "rms": Constraint(9.0, 3.0),  # their root mean square; three times that at most, for the drive's sake
+    "rms": Constraint(MAX_TORQUE, 3.0),  # their root mean square; the drive bounds the peak
 }
 
 
@@ -102,7 +103,7 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
 
         Args:
             num_envs: number B of pendulums.
-            constraint: "peak", 6 N m, or "rms", 3 N m root mean square and 9 N m at most.
+            constraint: "peak", 6 N m, or "rms", 3 N m root mean square and 15 N m at most.
             seconds: length of an episode.
             spread: relative half width within which the four parameters are drawn.
             effects: hidden in the plants, as `stribeck=0.4`; the estimator does not know of them.
