@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from agents.design_env import CONSTRAINTS, TICK, Batch, Constraint, read
-from agents.knowledge import NOMINAL, SLOW, log_det
+from agents.knowledge import COUNT, NOMINAL, SLOW, log_det
 from pendulum_env._typing import Array, Mask
 from pendulum_env.excitation import excitation
 from pendulum_env.lookup import find
@@ -20,13 +20,15 @@ from pendulum_env.physics import BASE
 from pendulum_env.physics.simulation import simulate
 from pendulum_env.policy import Policy, State
 
+SECONDS = 10.0  # [s], length of an episode
+HEAD_START = 50  # steps; before, log det grows as it will
 STEP = 5e-3  # [s], of the look-ahead's simulation; of second order, so an action changes little with a finer one
 
 
 class Signals:
     """A signal drawn anew for every pendulum and episode, as large as the constraint allows."""
 
-    def __init__(self, name: str, constraint: Constraint, seed: int, seconds: float = 10.0) -> None:
+    def __init__(self, name: str, constraint: Constraint, seed: int, seconds: float = SECONDS) -> None:
         """Take the kind of signal, the constraint, the seed of what is drawn, and the length of an episode [s]."""
         self.name, self.constraint, self.seconds = name, constraint, seconds
         self._rng = np.random.default_rng(seed)
@@ -53,8 +55,9 @@ class LookAhead:
     """Of all sequences of a few torques, plays the first torque of the one that promises most log det information.
 
     The sequences are simulated with the current estimates, all in one batch, and decided anew at every step. Under a
-    budget, the levels are shares of the torque that would spend it evenly. With one torque, held for one step, it is
-    the greedy choice. Source of the greedy one: Blanke and Lelarge, FLEX, ICML 2023.
+    budget, the levels are shares of the torque that would spend it evenly, and torque has a price: log det grows by
+    P / k in step k, for which an even step's energy is paid. With one torque, held for one step, it is the greedy
+    choice. Source of the greedy one: Blanke and Lelarge, FLEX, ICML 2023.
     """
 
     def __init__(self, constraint: Constraint, torques: int, ticks: int, levels: tuple[float, ...]) -> None:
@@ -78,7 +81,14 @@ class LookAhead:
         rows, usable = self._foresee(held, theta, seen.position, seen.velocity)
         rows = rows * usable[..., None]
         gained = np.einsum("tbci,tbcj->bcij", rows, rows)
-        best = log_det(seen.information[:, None] + gained).argmax(axis=1)
+        worth = log_det(seen.information[:, None] + gained)
+        if self.constraint.rms is not None:
+            step = HEAD_START + (1.0 - seen.time_left) * SECONDS / TICK
+            worth = (
+                worth
+                - (COUNT / step)[:, None] * ((torque / np.maximum(most, 1e-9)[:, None]) ** 2).sum(axis=0) * self.ticks
+            )
+        best = worth.argmax(axis=1)
         first = torque[0][np.arange(len(best)), best] if candidates > 1 else torque[0][:, 0]
         return (first / self.constraint.peak)[:, None].astype(np.float32), state
 
@@ -109,7 +119,11 @@ BASELINES: dict[str, Callable[[Constraint, int], Policy]] = {
     "chirp": _signal("chirp"),
     "prbs": _signal("prbs"),
     "greedy": lambda constraint, _: LookAhead(constraint, 1, 1, (-1.0, -0.5, 0.0, 0.5, 1.0)),
-    "look-ahead": lambda constraint, _: LookAhead(constraint, 4, 5, (-1.0, 0.0, 1.0)),  # 0.4 s
+    "look-ahead": lambda constraint, _: (  # 0.4 s
+        LookAhead(constraint, 4, 5, (-1.0, 0.0, 1.0))
+        if constraint.rms is None
+        else LookAhead(constraint, 3, 7, (-2.0, -1.0, 0.0, 1.0, 2.0))
+    ),
 }
 
 

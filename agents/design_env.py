@@ -73,6 +73,20 @@ def read(observation: Array | Batch) -> Seen:
     return Seen(np.arctan2(o[:, 0], o[:, 1]), FAST * o[:, 2], information, estimates, *o[:, -3:].T)
 
 
+ODD = np.array([0, 2])  # places of an observation that change sign in a mirror
+
+
+def mirrored(observation: Any) -> tuple[Array, Array]:
+    """Observations (B, N) as if the arm turned in the positive direction, and the sign (B,) their torques then need.
+
+    Pendulum and information look the same in a mirror, so nobody has to learn both directions.
+    """
+    turned = np.array(observation, dtype=float)
+    sign = np.where(turned[..., 2] < 0, -1.0, 1.0)
+    turned[..., ODD] *= sign[..., None]
+    return turned, sign
+
+
 class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
     """B pendulums whose parameters are to be learnt, each drawn anew at every episode; made by `gymnasium.make_vec`.
 
