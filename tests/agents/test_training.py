@@ -59,7 +59,7 @@ def test_policies_ship_small_and_see_no_difference_in_a_mirror(constraint):
 
 
 def test_the_price_of_torque_rises_while_too_much_is_commanded():
-    env = PriceTorque(ExcitationDesignVector(4, constraint="rms"), rate=0.01, head_start=50)
+    env = PriceTorque(ExcitationDesignVector(4, constraint="rms"), CONSTRAINTS["rms"], rate=0.01)
     env.reset(seed=0)
     for _ in range(3):
         reward = env.step(np.ones((4, 1)))[1]
