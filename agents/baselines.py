@@ -82,7 +82,7 @@ class LookAhead:
         rows = rows * usable[..., None]
         gained = np.einsum("tbci,tbcj->bcij", rows, rows)
         worth = log_det(seen.information[:, None] + gained)
-        if self.constraint.rms is not None:
+        if self.constraint.rms is not None and len(self._sequences) > 1:  # one step never pays at rest
             step = HEAD_START + (1.0 - seen.time_left) * SECONDS / TICK
             worth = (
                 worth
