@@ -40,7 +40,7 @@ class Signals:
         if state is None or np.all(episode_start):
             state = (0, np.stack([self._draw() for _ in observation]))
         step, shares = state
-        return shares[:, step, None].astype(np.float32), (step + 1, shares)
+        return shares[:, step % shares.shape[1], None].astype(np.float32), (step + 1, shares)
 
     def _draw(self) -> Array:
         """Shares of the peak over an episode."""
@@ -70,7 +70,6 @@ class LookAhead:
     ) -> tuple[Batch, State]:
         """Torques (B, 1)."""
         seen = read(observation)
-        candidates = self._sequences.shape[1]
         most = np.full(len(observation), self.constraint.peak)
         if self.constraint.rms is not None:
             pace = np.sqrt(np.maximum(seen.budget_left, 0.0) / np.maximum(seen.time_left, 1e-3))
@@ -83,14 +82,16 @@ class LookAhead:
         gained = np.einsum("tbci,tbcj->bcij", rows, rows)
         worth = log_det(seen.information[:, None] + gained)
         if self.constraint.rms is not None and len(self._sequences) > 1:  # one step never pays at rest
-            step = HEAD_START + (1.0 - seen.time_left) * SECONDS / TICK
-            worth = (
-                worth
-                - (COUNT / step)[:, None] * ((torque / np.maximum(most, 1e-9)[:, None]) ** 2).sum(axis=0) * self.ticks
-            )
+            worth = worth - self._cost(seen.time_left)
         best = worth.argmax(axis=1)
-        first = torque[0][np.arange(len(best)), best] if candidates > 1 else torque[0][:, 0]
+        first = torque[0][np.arange(len(best)), best]
         return (first / self.constraint.peak)[:, None].astype(np.float32), state
+
+    def _cost(self, time_left: Array) -> Array:
+        """What the energy of the sequences is worth by now (B, C) [nat]."""
+        step = HEAD_START + (1.0 - time_left) * SECONDS / TICK
+        energy = self.ticks * (self._sequences**2).sum(axis=0)  # in that of an even step
+        return (COUNT / step)[:, None] * energy
 
     @staticmethod
     def _foresee(torque: Array, theta: Array, position: Array, velocity: Array) -> tuple[Array, Mask]:

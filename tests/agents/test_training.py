@@ -95,11 +95,14 @@ def test_train_and_evaluate_from_the_command_line(tmp_path, capsys):
 def test_what_makes_no_sense_is_one_line(tmp_path, capsys):
     text = tmp_path / "policy.npz"
     text.write_text("no policy")
+    config = tmp_path / "config.toml"
+    config.write_text("step = 100\n")
     for arguments, message in (
         (["evaluate", str(text)], "is no policy"),
         (["evaluate", "agnet"], "unknown baseline 'agnet'"),
         (["evaluate", "--constraint", "peek"], "did you mean peak"),
         (["train", "-o", "policy.zip"], "should end in .npz"),
+        (["train", "--config", str(config), "-o", str(tmp_path / "new.npz")], "did you mean steps"),
     ):
         assert main(arguments) == 2
         error = capsys.readouterr().err

@@ -48,14 +48,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _config(arguments: argparse.Namespace) -> Config:
-    settings = {}
-    if arguments.config is not None:
-        try:
-            settings = read_settings(arguments.config)
-        except ValueError as error:
-            raise InputError(f"{arguments.config}: {error}") from None
     given = {name: getattr(arguments, name) for name in ("constraint", "seed", "steps")}
-    return Config.of(settings | {name: value for name, value in given.items() if value is not None})
+    given = {name: value for name, value in given.items() if value is not None}
+    if arguments.config is None:
+        return Config.of(given)
+    try:
+        return Config.of(read_settings(arguments.config) | given)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{arguments.config}: {error}") from None
 
 
 def _constraint(text: str) -> str:
