@@ -18,7 +18,7 @@ NEEDED = ("torch", "stable_baselines3")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what is trained and where it goes."""
-    parser.add_argument("--config", metavar="FILE", help="TOML with settings of agents.training.Config that differ")
+    parser.add_argument("--config", metavar="FILE", help="TOML with settings of agents.config.Config that differ")
     parser.add_argument("--constraint", type=argument(_constraint), metavar="NAME", help="peak or rms (default peak)")
     parser.add_argument("--seed", type=whole(0), help="of all random numbers (default 0)")
     parser.add_argument("--steps", type=whole(1), help="decisions of 20 ms in all")
