@@ -1,1 +1,5 @@
-"""What chooses the torque: learning agents, and the way from batched pendulums to stable-baselines3."""
+"""What chooses the torque: signals, planning and learning agents, and how they compare."""
+
+from agents.network import Network, load
+
+__all__ = ["Network", "load"]

@@ -436,7 +436,7 @@ def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refuse
     [
         ([], "COMMAND"),
         (["diagnos"], "unknown command 'diagnos': did you mean diagnose?"),
-        (["train"], "unknown command 'train'"),
+        (["teach"], "unknown command 'teach'"),
         (["diagnose"], "RECORDING"),
         (["identify", "run.csv", "--scheme", "hamiltonia"], "did you mean hamiltonian?"),
         (["identify", "run.csv", "--shceme", "all"], "--shceme"),

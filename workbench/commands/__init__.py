@@ -1,7 +1,7 @@
 """The commands in the order of a first visit."""
 
 from workbench.command import Command
-from workbench.commands import add, compare, demo, diagnose, effects, identify, paper, record
+from workbench.commands import add, compare, demo, diagnose, effects, evaluate, identify, paper, record, train
 
 COMMANDS: dict[str, Command] = {
     "demo": demo.COMMAND,
@@ -12,6 +12,8 @@ COMMANDS: dict[str, Command] = {
     "add": add.COMMAND,
     "effects": effects.COMMAND,
     "paper": paper.COMMAND,
+    "train": train.COMMAND,
+    "evaluate": evaluate.COMMAND,
 }
 
 __all__ = ["COMMANDS"]

@@ -1,0 +1,137 @@
+"""What a trained policy is compared with: signals drawn in advance, and planning with the current estimates.
+
+All are policies of one interface: observations (B, 20) of `ExcitationDesign` in, shares of the peak torque (B, 1) out.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from agents.design_env import CONSTRAINTS, TICK, Batch, Constraint, read
+from agents.knowledge import COUNT, NOMINAL, SLOW, log_det
+from pendulum_env._typing import Array, Mask
+from pendulum_env.excitation import excitation
+from pendulum_env.lookup import find
+from pendulum_env.physics import BASE
+from pendulum_env.physics.simulation import simulate
+from pendulum_env.policy import Policy, State
+
+SECONDS = 10.0  # [s], length of an episode
+HEAD_START = 50  # steps; before, log det grows as it will
+STEP = 5e-3  # [s], of the look-ahead's simulation; of second order, so an action changes little with a finer one
+
+
+class Signals:
+    """A signal drawn anew for every pendulum and episode, as large as the constraint allows."""
+
+    def __init__(self, name: str, constraint: Constraint, seed: int, seconds: float = SECONDS) -> None:
+        """Take the kind of signal, the constraint, the seed of what is drawn, and the length of an episode [s]."""
+        self.name, self.constraint, self.seconds = name, constraint, seconds
+        self._rng = np.random.default_rng(seed)
+
+    def predict(
+        self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Batch, State]:
+        """Torque of the step (B, 1); the state holds the step and the signals."""
+        if state is None or np.all(episode_start):
+            state = (0, np.stack([self._draw() for _ in observation]))
+        step, shares = state
+        return shares[:, step % shares.shape[1], None].astype(np.float32), (step + 1, shares)
+
+    def _draw(self) -> Array:
+        """Shares of the peak over an episode."""
+        time = np.linspace(0.0, self.seconds, round(self.seconds / TICK), endpoint=False)
+        torque = excitation(self.name, self._rng, self.seconds, self.constraint.peak).signal(time)
+        if self.constraint.rms is not None:
+            torque = torque * self.constraint.rms / np.sqrt(np.mean(torque**2))
+        return torque / self.constraint.peak
+
+
+class LookAhead:
+    """Of all sequences of a few torques, plays the first torque of the one that promises most log det information.
+
+    The sequences are simulated with the current estimates, all in one batch, and decided anew at every step. Under a
+    budget, the levels are shares of the torque that would spend it evenly, and torque has a price: log det grows by
+    P / k in step k, for which an even step's energy is paid. With one torque, held for one step, it is the greedy
+    choice. Source of the greedy one: Blanke and Lelarge, FLEX, ICML 2023.
+    """
+
+    def __init__(self, constraint: Constraint, torques: int, ticks: int, levels: tuple[float, ...]) -> None:
+        """Take the constraint, how many torques a sequence has, how long each is held [ticks], and their levels."""
+        self.constraint, self.ticks = constraint, ticks
+        self._sequences = np.array(list(itertools.product(levels, repeat=torques))).T  # (torques, C)
+
+    def predict(
+        self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Batch, State]:
+        """Torques (B, 1)."""
+        seen = read(observation)
+        most = np.full(len(observation), self.constraint.peak)
+        if self.constraint.rms is not None:
+            pace = np.sqrt(np.maximum(seen.budget_left, 0.0) / np.maximum(seen.time_left, 1e-3))
+            most = np.minimum(most, self.constraint.rms * pace)
+        torque = self._sequences[:, None] * most[:, None]  # (torques, B, C)
+        held = np.repeat(torque, self.ticks, axis=0)  # (ticks, B, C)
+        theta = np.maximum(seen.estimates, 0.3) * NOMINAL  # early estimates may be impossible
+        rows, usable = self._foresee(held, theta, seen.position, seen.velocity)
+        rows = rows * usable[..., None]
+        gained = np.einsum("tbci,tbcj->bcij", rows, rows)
+        worth = log_det(seen.information[:, None] + gained)
+        if self.constraint.rms is not None and len(self._sequences) > 1:  # one step never pays at rest
+            worth = worth - self._cost(seen.time_left)
+        best = worth.argmax(axis=1)
+        first = torque[0][np.arange(len(best)), best]
+        return (first / self.constraint.peak)[:, None].astype(np.float32), state
+
+    def _cost(self, time_left: Array) -> Array:
+        """What the energy of the sequences is worth by now (B, C) [nat]."""
+        step = HEAD_START + (1.0 - time_left) * SECONDS / TICK
+        energy = self.ticks * (self._sequences**2).sum(axis=0)  # in that of an even step
+        return (COUNT / step)[:, None] * energy
+
+    @staticmethod
+    def _foresee(torque: Array, theta: Array, position: Array, velocity: Array) -> tuple[Array, Mask]:
+        """Rows (T, B, C, P) in nominal units that torques (T, B, C) would give, and which are fast enough."""
+        ticks, batch, candidates = torque.shape
+        each = [np.repeat(values, candidates, axis=-1) for values in (theta.T, position, velocity)]
+        way = simulate(BASE, each[0], TICK, torque.reshape(ticks, -1), each[1], each[2], longest_step=STEP)
+        q, v = way.position, way.velocity
+        rows = np.stack(
+            [np.diff(v, axis=0) / TICK, np.sin(0.5 * (q[1:] + q[:-1])), np.diff(q, axis=0) / TICK, np.sign(v[1:])],
+            axis=-1,
+        )
+        usable = (np.abs(v[1:]) >= SLOW) & (np.abs(v[:-1]) >= SLOW) & (v[1:] * v[:-1] > 0)
+        shape = (ticks, batch, candidates)
+        return (rows * NOMINAL).reshape(*shape, -1), usable.reshape(shape)
+
+
+def _signal(name: str) -> Callable[[Constraint, int], Policy]:
+    return lambda constraint, seed: Signals(name, constraint, seed)
+
+
+BASELINE = "two-tone"  # the paper's
+BASELINES: dict[str, Callable[[Constraint, int], Policy]] = {
+    BASELINE: _signal("paper"),
+    "multisine": _signal("multisine"),
+    "chirp": _signal("chirp"),
+    "prbs": _signal("prbs"),
+    "greedy": lambda constraint, _: LookAhead(constraint, 1, 1, (-1.0, -0.5, 0.0, 0.5, 1.0)),
+    "look-ahead": lambda constraint, _: (  # 0.4 s
+        LookAhead(constraint, 4, 5, (-1.0, 0.0, 1.0))
+        if constraint.rms is None
+        else LookAhead(constraint, 3, 7, (-2.0, -1.0, 0.0, 1.0, 2.0))
+    ),
+}
+
+
+def baseline(name: str, constraint: str, seed: int = 0) -> Policy:
+    """Policy by name.
+
+    Raises:
+        ValueError: if a name is unknown.
+    """
+    return find("baseline", name, BASELINES)(find("constraint", constraint, CONSTRAINTS), seed)

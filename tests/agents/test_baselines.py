@@ -1,0 +1,67 @@
+"""Signals and planners that a trained policy is compared with."""
+
+import numpy as np
+import pytest
+
+from agents.baselines import BASELINES, LookAhead, baseline
+from agents.design_env import CONSTRAINTS, ExcitationDesignVector
+from agents.knowledge import log_det
+
+
+def play(name: str, constraint: str, count: int = 3, steps: int = 60):
+    env = ExcitationDesignVector(count, constraint=constraint)
+    policy, state = baseline(name, constraint, seed=4), None
+    observation, _ = env.reset(seed=2)
+    torques = []
+    for k in range(steps):
+        action, state = policy.predict(observation, state, np.full(count, k == 0))
+        assert action.shape == (count, 1)
+        assert env.action_space.contains(action)
+        observation, _, _, _, info = env.step(action)
+        torques.append(info["torque"])
+    return np.array(torques), info
+
+
+@pytest.mark.parametrize("constraint", CONSTRAINTS)
+@pytest.mark.parametrize("name", BASELINES)
+def test_every_baseline_plays_within_the_constraint_and_repeats(name, constraint):
+    torques, _ = play(name, constraint, steps=20)
+    assert np.abs(torques).max() <= CONSTRAINTS[constraint].peak + 1e-6
+    np.testing.assert_array_equal(torques, play(name, constraint, steps=20)[0])
+
+
+@pytest.mark.parametrize("name", ["two-tone", "multisine", "chirp", "prbs"])
+def test_signals_spend_the_whole_budget_and_differ_between_pendulums(name):
+    torques, _ = play(name, "rms", steps=500)
+    np.testing.assert_allclose(np.sqrt((torques**2).mean(axis=0)), 3.0, rtol=0.02)
+    assert not np.allclose(torques[:, 0], torques[:, 1])
+
+
+def test_looking_ahead_foresees_what_will_be_learnt():
+    """The rows that it simulates with the true parameters are those that the environment then measures."""
+    env = ExcitationDesignVector(4, torque_noise=0.0, spread=0.0)
+    env.reset(seed=0)
+    torque = np.concatenate([np.full((10, 4, 1), 6.0), np.full((10, 4, 1), -6.0)])
+    theta = env.pendulums.theta.T
+    rows, usable = LookAhead._foresee(torque, theta, np.zeros(4), np.zeros(4))
+    rows = (rows * usable[..., None])[:, :, 0]
+    before, compared = 0.1 * np.eye(4), 0
+    for k in range(20):
+        info = env.step(torque[k] / 6.0)[-1]
+        learnt = info["information"] - before
+        before = info["information"]
+        measured = np.sqrt(np.einsum("bii->bi", learnt))
+        if usable[k].all() and measured.all():  # at the limit of what is fast enough they may differ
+            np.testing.assert_allclose(measured, np.abs(rows[k]), rtol=0.06, atol=0.03)
+            compared += 1
+    assert compared >= 14
+
+
+def test_looking_ahead_learns_more_than_the_papers_signal():
+    ahead, paper = (log_det(play(name, "peak", steps=100)[1]["information"]) for name in ("look-ahead", "two-tone"))
+    assert np.exp((ahead - paper).mean() / 4) > 1.5
+
+
+def test_an_unknown_baseline_is_named():
+    with pytest.raises(ValueError, match="unknown baseline 'two_tone': did you mean two-tone"):
+        baseline("two_tone", "peak")

@@ -1,0 +1,163 @@
+"""The task of choosing an excitation: contracts, and what its reward and its observation say."""
+
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
+
+from agents.design_env import CONSTRAINTS, HELD, TICK, ExcitationDesignVector, read
+from agents.knowledge import NOMINAL, PRIOR
+from pendulum_env.registration import DESIGN
+
+
+def tones(step: int, count: int) -> np.ndarray:
+    phase = np.arange(count)[:, None]
+    return 0.5 * (np.sin(12.07 * step * TICK + phase) + np.sin(2.25 * step * TICK + 2 * phase))
+
+
+def run(env, steps: int, seed: int = 0, action=tones) -> dict[str, np.ndarray]:
+    observation, info = env.reset(seed=seed)
+    rows = {"observation": [observation], "reward": [], "torque": [], "positions": [], "torques": []}
+    for k in range(steps):
+        observation, reward, _, _, info = env.step(action(k, env.num_envs))
+        rows["observation"].append(observation)
+        rows["reward"].append(reward)
+        for name in ("torque", "positions", "torques"):
+            rows[name].append(info[name])
+    return {name: np.array(values) for name, values in rows.items()} | {"info": info}
+
+
+@pytest.mark.parametrize("constraint", CONSTRAINTS)
+def test_the_checkers_have_nothing_to_say(constraint):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gym.make(DESIGN, constraint=constraint).unwrapped)
+        check_env_for_sb3(gym.make(DESIGN, constraint=constraint))
+
+
+def test_gymnasium_knows_it_without_agents_or_torch_being_imported():
+    code = (
+        "import gymnasium, pendulum_env, sys; assert 'agents' not in sys.modules; "
+        f"env = gymnasium.make_vec('{DESIGN}', num_envs=3); print(env.reset(seed=0)[0].shape, 'torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "(3, 20) False"
+
+
+def test_one_is_a_batch_of_one():
+    one, batch = gym.make(DESIGN), gym.make_vec(DESIGN, num_envs=1)
+    np.testing.assert_array_equal(one.reset(seed=5)[0], batch.reset(seed=5)[0][0])
+    for k in range(20):
+        single, many = one.step(tones(k, 1)[0]), batch.step(tones(k, 1))
+        np.testing.assert_array_equal(single[0], many[0][0])
+        assert single[1] == many[1][0]
+
+
+def test_seeds_repeat():
+    first, again, other = (run(ExcitationDesignVector(4), 60, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first["observation"], again["observation"])
+    np.testing.assert_array_equal(first["reward"], again["reward"])
+    assert (first["observation"][-1] != other["observation"][-1]).any()
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_an_episode_ends_and_another_plant_is_drawn(mode):
+    env = ExcitationDesignVector(2, seconds=0.2, autoreset_mode=mode)
+    plant = env.reset(seed=0)[1]["plant"]
+    ends = [env.step(np.ones((2, 1)))[3].all() for _ in range(9)]
+    assert not any(ends)
+    observation, _, terminated, truncated, info = env.step(np.ones((2, 1)))
+    assert truncated.all() and not terminated.any()
+    if mode == "NextStep":
+        assert observation[0, 17] == pytest.approx(0.0)  # no time is left
+        observation, reward, _, truncated, info = env.step(np.ones((2, 1)))
+        assert not reward.any() and not truncated.any()
+    else:
+        assert info["final_obs"][0, 17] == pytest.approx(0.0)
+        assert info["final_info"]["torque"][0] == 6.0
+    assert observation[0, 17] == 1.0
+    assert (info["plant"] != plant).all()
+
+
+def test_information_is_the_sum_of_outer_products_of_rows_that_are_fast_enough():
+    count, steps = 3, 200
+    seen = run(ExcitationDesignVector(count, torque_noise=0.0), steps)
+    q = np.concatenate([np.zeros((count, 2)), np.concatenate(list(seen["positions"]), axis=1)], axis=1)
+    v = 1000.0 * np.diff(q)  # (B, N + 1), the first 0 before the start
+    M = np.tile(PRIOR * np.eye(4), (count, 1, 1))
+    for b in range(count):
+        for k in range(steps):
+            tick = slice(HELD * k, HELD * (k + 1) + 1)
+            way, speed = q[b, 1:][tick], v[b, tick]
+            if (speed >= 0.2).all() or (speed <= -0.2).all():
+                row = [(speed[-1] - speed[0]) / TICK, np.sin(way).mean(), (way[-1] - way[0]) / TICK, np.sign(speed[0])]
+                M[b] += np.outer(row * NOMINAL, row * NOMINAL)
+    np.testing.assert_allclose(seen["info"]["information"], M, rtol=1e-9, atol=1e-9)
+    gained = np.linalg.slogdet(M)[1] - 4 * np.log(PRIOR)
+    np.testing.assert_allclose(seen["reward"].sum(axis=0), gained, rtol=1e-9)
+
+
+def test_estimates_come_near_the_plant_without_knowing_it():
+    env = ExcitationDesignVector(8)
+    plant = env.reset(seed=3)[1]["plant"]
+    for k in range(500):
+        info = env.step(tones(k, 8))[-1]
+    found = info["estimates"] * NOMINAL
+    assert np.abs(found / plant - 1).max() < 0.05
+    np.testing.assert_array_less(0.05, np.abs(NOMINAL / plant - 1).max(axis=1))
+
+
+def test_an_observation_can_be_read_back():
+    env = ExcitationDesignVector(5)
+    seen = run(env, 150)
+    what = read(seen["observation"][-1])
+    q = seen["positions"][-1][:, -1]
+    np.testing.assert_allclose(np.exp(1j * what.position), np.exp(1j * q), atol=1e-6)
+    np.testing.assert_allclose(what.information, seen["info"]["information"], rtol=1e-4, atol=1e-3)
+    np.testing.assert_allclose(what.estimates, seen["info"]["estimates"], atol=1e-6)
+    np.testing.assert_allclose(what.time_left, 0.7, atol=1e-6)
+
+
+def test_stick_teaches_nothing_and_is_told():
+    env = ExcitationDesignVector(2)
+    seen = run(env, 25, action=lambda k, count: np.full((count, 1), 0.05))
+    assert not seen["reward"].any()
+    assert (read(seen["observation"][-1]).stuck == 1).all()
+
+
+def test_the_peak_holds():
+    seen = run(ExcitationDesignVector(2), 10, action=lambda k, count: np.full((count, 1), 7.0))
+    assert np.abs(seen["torque"]).max() == 6.0
+
+
+def test_the_budget_is_enforced():
+    env = ExcitationDesignVector(2, constraint="rms", seconds=2.0)
+    seen = run(env, 100, action=lambda k, count: np.full((count, 1), (-1.0) ** (k // 7)))
+    assert np.sqrt((seen["torque"] ** 2).mean(axis=0)) == pytest.approx(3.0)
+    assert not seen["torque"][-50:].any()
+    assert read(seen["observation"][-1]).budget_left == pytest.approx(0.0, abs=1e-6)
+
+
+def test_hidden_effects_change_the_motion():
+    plain, hidden = (run(ExcitationDesignVector(1, effects=effects), 50) for effects in ((), ("spring=0.5",)))
+    assert (plain["positions"][-1] != hidden["positions"][-1]).all()
+
+
+def test_what_makes_no_sense_is_refused():
+    with pytest.raises(ValueError, match="unknown constraint 'peek': did you mean peak"):
+        ExcitationDesignVector(1, constraint="peek")
+    with pytest.raises(ValueError, match="cannot last 0 s"):
+        ExcitationDesignVector(1, seconds=0.0)
+    env = ExcitationDesignVector(2)
+    with pytest.raises(ValueError, match="unknown option of reset"):
+        env.reset(options={"plants": 1})
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="NaN"):
+        env.step(np.full((2, 1), np.nan))
+    with pytest.raises(ValueError, match="2 pendulums need one each"):
+        env.step(np.zeros(2))

@@ -1,0 +1,109 @@
+"""Training, what it leaves behind, and the two commands."""
+
+import json
+
+import numpy as np
+import pytest
+
+from agents import Network, load
+from agents.config import Config, read_settings
+from agents.design_env import CONSTRAINTS, ExcitationDesignVector
+from agents.training import PriceTorque, make_env, train
+from workbench.cli import main
+
+SMALL = {"steps": 3000, "pendulums": 8, "rollout": 125, "batch": 500, "epochs": 2, "checkpoint": 1000}
+
+
+def weights(network: Network) -> np.ndarray:
+    return np.concatenate([w.ravel() for w in network.weights])
+
+
+def test_training_repeats_itself_and_keeps_policies_on_the_way(tmp_path):
+    told = []
+    first = train(Config.of(SMALL), lambda text, share: told.append(share), tmp_path)
+    np.testing.assert_array_equal(weights(first), weights(train(Config.of(SMALL))))
+    assert told[-1] == 1.0 and told == sorted(told)
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["steps-1000.npz", "steps-2000.npz", "steps-3000.npz"]
+    np.testing.assert_allclose(weights(load(str(tmp_path / "steps-3000.npz"))), weights(first), rtol=1e-6)
+    other = train(Config.of({**SMALL, "seed": 1}))
+    assert (weights(other) != weights(first)).any()
+
+
+def test_a_policy_acts_as_the_one_that_was_trained():
+    """The network in NumPy scores as torch does."""
+    import torch
+    from stable_baselines3 import PPO
+
+    from agents.training import export
+
+    config = Config.of(SMALL)
+    env = make_env(config)
+    model = PPO("MlpPolicy", env, n_steps=16, device="cpu", seed=3, policy_kwargs={"net_arch": [64, 64]})
+    network = export(model, config)
+    observation = np.random.default_rng(0).uniform(-1, 1, (50, 20)).astype(np.float32)
+    observation[:, 2] = np.abs(observation[:, 2])  # turning forwards
+    with torch.no_grad():
+        choice, _ = model.predict(observation, deterministic=True)
+    np.testing.assert_allclose(network.predict(observation)[0][:, 0], np.array(config.levels)[choice])
+
+
+@pytest.mark.parametrize("constraint", CONSTRAINTS)
+def test_policies_ship_small_and_see_no_difference_in_a_mirror(constraint):
+    network = load(constraint)
+    assert network.constraint == constraint
+    observation = np.random.default_rng(1).uniform(-1, 1, (50, 20)).astype(np.float32)
+    mirror = observation * np.where(np.isin(np.arange(20), [0, 2]), -1, 1)
+    np.testing.assert_array_equal(network.predict(observation)[0], -network.predict(mirror)[0])
+    single, _ = network.predict(observation[0])
+    np.testing.assert_array_equal(single, network.predict(observation)[0][0])
+
+
+def test_the_price_of_torque_rises_while_too_much_is_commanded():
+    env = PriceTorque(ExcitationDesignVector(4, constraint="rms"), CONSTRAINTS["rms"], rate=0.01)
+    env.reset(seed=0)
+    for _ in range(3):
+        reward = env.step(np.ones((4, 1)))[1]
+    assert env.price == pytest.approx(3 * 0.01 * 24)
+    assert (reward < 0).all()
+    for _ in range(100):
+        env.step(np.zeros((4, 1)))
+    assert env.price == 0.0
+
+
+def test_a_configuration_is_checked(tmp_path):
+    path = tmp_path / "config.toml"
+    path.write_text("steps = 100\nlevels = [-1, 1]\n")
+    assert Config.of(read_settings(path)).levels == (-1, 1)
+    with pytest.raises(ValueError, match="unknown setting 'step': did you mean steps"):
+        Config.of({"step": 3})
+    with pytest.raises(ValueError, match=r"batch \(9000\) has to be within"):
+        Config.of({"batch": 9000, "pendulums": 8, "rollout": 125})
+
+
+def test_train_and_evaluate_from_the_command_line(tmp_path, capsys):
+    config, policy, figures = (tmp_path / name for name in ("config.toml", "policy.npz", "figures.json"))
+    config.write_text("\n".join(f"{name} = {value}" for name, value in SMALL.items()))
+    assert main(["train", "--config", str(config), "--steps", "1000", "-o", str(policy)]) == 0
+    assert main(["evaluate", str(policy), "--plants", "3", "--json", str(figures)]) == 0
+    out = capsys.readouterr().out
+    assert "1,000 decisions" in out and "two-tone" in out
+    told = json.loads(figures.read_text())
+    assert list(told["policies"]) == ["two-tone", str(policy)]
+    assert told["policies"]["two-tone"]["gain"]["information"]["ratio"] == pytest.approx(1.0)
+
+
+def test_what_makes_no_sense_is_one_line(tmp_path, capsys):
+    text = tmp_path / "policy.npz"
+    text.write_text("no policy")
+    config = tmp_path / "config.toml"
+    config.write_text("step = 100\n")
+    for arguments, message in (
+        (["evaluate", str(text)], "is no policy"),
+        (["evaluate", "agnet"], "unknown baseline 'agnet'"),
+        (["evaluate", "--constraint", "peek"], "did you mean peak"),
+        (["train", "-o", "policy.zip"], "should end in .npz"),
+        (["train", "--config", str(config), "-o", str(tmp_path / "new.npz")], "did you mean steps"),
+    ):
+        assert main(arguments) == 2
+        error = capsys.readouterr().err
+        assert message in error and error.count("\n") == 1

@@ -1,0 +1,66 @@
+"""`train`: a policy that chooses excitations."""
+
+from __future__ import annotations
+
+import argparse
+from importlib.util import find_spec
+from pathlib import Path
+
+from agents.config import Config, read_settings
+from agents.design_env import CONSTRAINTS
+from pendulum_env.lookup import find
+from workbench.command import Command
+from workbench.inputs import InputError, argument, check_outputs, whole, wrote
+from workbench.terminal import Terminal
+
+NEEDED = ("torch", "stable_baselines3")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare what is trained and where it goes."""
+    parser.add_argument("--config", metavar="FILE", help="TOML with settings of agents.config.Config that differ")
+    parser.add_argument("--constraint", type=argument(_constraint), metavar="NAME", help="peak or rms (default peak)")
+    parser.add_argument("--seed", type=whole(0), help="of all random numbers (default 0)")
+    parser.add_argument("--steps", type=whole(1), help="decisions of 20 ms in all")
+    parser.add_argument("--checkpoints", metavar="FOLDER", help="keep policies on the way there")
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="policy, NAME.npz")
+
+
+def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Train and write the policy."""
+    if not arguments.output.lower().endswith(".npz"):
+        raise InputError(f"{arguments.output}: the name of a policy should end in .npz")
+    check_outputs([arguments.output], [arguments.config] if arguments.config else [])
+    if any(find_spec(name) is None for name in NEEDED):
+        raise InputError("training needs the extra rl: pip install 'pendulum-ident[rl]'")
+    config = _config(arguments)
+    folder = None if arguments.checkpoints is None else Path(arguments.checkpoints)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    from agents.training import train  # imports torch
+
+    with terminal.progress("training") as tell:
+        network = train(config, tell, folder)
+    network.save(arguments.output)
+    terminal.say(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
+    terminal.say(f"`pendulum-ident evaluate {arguments.output} --constraint {config.constraint}` compares it")
+    wrote([arguments.output], terminal)
+
+
+def _config(arguments: argparse.Namespace) -> Config:
+    given = {name: getattr(arguments, name) for name in ("constraint", "seed", "steps")}
+    given = {name: value for name, value in given.items() if value is not None}
+    if arguments.config is None:
+        return Config.of(given)
+    try:
+        return Config.of(read_settings(arguments.config) | given)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{arguments.config}: {error}") from None
+
+
+def _constraint(text: str) -> str:
+    find("constraint", text, CONSTRAINTS)
+    return text
+
+
+COMMAND = Command("train a policy that chooses excitations (needs the extra rl)", configure, run)
