@@ -20,7 +20,7 @@ from agents.knowledge import FEATURES, NOMINAL, SLOW, Knowledge, recall
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
-from pendulum_env.env import MAX_TORQUE
+from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
 from pendulum_env.vector_env import DirectDrivePendulumVector
 from pendulum_env.wrappers.spread import Spread

@@ -17,9 +17,7 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.plant import PAPER
 
 NOMINAL = np.array(list(PAPER.values()))  # inertia, gravity, viscous, coulomb
-SLOW = (
-    0.2  # [rad/s], slower than this nothing is learnt: information would rise near stick, where real errors do not fall
-)
+SLOW = 0.2  # [rad/s]; slower than this nothing is learnt: near stick information rises and real errors do not fall
 PRIOR = 0.1  # of the information: (noise / spread)^2 with 0.1 N m of noise on a tick and plants within some 30 %
 DECADES = 10.0  # by which log information is divided, for it to be about 1 in the end
 COUNT = len(NOMINAL)

@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 
 from pendulum_env.backends import BACKENDS, Replay, RigidBody, Sample, Sensor, Setup, Start, Status
 from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, RESET_OPTIONS, VELOCITIES, check_positive, spaces
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import make_plant
 from pendulum_env.rendering import MODES, Renderer
-
-MAX_TORQUE = 15.0  # [N m], of the DM1015B
-MAX_VELOCITY = 100.0  # [rad/s], bound of the observation; the measurement in `info` has none
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
@@ -80,16 +78,14 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             RecordingError: if the recording cannot be read.
             ModelError: if the model cannot be read.
         """
-        for what, value in (("rate", rate), ("substeps", substeps), ("max_torque", max_torque)):
-            if not 0 < value < np.inf or (what == "substeps" and value != int(value)):
-                raise ValueError(f"{what} of a pendulum cannot be {value:g}: give a positive number")
+        check_positive("a pendulum", rate=rate, substeps=substeps, max_torque=max_torque)
         if render_mode is not None:
             find("render_mode", render_mode, dict.fromkeys(MODES))
         if backend != "replay" and recording is not None:
             raise ValueError(f"a recording is played by backend='replay', not by '{backend}'")
         if backend == "replay" and (effects or theta is not None or model is not None):
             raise ValueError("a replay plays the plant it was recorded with: leave out effects, theta and model")
-        ideal = find("velocity", velocity, {"difference": False, "ideal": True})
+        ideal = find("velocity", velocity, VELOCITIES)
         self.model = make_plant(theta, effects, model)
         self.max_torque, self.render_mode = float(max_torque), render_mode
         self.overlay: Callable[[], Sequence[str]] = tuple  # lines that a wrapper wants to have shown
@@ -104,9 +100,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self.rate = float(rate) if self.recording is None else self.recording.rate
         self.counts = counts if self.recording is None else None
         self.metadata = {**self.metadata, "render_fps": max(1, round(self.rate))}
-        high = np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32)
-        self.observation_space = gym.spaces.Box(-high, high, dtype=np.float32)
-        self.action_space = gym.spaces.Box(-self.max_torque, self.max_torque, (1,), dtype=np.float32)
+        self.observation_space, self.action_space = spaces(self.max_torque)
         self._renderer = Renderer(render_mode) if render_mode is not None else None
         self._running = False
 
@@ -131,7 +125,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         super().reset(seed=seed)
         options = options or {}
         for name in options:
-            find("option of reset", name, {"position": 0, "velocity": 0, "theta": 0})
+            find("option of reset", name, RESET_OPTIONS)
         if options and not self.simulated:
             raise ValueError(f"the {type(self.backend).__name__} backend starts as it is: reset it without options")
         if self._running:

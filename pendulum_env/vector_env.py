@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.backends.sensing import COUNTS, Sensor
-from pendulum_env.env import MAX_TORQUE, MAX_VELOCITY
+from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, RESET_OPTIONS, VELOCITIES, check_positive, spaces
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import Balance, CommandLine, step
@@ -62,22 +62,18 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         Raises:
             ValueError: if an argument is unknown or out of its range.
         """
-        for what, value in (("max_torque", max_torque), ("rate", rate), ("substeps", substeps), ("num_envs", num_envs)):
-            if not 0 < value < np.inf or (what in ("substeps", "num_envs") and value != int(value)):
-                raise ValueError(f"{what} of pendulums cannot be {value:g}: give a positive number")
+        check_positive("pendulums", max_torque=max_torque, rate=rate, substeps=substeps, num_envs=num_envs)
         self.autoreset = AutoresetMode(autoreset_mode)
         if self.autoreset is AutoresetMode.DISABLED:
             raise ValueError("pendulums restart by themselves: choose autoreset_mode NextStep or SameStep")
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
-        ideal = find("velocity", velocity, {"difference": False, "ideal": True})
+        ideal = find("velocity", velocity, VELOCITIES)
         self.model = make_plant(theta, effects, model)
         self.sensor, self.counts = Sensor(counts, torque_noise, ideal), counts
         self.num_envs, self.rate, self.substeps, self.max_torque = num_envs, float(rate), int(substeps), max_torque
         self.max_episode_steps = None if max_episode_steps in (None, -1) else max_episode_steps
         self.render_mode = None
-        high = np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32)
-        self.single_observation_space = gym.spaces.Box(-high, high, dtype=np.float32)
-        self.single_action_space = gym.spaces.Box(-max_torque, max_torque, (1,), dtype=np.float32)
+        self.single_observation_space, self.single_action_space = spaces(max_torque)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._everyone = np.ones(num_envs, dtype=bool)
@@ -115,7 +111,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         super().reset(seed=seed[0] if isinstance(seed, list) else seed)
         options = options or {}
         for name in options:
-            find("option of reset", name, {"position": 0, "velocity": 0, "theta": 0})
+            find("option of reset", name, RESET_OPTIONS)
         if "theta" in options:
             self.set_theta(options["theta"])
         count = self.num_envs

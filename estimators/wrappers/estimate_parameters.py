@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from estimators.online import Estimates, SchemeEstimate
+from estimators.online import Estimates, OnlineEstimator, SchemeEstimate
 from estimators.schemes import OnlineScheme
 from estimators.wrappers.options import Names, check_rate, make, measured
 from pendulum_env._typing import Array
@@ -100,11 +100,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         check_rate(time - self._time, self.estimator.rate)
         self._time = time
         now = self.estimator.take(np.array([time]), np.array([position]), np.array([torque]))
-        told_before = info.get("estimates", {})  # by a wrapper inside this one
-        info["estimates"] = {**told_before, **{id: SchemeEstimate(now, s, 0) for s, id in enumerate(self._ids)}}
-        info["estimates_time"] = float(now.time[0])
-        info["regressor"] = now.regressor[0]
-        info["parameters"] = self.estimator.names
+        tell(info, now, self.estimator, 0)
         if self.env.render_mode is not None:
             self.env.unwrapped.overlay = functools.partial(self._lines, now)  # type: ignore[attr-defined]
         if self._in_observation:
@@ -116,6 +112,15 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         names = "  ".join(f"{name[:9]:>9}" for name in self.estimator.names)
         rows = (f"{id:<21}" + "  ".join(f"{v:9.4f}" for v in now.theta[0, s]) for s, id in enumerate(self._ids))
         return (f"{'':21}{names}", *rows)
+
+
+def tell(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendulum: int | slice) -> None:
+    """Put what is known of one pendulum, or of several, into an info, beside what a wrapper inside has found."""
+    found = {scheme.id: SchemeEstimate(now, s, pendulum) for s, scheme in enumerate(estimator.schemes)}
+    info["estimates"] = {**info.get("estimates", {}), **found}
+    info["estimates_time"] = now.time[pendulum]
+    info["regressor"] = now.regressor[pendulum]
+    info["parameters"] = estimator.names
 
 
 def told(now: Estimates) -> Array:

@@ -9,8 +9,8 @@ import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from estimators.online import Estimates, SchemeEstimate
-from estimators.wrappers.estimate_parameters import told, widened
+from estimators.online import Estimates
+from estimators.wrappers.estimate_parameters import tell, told, widened
 from estimators.wrappers.options import Names, make, measured
 from pendulum_env._typing import Mask
 from pendulum_env.physics import Term
@@ -35,11 +35,10 @@ class EstimateParametersVector(VectorWrapper):
         """Wrap a vector environment; the arguments are those of `EstimateParameters`."""
         super().__init__(env)
         self.estimator = make(env, schemes, terms, rate, env.num_envs, options)
-        self._ids = tuple(scheme.id for scheme in self.estimator.schemes)
         self._in_observation = in_observation
         self._time = np.full(env.num_envs, -np.inf)
         if in_observation:
-            single = widened(env.single_observation_space, len(self._ids) * len(self.estimator.names))
+            single = widened(env.single_observation_space, len(self.estimator.schemes) * len(self.estimator.names))
             self.single_observation_space = single
             self.observation_space = batch_space(single, env.num_envs)
 
@@ -70,20 +69,14 @@ class EstimateParametersVector(VectorWrapper):
             final = info["final_info"]
             last = (np.where(ended, a, b) for a, b in zip(measured(final), (time, position, torque), strict=True))
             then = self.estimator.take(*last)
-            self._tell(final, then)
+            tell(final, then, self.estimator, slice(None))
             if self._in_observation:
                 info["final_obs"] = self._widen(info["final_obs"], then)
             self.estimator.reset(ended)
             now = self.estimator.after_reset(then, ended)
         self._time = time
-        self._tell(info, now)
+        tell(info, now, self.estimator, slice(None))
         return self._widen(observation, now) if self._in_observation else observation, info
-
-    def _tell(self, info: dict[str, Any], now: Estimates) -> None:
-        info["estimates"] = {id: SchemeEstimate(now, s) for s, id in enumerate(self._ids)}
-        info["estimates_time"] = now.time
-        info["regressor"] = now.regressor
-        info["parameters"] = self.estimator.names
 
     @staticmethod
     def _widen(observation: Any, now: Estimates) -> Any:

@@ -9,8 +9,8 @@ import numpy as np
 
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
-from pendulum_env.env import MAX_TORQUE
 from pendulum_env.excitation import EXCITATIONS, Excitation, excitation
+from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import hide, paper_plant, read_parameters
