@@ -20,7 +20,7 @@ from estimators.search import (
     BETTER,
     Progress,
     Search,
-    has_transmission,
+    has_hidden_state,
     impossible,
     look,
     no_progress,
@@ -119,7 +119,7 @@ def _examine(
     """Find the effects that recordings of one plant call for."""
     search, steps = look(*evidence, base, progress)
     window_share = 1.0
-    if search.is_astray(steps[-1]) or has_transmission(steps[-1].model.terms):
+    if search.is_astray(steps[-1]) or has_hidden_state(steps[-1].model.terms):
         progress("fitting the flights", 0.9)
         steps = search.fly(steps)
     if search.hides(steps[-1]):
