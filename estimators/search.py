@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, permutations
 
 import numpy as np
 
@@ -48,6 +48,7 @@ SELDOM = 0.1  # share of the samples at which friction may come out as negative
 BRANCHES = 3  # effects, of those that promise most, from which a search may start
 TRIED = 8  # that are tried until one is confirmed
 MOST = 6  # effects in one model
+ORDERED = 3  # effects up to which every order is tried
 
 Progress = Callable[[str, float], None]  # what is being done, share of the work that is done
 
@@ -102,6 +103,14 @@ class Search:
                 least = min(least, trial.predicted_rms)
         trials.sort(key=lambda trial: trial.predicted_rms)
         return self._simplest_first(trials)
+
+    def rivals(self, current: Trial, term: Term) -> list[Trial]:
+        """The best variant of every other effect in the place of a term of a trial, as `alternatives` has them."""
+        others = tuple(other for other in current.terms if other is not term)
+        barred = [term.id]
+        if current.predicted_rms < LOOSE * self.floor:  # nothing as large as a transmission is in question
+            barred += [id for id, effect in self.library.items() if effect.kind == "transmission"]
+        return self.alternatives(others, barred)
 
     def _simplest_first(self, trials: list[Trial]) -> list[Trial]:
         if not trials:
@@ -319,9 +328,31 @@ class Search:
         if {term.id for term in challenged} != {term.id for term in terms}:
             challenged = self.settle(challenged)
         steps = self.ladder(base, challenged)
-        if all(self.is_confirmed(after, before) for before, after in pairwise(steps)):
+        if self.are_confirmed(steps):
             return steps
         return [self.report(step.added, step.model.terms) for step in grown]
+
+    def resolve(self, steps: list[Step]) -> list[Step]:
+        """The steps with an effect replaced by one that training data cannot tell from it, but held-out data do.
+
+        A spring and an offset look the same in small swings; one wide swing that was held out tells them apart.
+        """
+        base, last = steps[0].model.terms, steps[-1]
+        current = self.screen.trial(last.model.terms)
+        for term in last.model.terms[len(base) :]:
+            for rival in self.rivals(current, term):
+                if self.nats(current, rival) < self.margin(current, rival):
+                    step = self.step(rival.terms[-1].id, rival.terms)
+                    if self._follows_better(step, last):
+                        resolved = self.ladder(base, self.settle(rival.terms))
+                        return resolved if self.are_confirmed(resolved) else steps
+        return steps
+
+    def _follows_better(self, rival: Step, chosen: Step) -> bool:
+        """Whether a rival follows held-out recordings clearly better, in torque and in motion."""
+        new, old = rival.errors["holdout"], chosen.errors["holdout"]
+        possible = not impossible(rival.model, self.train.samples)
+        return possible and ALIKE * new.torque_rms < old.torque_rms and ALIKE * new.position_rms < old.position_rms
 
     def _is_level(self, one: Trial, other: Trial) -> bool:
         """Whether two trials tie, and their last terms are equally complex."""
@@ -344,7 +375,7 @@ class Search:
                 if not self.is_material(replace(current, terms=(*without.terms, term)), without, needed):
                     changed = without.terms
                 elif len(without.terms) > len(base):
-                    rivals = self.alternatives(without.terms, barred=[term.id])
+                    rivals = self.rivals(current, term)
                     if rivals and self.nats(rivals[0], current) > SURPRISE:
                         changed = self.settle(rivals[0].terms)
                 if changed:
@@ -360,16 +391,30 @@ class Search:
         return sorted(withouts, key=lambda trial: trial.predicted_rms)
 
     def ladder(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> list[Step]:
-        """Steps from the base to the final terms; first comes what the final model can do without least."""
+        """Steps from the base to the final terms; first comes what the final model can do without least.
+
+        Where that does not make every step lower the held-out errors, another order may.
+        """
         order: list[Term] = []
-        while len(terms) > len(base):
-            kept = self._weakest_first(base, terms)[0].terms
-            order.insert(0, next(term for term in terms if term not in kept))
-            terms = kept
-        steps = [self.report(None, base)]
-        for term in order:
-            steps.append(self.report(term.id, (*steps[-1].model.terms, term)))
-        return steps
+        left = terms
+        while len(left) > len(base):
+            kept = self._weakest_first(base, left)[0].terms
+            order.insert(0, next(term for term in left if term not in kept))
+            left = kept
+        orders = permutations(order) if len(order) <= ORDERED else [tuple(order)]
+        preferred: list[Step] = []
+        for one in orders:  # the first of the permutations is the order itself
+            steps = [self.report(None, base)]
+            for term in one:
+                steps.append(self.report(term.id, (*steps[-1].model.terms, term)))
+            if self.are_confirmed(steps):
+                return steps
+            preferred = preferred or steps
+        return preferred
+
+    def are_confirmed(self, steps: Sequence[Step]) -> bool:
+        """Whether every step lowers the held-out errors."""
+        return all(self.is_confirmed(after, before) for before, after in pairwise(steps))
 
 
 def impossible(model: Model, x: Samples) -> list[str]:
@@ -440,4 +485,4 @@ def complexity(term: Term) -> int:
 def look(train: Evidence, test: Evidence, base: Sequence[Term], progress: Progress) -> tuple[Search, list[Step]]:
     """Search the library; returns the steps from the base model to the final one."""
     search = Search(train, test, progress)
-    return search, search.disown(search.find(search.settle(base)))
+    return search, search.disown(search.resolve(search.find(search.settle(base))))

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.diagnosis import Candidate, Step, Verdict
 from estimators.screen import Trial
-from estimators.search import HELD_OUT, LOOSE, SURPRISE, TEMPER, Search, complexity, objection
+from estimators.search import HELD_OUT, SURPRISE, TEMPER, Search, complexity, objection
 from estimators.unnamed import IMITATORS
 from pendulum_env.physics import Term
 
@@ -43,11 +43,7 @@ def judge(search: Search, steps: Sequence[Step]) -> tuple[list[Candidate], list[
 def _judge_selected(search: Search, final: Trial, before: Step, after: Step, last: Step) -> list[Candidate]:
     """The effect added from `before` to `after`, followed by those that would do as well in its place."""
     term = next(t for t in final.terms if t.id == after.added)
-    others = tuple(t for t in final.terms if t is not term)
-    # near the noise floor nothing as large as a transmission is in question
-    near_floor = final.predicted_rms < LOOSE * search.floor
-    out_of_question = [id for id, kind in search.library.items() if kind.kind == "transmission" and near_floor]
-    rivals = search.alternatives(others, barred=[term.id, *out_of_question])
+    rivals = search.rivals(final, term)
     odds = {rival.terms[-1].id: _odds(search, rival, final, term) for rival in rivals}
     total = 1.0 + sum(odds.values())
 
