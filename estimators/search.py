@@ -466,10 +466,8 @@ def has_transmission(terms: Sequence[Term]) -> bool:
 
 
 def has_hidden_state(terms: Sequence[Term]) -> bool:
-    """Whether motion depends on more than encoder and commands tell: a link, bristles, an error of the encoder."""
-    return any(
-        term.kind in ("transmission", "sensor") or (term.kind == "dissipative" and has_memory(term)) for term in terms
-    )
+    """Whether the motion depends on a state that nobody measures: of a link, or of bristles."""
+    return any(term.kind in ("transmission", "dissipative") and has_memory(term) for term in terms)
 
 
 def has_memory(term: Term) -> bool:
