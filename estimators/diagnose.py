@@ -119,7 +119,7 @@ def _examine(
     """Find the effects that recordings of one plant call for."""
     search, steps = look(*evidence, base, progress)
     window_share = 1.0
-    if search.is_astray(steps[-1]) or has_hidden_state(steps[-1].model.terms):
+    if search.strays(steps[-1]) or has_hidden_state(steps[-1].model.terms):
         progress("fitting the flights", 0.9)
         steps = search.fly(steps)
     if search.hides(steps[-1]):

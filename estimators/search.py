@@ -38,6 +38,7 @@ ASTRAY = 2.5  # times the position error that noise gives
 LEAST_POSITION = 1e-3  # and of this share of the motion, which no initial state or integration is worth chasing below
 BETTER = 0.8  # share of the held-out position error to which a refinement has to lower it
 SIMILAR = 1.25  # product of the ratios of both held-out errors that a refinement may cost, where it is the better fit
+HALF = 0.5  # share of the held-out error, whatever the state at the start, to which it then has to lower it
 FLIGHT = 0.93  # share of the error of flights, fitted and held out, to which an effect has to lower it
 SURE = 3.5  # standard errors by which flights have to gain
 IN_FLIGHT = 6  # starts from which they are fitted, of those that promise most
@@ -165,14 +166,24 @@ class Search:
         noise = position_noise(self.holdout.flights, chosen.model.terms, chosen.model.theta)
         return new.position_rms < max(ALIKE * old.position_rms, noise)
 
-    def is_astray(self, step: Step) -> bool:
-        """Whether free-running simulation errs by much more than noise makes it."""
+    def strays(self, step: Step) -> bool:
+        """Whether free-running simulation from the measured state errs by much more than noise makes it."""
         if has_transmission(step.model.terms):
             return False  # its impacts are too sharp to follow as closely, and other effects would only paper over that
-        flights = self.train.flights
-        motion = float(np.std(np.concatenate([flight.position.ravel() for flight in flights])))
-        noise = max(LEAST_POSITION * motion, position_noise(flights, step.model.terms, step.model.theta))
-        return step.errors["train"].position_rms > ASTRAY * noise
+        noise = position_noise(self.train.flights, step.model.terms, step.model.theta)
+        return step.errors["train"].position_rms > ASTRAY * max(self._least_position(), noise)
+
+    def is_astray(self, step: Step) -> bool:
+        """Whether it errs so from any state: a velocity that is badly known at the start is no fault of the model."""
+        if not self.strays(step):
+            return False
+        flights, point = self.train.flights, output_error.Point(step.model.terms, step.model.theta)
+        noise = max(self._least_position(), output_error.noise(flights, point))
+        return output_error.rms(flights, point, output_error.evenly(flights)) > ASTRAY * noise
+
+    def _least_position(self) -> float:
+        motion = np.concatenate([flight.position.ravel() for flight in self.train.flights])
+        return LEAST_POSITION * float(np.std(motion))
 
     def fits(self, step: Step) -> bool:
         """Whether the torque fits."""
@@ -185,16 +196,20 @@ class Search:
     def fly(self, steps: list[Step]) -> list[Step]:
         """The steps with the last model refined by free-running simulation, if held-out flights gain much by it.
 
-        Where the model has a state that nobody measures, it suffices that held-out errors stay about the same: windows
-        know such a state from the measured motion only, a simulation carries it along.
+        Two cases in which the held-out errors may stay as they are: the model has a state that nobody measures, which
+        windows know from the measured motion only, and a simulation carries along; or the gain shows once the state at
+        the start of each flight is free, and is buried by what the measured velocity there is uncertain.
         """
-        last = steps[-1]
-        point = output_error.fit(self.train.flights, last.model.terms, last.model.theta)
-        refined = self._with_errors(last.added, output_error.model(self.train.flights, point))
+        last, flights, checks = steps[-1], self.train.flights, self.holdout.flights
+        start = output_error.Point(last.model.terms, last.model.theta)
+        point = output_error.fit(flights, start.terms, start.theta)
+        refined = self._with_errors(last.added, output_error.model(flights, point))
         torque = refined.errors["holdout"].torque_rms / last.errors["holdout"].torque_rms
         position = position_error(refined) / position_error(last)
-        as_good = has_hidden_state(last.model.terms) and torque * position < SIMILAR
-        if as_good or (position < BETTER and torque < NO_WORSE):
+        if position < BETTER and torque < NO_WORSE:
+            return [*steps[:-1], refined]
+        old, new = (output_error.rms(checks, one, output_error.evenly(checks)) for one in (start, point))
+        if torque * position < SIMILAR and (has_hidden_state(start.terms) or new < HALF * old):
             return [*steps[:-1], refined]
         return steps
 
@@ -432,6 +447,12 @@ def impossible(model: Model, x: Samples) -> list[str]:
     return ["inertia", *negative] if inertia <= 0 else negative
 
 
+def negative(model: Model) -> list[str]:
+    """Names of parameters that came out negative though no body has them so, whatever else it has."""
+    columns = [column for term in model.terms for column in term.columns]
+    return [c.name for c, value in zip(columns, model.theta, strict=True) if c.positive and value < 0]
+
+
 def objection(after: Step, before: Step, x: Samples, torque: float = HELD_OUT) -> str | None:
     """What speaks against an added effect, None if nothing does.
 
@@ -442,7 +463,7 @@ def objection(after: Step, before: Step, x: Samples, torque: float = HELD_OUT) -
         torque: share of the held-out torque error to which it has to lower it.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
-    wrong = impossible(after.model, x)
+    wrong = impossible(after.model, x) + negative(after.model)
     if wrong:
         return f"makes {' and '.join(wrong)} negative"
     if new.position_rms >= old.position_rms:

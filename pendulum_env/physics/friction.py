@@ -60,7 +60,10 @@ class Stribeck(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return (Column("stribeck", "N m", dry=lambda x: np.exp(-((x.velocity / self.stribeck_velocity) ** 2))),)
+        def share(x: Samples) -> ArrayLike:
+            return np.exp(-((x.velocity / self.stribeck_velocity) ** 2))
+
+        return (Column("stribeck", "N m", dry=share, positive=True),)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

@@ -60,6 +60,7 @@ class Column:
         dry: magnitude of set-valued dry friction; at rest it balances anything up to this.
         of_torque: whether it scales with the commanded torque: such a column can explain torque by torque, not motion.
         potential: stored energy U with force = dU/dq, where there is one; without it the force's work is dissipated.
+        positive: whether no body has it negative, even beside other friction: what is extra, or grows.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Column:
     dry: Law = zero
     potential: Law | None = None
     of_torque: bool = False
+    positive: bool = False
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Torque per unit of the parameter; at rest sgn is taken as 0, so mask samples in stick."""
