@@ -363,6 +363,11 @@ class Search:
                         return resolved if self.are_confirmed(resolved) else steps
         return steps
 
+    def is_called_for(self, rival: Trial, chosen: Trial) -> bool:
+        """Whether held-out data speak for a rival that training data leave open, if both are fitted to them anew."""
+        better, worse = (self.held_out.trial(trial.terms).predicted_rms for trial in (rival, chosen))
+        return len(self.holdout.data.weights) * np.log(worse / max(better, 1e-12)) > SURPRISE
+
     def _follows_better(self, rival: Step, chosen: Step) -> bool:
         """Whether a rival follows held-out recordings clearly better, in torque and in motion."""
         new, old = rival.errors["holdout"], chosen.errors["holdout"]

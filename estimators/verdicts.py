@@ -49,10 +49,15 @@ def _judge_selected(search: Search, final: Trial, before: Step, after: Step, las
 
     def looks_the_same(rival: Trial) -> bool:
         simple = complexity(rival.terms[-1]) <= complexity(term)
-        level = search.nats(final, rival) < search.margin(final, rival)
-        return simple and level and search.is_as_good(search.step(None, rival.terms), last)
+        return simple and search.is_as_good(search.step(None, rival.terms), last)
 
-    alike = [rival.terms[-1].id for rival in rivals if looks_the_same(rival)]
+    level = [rival for rival in rivals if search.nats(final, rival) < search.margin(final, rival)]
+    alike = {r.terms[-1].id: f"fits as well as {term.id} in these data" for r in level if looks_the_same(r)}
+    for rival in level:
+        if search.is_called_for(rival, final):
+            alike[rival.terms[-1].id] = (
+                f"fits as well as {term.id} in the data that are fitted, and those held out call for it: fit both"
+            )
     ratio = after.errors["holdout"].torque_rms / before.errors["holdout"].torque_rms
     reason = (
         f"lowers the held-out errors: torque {_fall(before, after, 'torque_rms')} N m, "
@@ -61,10 +66,7 @@ def _judge_selected(search: Search, final: Trial, before: Step, after: Step, las
     share = MOST_SURE * (1.0 + sum(odds[id] for id in alike)) / total
     return [
         Candidate(term.id, share, Verdict.SELECTED, ratio, reason),
-        *(
-            Candidate(id, odds[id] / total, Verdict.AMBIGUOUS, ratio, f"fits as well as {term.id} in these data")
-            for id in alike
-        ),
+        *(Candidate(id, odds[id] / total, Verdict.AMBIGUOUS, ratio, why) for id, why in alike.items()),
     ]
 
 

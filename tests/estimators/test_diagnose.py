@@ -133,6 +133,32 @@ def test_torque_that_jumps_every_sample_is_not_taken_for_noise():
     assert set(spoiled.selected) == set(hidden)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_actions_drawn_at_random_raise_no_alarm(seed):
+    """The first thing that an agent does: a new torque every millisecond, which hardly moves the arm."""
+    command = np.random.default_rng(seed).uniform(-15.0, 15.0, 8000)
+    (r,) = simulate([(PLANT, run(seed, 8.0, 1000.0))], commands=[command])
+    found = diagnose([Recording("random", r.time, r.position, r.torque)])
+    assert found.selected == ()
+    assert found.unexplained == ()
+    estimates = found.model.estimates
+    assert all(abs(estimates[name].value - truth) < 0.15 * truth for name, truth in THETA.items())
+
+
+@pytest.mark.parametrize(("scale", "reach"), [(0.7, 0.8), (0.35, 0.3)])
+def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(scale, reach):
+    """In small swings they look the same; in very small ones no wide swing is predicted well, but it speaks for one."""
+    plant = Plant(effects={"spring": {"spring_k": 0.4, "spring_q0": 0.5}})
+    cases = [(plant, run(50, 12.0, excitation="multisine", scale=scale)), (plant, run(51, 9.0, scale=0.8))]
+    narrow, wide = (Recording("run", r.time, r.position, r.torque) for r in simulate(cases))
+    assert np.ptp(narrow.position) < reach
+    assert np.ptp(wide.position) > 2.0
+    found = diagnose([narrow], [wide])
+    assert "spring" in {*found.selected, *(id for group in found.ambiguous for id in group)}
+    assert found.selected == ("spring",) or scale < 0.7
+    assert "spring" not in diagnose([narrow]).selected
+
+
 @pytest.mark.parametrize("name", NULLS)
 def test_where_nothing_is_hidden_nothing_is_selected(diagnosis, name):
     found = diagnosis(name)
