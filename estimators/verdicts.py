@@ -54,7 +54,7 @@ def _judge_selected(search: Search, final: Trial, before: Step, after: Step, las
     level = [rival for rival in rivals if search.nats(final, rival) < search.margin(final, rival)]
     alike = {r.terms[-1].id: f"fits as well as {term.id} in these data" for r in level if looks_the_same(r)}
     for rival in level:
-        if search.is_called_for(rival, final):
+        if search.fits(last) and search.is_called_for(rival, final):
             alike[rival.terms[-1].id] = (
                 f"fits as well as {term.id} in the data that are fitted, and those held out call for it: fit both"
             )
