@@ -38,7 +38,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self,
         num_envs: int = 1,
         *,
-        effects: Sequence[str] = (),
+        effects: str | Sequence[str] | None = (),
         theta: Mapping[str, float] | Sequence[float] | None = None,
         model: Model | str | Path | None = None,
         rate: float = 1000.0,

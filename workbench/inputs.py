@@ -88,7 +88,7 @@ def read_recordings(paths: Sequence[str], unwrap: bool, terminal: Terminal) -> l
     recordings = []
     for path in paths:
         recording = read_recording(path, unwrap=unwrap)
-        terminal.say(f"{path}: {recording.duration:.3g} s at {recording.rate:.6g} Hz, {len(recording)} samples")
+        terminal.say(f"{path}: {recording.summary}")
         for note in recording.notes:
             terminal.say(f"  {note}")
         recordings.append(recording)

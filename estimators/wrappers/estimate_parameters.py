@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from estimators.online import Estimates, OnlineEstimator, SchemeEstimate
+from estimators.online import Estimates, OnlineEstimator, SchemeEstimate, SchemeEstimates
 from estimators.schemes import OnlineScheme
 from estimators.wrappers.options import Names, check_rate, make, measured
 from pendulum_env._typing import Array
@@ -116,8 +116,8 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 
 def tell(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendulum: int | slice) -> None:
     """Put what is known of one pendulum, or of several, into an info, beside what a wrapper inside has found."""
-    found = {scheme.id: SchemeEstimate(now, s, pendulum) for s, scheme in enumerate(estimator.schemes)}
-    info["estimates"] = {**info.get("estimates", {}), **found}
+    found = {scheme.id: SchemeEstimate(now, s, pendulum, estimator.units) for s, scheme in enumerate(estimator.schemes)}
+    info["estimates"] = SchemeEstimates({**info.get("estimates", {}), **found})
     info["estimates_time"] = now.time[pendulum]
     info["regressor"] = now.regressor[pendulum]
     info["parameters"] = estimator.names

@@ -123,6 +123,11 @@ class Model:
         """Motion in free run under a held torque command; see `pendulum_env.physics.simulation.simulate`."""
         return simulate(self.terms, self.theta, period, torque, position, velocity, start)
 
+    def _repr_html_(self) -> str:
+        from pendulum_env.notebook import show_model  # only a notebook asks for it
+
+        return show_model(self)
+
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         return {

@@ -9,7 +9,7 @@ from estimators.free_running import SECONDS
 from pendulum_env.physics import Estimate, Term
 from workbench.report.case import Case
 from workbench.report.section import Section
-from workbench.report.words import listing, name, opening
+from workbench.report.words import listing
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def story(case: Case) -> Section:
     return Section(
         "story",
         "Result",
-        headline(diagnosis),
+        diagnosis.headline,
         {
             "changes": changes(diagnosis),
             "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
@@ -57,18 +57,6 @@ def story(case: Case) -> Section:
             "held_out": held_out(case),
         },
     )
-
-
-def headline(diagnosis: Diagnosis) -> str:
-    """The result in one sentence."""
-    rivals = {group[0]: group for group in diagnosis.ambiguous}
-    found = [listing([name(id) for id in rivals.get(effect, (effect,))], "or") for effect in diagnosis.selected]
-    if found:
-        rest = ", and more that no known effect explains" if diagnosis.unexplained else ""
-        return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
-    if diagnosis.unexplained:
-        return "Something is missing, and no known effect explains it"
-    return "Nothing is missing"
 
 
 def changes(diagnosis: Diagnosis) -> list[Change]:

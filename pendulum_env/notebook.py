@@ -1,0 +1,170 @@
+"""HTML by which results show themselves in a notebook: cards of words, tables and small curves.
+
+A cell has no style sheet of its own and may be light or dark, so that everything is styled in place, in the text's own
+colour and two colours that are seen on either. Whatever goes in is escaped, names of recordings and effects included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.thinning import thin
+from pendulum_env.words import Table, listing, opening, parameters_table, unit
+
+if TYPE_CHECKING:
+    from pendulum_env.physics import Model
+    from pendulum_env.recording import Recording
+
+BLUE, ORANGE, GREEN = "#3d85d8", "#d9792a", "#2f9e77"  # 3 : 1 or more on white and on black
+WIDTH, HEIGHT = 600, 64  # of a curve, in its own units
+POINTS = 480  # of one curve
+LINE = "border-bottom:1px solid rgba(128,128,128,.3)"
+SMALL = "font-size:.88em;opacity:.8"
+
+
+class Html(str):
+    """Markup that may go into markup as it is."""
+
+    __slots__ = ()
+
+
+def markup(content: object) -> Html:
+    """What is given, as markup: text is escaped."""
+    return content if isinstance(content, Html) else Html(escape(str(content)))
+
+
+def element(tag: str, style: str, *content: object) -> Html:
+    """An element with its content, escaped unless it is markup."""
+    return Html(f'<{tag} style="{style}">{"".join(map(markup, content))}</{tag}>')
+
+
+def card(title: str, *parts: Html) -> str:
+    """A result as one block: its title and what there is to show."""
+    heading = element("div", "font-weight:600;font-size:1.12em;margin-bottom:.3em", opening(title))
+    return element("div", "max-width:62em;line-height:1.45;overflow-x:auto", heading, *parts)
+
+
+def heading(text: str) -> Html:
+    """Title of a part."""
+    return element("div", "font-weight:600;margin:.7em 0 .15em", text)
+
+
+def paragraph(text: str) -> Html:
+    """A sentence or several."""
+    return element("div", "margin:.15em 0", text)
+
+
+def note(text: str) -> Html:
+    """A remark in small print."""
+    return element("div", f"margin:.15em 0;{SMALL}", text)
+
+
+def bullets(lines: Iterable[str]) -> Html:
+    """A list; nothing if there are no lines."""
+    entries = [element("li", "margin:.1em 0", line) for line in lines]
+    return element("ul", "margin:.2em 0;padding-left:1.3em", *entries) if entries else Html()
+
+
+def folded(title: str, *parts: Html) -> Html:
+    """What is only shown when asked for."""
+    summary = element("summary", "cursor:pointer;margin:.5em 0 .2em", title)
+    return element("details", "", summary, *parts)
+
+
+def table(content: Table) -> Html:
+    """Rows of words under their headers."""
+    flush = ["left" if k == 0 or header in content.left else "right" for k, header in enumerate(content.headers)]
+
+    def row(cells: Sequence[str], tag: str, style: str) -> Html:
+        common = f"padding:.22em .9em .22em 0;vertical-align:top;{LINE};{style}"
+        return element(
+            "tr",
+            "background:none",
+            *(element(tag, f"text-align:{side};{common}", cell) for side, cell in zip(flush, cells, strict=True)),
+        )
+
+    head = row(content.headers, "th", "font-weight:500;opacity:.75")
+    body = [row(cells, "td", "font-variant-numeric:tabular-nums") for cells in content.rows]
+    return Html(
+        '<table class="pendulum" style="border-collapse:collapse;border:0;margin:.3em 0;font-size:.92em">'
+        f"<thead>{head}</thead><tbody>{''.join(body)}</tbody></table>"
+    )
+
+
+def curves(
+    label: str,
+    x: Array,
+    series: Sequence[tuple[Array, str]],
+    noise: Array | None = None,
+    span: tuple[float, float] | None = None,
+) -> Html:
+    """Small plot of one or several curves over x (N,), between the lowest and highest value, which are printed.
+
+    Args:
+        label: what is seen, with its unit.
+        x: abscissa, increasing (N,).
+        series: values (N,) and colour of each curve.
+        noise: half width of a band about zero (N,).
+        span: lowest and highest value shown; what is beyond is cut off.
+    """
+    everything = np.concatenate([np.asarray(y, dtype=float) for y, _ in series])
+    low, high = span or (float(everything.min()), float(everything.max()))
+    room = (high - low) or 1.0
+
+    def path(x_values: Array, y_values: Array) -> str:
+        across = WIDTH * (x_values - x[0]) / ((x[-1] - x[0]) or 1.0)
+        down = np.clip(HEIGHT * (high - y_values) / room, -HEIGHT, 2 * HEIGHT)
+        return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(across, down, strict=True))
+
+    shapes = []
+    if low < 0 < high:
+        zero = HEIGHT * high / room
+        shapes.append(f'<path d="M0 {zero:.1f}H{WIDTH}" stroke="currentColor" stroke-opacity=".25"/>')
+    if noise is not None:
+        band = path(np.r_[x, x[::-1]], np.r_[noise, -noise[::-1]])
+        shapes.append(f'<path d="{band}Z" fill="currentColor" fill-opacity=".18"/>')
+    for y, color in series:
+        kept = thin(np.asarray(y, dtype=float), POINTS)
+        line = f'd="{path(x[kept], np.asarray(y)[kept])}" stroke="{color}"'
+        shapes.append(f'<path {line} fill="none" stroke-width="1.4" vector-effect="non-scaling-stroke"/>')
+    drawing = Html(
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none" role="img" aria-label="{escape(label)}" '
+        f'style="display:block;width:100%;height:{HEIGHT}px;overflow:hidden">{"".join(shapes)}</svg>'
+    )
+    limits = element("span", "", f"{low:.3g} to {high:.3g}")
+    caption = element("div", f"display:flex;justify-content:space-between;{SMALL}", element("span", "", label), limits)
+    return element("div", "max-width:42em;margin:.35em 0", caption, drawing)
+
+
+def show_model(model: Model) -> str:
+    """A model: its torque balance and its parameters."""
+    law = " + ".join(term.law for term in model.terms)
+    return card(
+        f"model with {listing([term.id for term in model.terms])}",
+        paragraph(f"torque = {law}"),
+        table(parameters_table(model)),
+    )
+
+
+def show_recording(recording: Recording) -> str:
+    """A recording: length and rate, the range of what was measured, what was changed at reading, and curves."""
+    signals = [("position q", recording.position, "rad", BLUE), ("torque", recording.torque, "N m", ORANGE)]
+    if recording.velocity is not None:
+        signals.insert(1, ("velocity q'", recording.velocity, "rad/s", GREEN))
+    remarks = [*recording.notes]
+    if not recording.torque.any():
+        remarks.append("torque is never applied: only ratios of parameters can be known")
+    return card(
+        f"recording {recording.name}",
+        paragraph(recording.summary),
+        bullets(remarks),
+        *(
+            curves(f"{label} [{unit(symbol)}] over time", recording.time, [(values, color)])
+            for label, values, symbol, color in signals
+        ),
+    )
