@@ -68,7 +68,7 @@ def chosen_schemes(given: Schemes) -> tuple[Scheme, ...]:
         return SCHEMES
     chosen = tuple(scheme(item) if isinstance(item, str) else item for item in _listed(given))
     for item in chosen:
-        if not hasattr(item, "regression"):
+        if isinstance(item, type) or not hasattr(item, "regression"):
             raise TypeError(f"{_shown(item)} is not a scheme: give an id, such as 'energy', or Energy(window=0.1)")
     ids = [item.id for item in chosen]
     if not ids:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,13 +16,15 @@ from pendulum_env.notebook import (
     BLUE,
     GREEN,
     ORANGE,
+    Curve,
     Html,
     bullets,
     card,
-    curves,
     folded,
     heading,
+    legend,
     note,
+    plot,
     table,
 )
 from pendulum_env.physics import effects
@@ -37,19 +39,13 @@ COLORS = (BLUE, ORANGE, GREEN)
 
 def show_identification(found: Identification) -> str:
     """Estimates of the schemes side by side, how they settle, and what the recordings cannot tell."""
-    columns = next(iter(found.schemes.values())).model.columns
+    results = list(found.schemes.values())
     return card(
-        f"estimates from {listing(found.recordings)}",
+        f"Estimates from {listing(found.recordings)}",
         table(schemes_table(found)),
         note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
         bullets(f"warning: {doubt.text}" for doubt in found.doubts),
-        folded(
-            "how the estimates settle",
-            *(
-                _settling(list(found.schemes.values()), k, f"{c.name} [{unit(c.unit) or '1'}]")
-                for k, c in enumerate(columns)
-            ),
-        ),
+        folded("how the estimates settle", legend((r.scheme, _curve(r, 0)) for r in results), *_settling(results)),
     )
 
 
@@ -61,39 +57,49 @@ def show_identified(found: Identified) -> str:
     ]
     used, all_of_them = found.used
     return card(
-        f"estimates by the scheme {found.scheme}",
+        f"Estimates by the scheme {found.scheme}",
         table(Table(("parameter", "estimate", "unit"), rows, left=("unit",))),
         note(f"residual {found.residual_rms:.3g} {found.unit}, {used} of {all_of_them} samples used"),
-        *(_settling([found], k, f"{c.name} [{unit(c.unit) or '1'}]") for k, c in enumerate(found.model.columns)),
+        *_settling([found]),
     )
 
 
-def _settling(results: list[Identified], column: int, label: str) -> Html:
-    """Estimates of one parameter over time; the wild start is out of the picture."""
-    time = results[0].convergence.time
-    late = time >= time[0] + SETTLED * (time[-1] - time[0])
-    series = [result.convergence.theta[:, column] for result in results]
-    settled = np.concatenate([values[late] for values in series])
-    middle = float(np.median([values[-1] for values in series]))
-    reach = 1.6 * max(float(np.abs(settled - middle).max()), 0.005 * abs(middle), 1e-12)
-    shown = [(values, COLORS[k % len(COLORS)]) for k, values in enumerate(series)]
-    return curves(f"{label} over time", time, shown, span=(middle - reach, middle + reach))
+def _settling(results: Sequence[Identified]) -> list[Html]:
+    """Estimates over time, one plot a parameter; the wild start is out of the picture."""
+    plots = []
+    for k, column in enumerate(results[0].model.columns):
+        curves = [_curve(result, k) for result in results]
+        time = results[0].convergence.time
+        late = time >= time[0] + SETTLED * (time[-1] - time[0])
+        middle = float(np.median([curve.values[-1] for curve in curves]))
+        settled = np.concatenate([curve.values[late] for curve in curves])
+        reach = 1.6 * max(float(np.abs(settled - middle).max()), 0.005 * abs(middle), 1e-12)
+        label = f"{column.name} [{unit(column.unit) or '1'}] over {time[-1]:.3g} s"
+        plots.append(plot(label, time, curves, span=(middle - reach, middle + reach)))
+    return plots
+
+
+def _curve(result: Identified, column: int) -> Curve:
+    """Course of one estimate: one colour for a plain scheme and its filtered sister, which is dashed."""
+    families = (("dynamic",), ("energy", "power"), ("hamiltonian",))
+    family = next((k for k, words in enumerate(families) if any(word in result.scheme for word in words)), 0)
+    return Curve(result.convergence.theta[:, column], COLORS[family], "filtered" in result.scheme)
 
 
 def show_comparison(found: Comparison) -> str:
     """Errors of a model, and where it fails."""
     plots = [
-        curves(
+        plot(
             f"mean residual torque [N m] over {item.axis}, {item.edges[0]:.3g} to {item.edges[-1]:.3g} {item.unit}",
             0.5 * (item.edges[1:] + item.edges[:-1]),
-            [(item.mean, ORANGE)],
+            [Curve(item.mean, ORANGE)],
             noise=2 * item.error,
         )
         for item in found.profiles
     ]
     where = bullets(region.text for region in found.regions)
     return card(
-        found.headline,
+        opening(found.headline),
         table(distances_table(found)),
         *((heading("Where"), where) if found.regions else ()),
         *plots,
@@ -143,7 +149,7 @@ def show_estimates(found: Mapping[str, SchemeEstimate]) -> str:
         rows.append((id, *(known.get(name, "") for name in units)))
     batch = [len(told["theta"]) for told in found.values() if np.ndim(told["theta"]) > 1]
     return card(
-        "online estimates",
+        "Online estimates",
         table(Table(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
         note(f"of the first of {batch[0]} pendulums" if batch else ""),
     )

@@ -6,15 +6,16 @@ colour and two colours that are seen on either. Whatever goes in is escaped, nam
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.thinning import thin
-from pendulum_env.words import Table, listing, opening, parameters_table, unit
+from pendulum_env.words import Table, listing, parameters_table, unit
 
 if TYPE_CHECKING:
     from pendulum_env.physics import Model
@@ -45,8 +46,8 @@ def element(tag: str, style: str, *content: object) -> Html:
 
 def card(title: str, *parts: Html) -> str:
     """A result as one block: its title and what there is to show."""
-    heading = element("div", "font-weight:600;font-size:1.12em;margin-bottom:.3em", opening(title))
-    return element("div", "max-width:62em;line-height:1.45;overflow-x:auto", heading, *parts)
+    first = element("div", "font-weight:600;font-size:1.12em;margin-bottom:.3em", title)
+    return element("div", "max-width:62em;line-height:1.45;overflow-x:auto", first, *parts)
 
 
 def heading(text: str) -> Html:
@@ -77,66 +78,96 @@ def folded(title: str, *parts: Html) -> Html:
 
 
 def table(content: Table) -> Html:
-    """Rows of words under their headers."""
+    """Rows of words under their headers; blocks are drawn as bars."""
     flush = ["left" if k == 0 or header in content.left else "right" for k, header in enumerate(content.headers)]
+    wrap = ["nowrap"] + ["normal"] * (len(flush) - 1)
 
-    def row(cells: Sequence[str], tag: str, style: str) -> Html:
-        common = f"padding:.22em .9em .22em 0;vertical-align:top;{LINE};{style}"
-        return element(
-            "tr",
-            "background:none",
-            *(element(tag, f"text-align:{side};{common}", cell) for side, cell in zip(flush, cells, strict=True)),
-        )
+    def cell(tag: str, style: str, place: int, text: str) -> Html:
+        color = f"color:{BLUE};letter-spacing:-.05em;" if text.startswith("█") else ""
+        layout = f"padding:.22em .9em .22em 0;vertical-align:top;{LINE};text-align:{flush[place]}"
+        return element(tag, f"{layout};white-space:{wrap[place]};{color}{style}", text)
 
-    head = row(content.headers, "th", "font-weight:500;opacity:.75")
-    body = [row(cells, "td", "font-variant-numeric:tabular-nums") for cells in content.rows]
+    def row(tag: str, style: str, cells: Sequence[str]) -> Html:
+        return element("tr", "background:none", *(cell(tag, style, place, text) for place, text in enumerate(cells)))
+
+    # a unit stays on one line
+    headers = [
+        re.sub(r"\[.*?\]", lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), text) for text in content.headers
+    ]
+    head = row("th", "font-weight:500;opacity:.75", headers)
+    body = [row("td", "font-variant-numeric:tabular-nums", cells) for cells in content.rows]
     return Html(
         '<table class="pendulum" style="border-collapse:collapse;border:0;margin:.3em 0;font-size:.92em">'
         f"<thead>{head}</thead><tbody>{''.join(body)}</tbody></table>"
     )
 
 
-def curves(
+class Curve(NamedTuple):
+    """Values (N,) over what all curves of a plot share, and how they are drawn."""
+
+    values: Array
+    color: str
+    dashed: bool = False
+
+
+def legend(entries: Iterable[tuple[str, Curve]]) -> Html:
+    """Names of curves, each in its colour."""
+    line = "display:inline-block;width:1.6em;margin:0 .4em .25em 0;border-top:2px"
+    keys = [
+        element(
+            "span",
+            "margin-right:1.2em;white-space:nowrap",
+            element("span", f"{line} {'dashed' if curve.dashed else 'solid'} {curve.color}"),
+            name,
+        )
+        for name, curve in entries
+    ]
+    return element("div", SMALL, *keys)
+
+
+def plot(
     label: str,
     x: Array,
-    series: Sequence[tuple[Array, str]],
+    curves: Sequence[Curve],
     noise: Array | None = None,
     span: tuple[float, float] | None = None,
 ) -> Html:
-    """Small plot of one or several curves over x (N,), between the lowest and highest value, which are printed.
+    """Small plot of curves over x, between the lowest and the highest value, which are printed.
 
     Args:
         label: what is seen, with its unit.
         x: abscissa, increasing (N,).
-        series: values (N,) and colour of each curve.
+        curves: what is drawn.
         noise: half width of a band about zero (N,).
         span: lowest and highest value shown; what is beyond is cut off.
     """
-    everything = np.concatenate([np.asarray(y, dtype=float) for y, _ in series])
-    low, high = span or (float(everything.min()), float(everything.max()))
+    low, high = span or (
+        float(min(curve.values.min() for curve in curves)),
+        float(max(curve.values.max() for curve in curves)),
+    )
     room = (high - low) or 1.0
 
     def path(x_values: Array, y_values: Array) -> str:
         across = WIDTH * (x_values - x[0]) / ((x[-1] - x[0]) or 1.0)
         down = np.clip(HEIGHT * (high - y_values) / room, -HEIGHT, 2 * HEIGHT)
-        return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(across, down, strict=True))
+        return "M" + "L".join(f"{a:.0f} {b:.1f}" for a, b in zip(across, down, strict=True))
 
     shapes = []
     if low < 0 < high:
-        zero = HEIGHT * high / room
-        shapes.append(f'<path d="M0 {zero:.1f}H{WIDTH}" stroke="currentColor" stroke-opacity=".25"/>')
+        shapes.append(f'<path d="M0 {HEIGHT * high / room:.1f}H{WIDTH}" stroke="currentColor" stroke-opacity=".25"/>')
     if noise is not None:
         band = path(np.r_[x, x[::-1]], np.r_[noise, -noise[::-1]])
         shapes.append(f'<path d="{band}Z" fill="currentColor" fill-opacity=".18"/>')
-    for y, color in series:
-        kept = thin(np.asarray(y, dtype=float), POINTS)
-        line = f'd="{path(x[kept], np.asarray(y)[kept])}" stroke="{color}"'
+    for curve in curves:
+        kept = thin(curve.values, POINTS)
+        dashes = ' stroke-dasharray="5 3"' if curve.dashed else ""
+        line = f'd="{path(x[kept], curve.values[kept])}" stroke="{curve.color}"{dashes}'
         shapes.append(f'<path {line} fill="none" stroke-width="1.4" vector-effect="non-scaling-stroke"/>')
     drawing = Html(
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none" role="img" aria-label="{escape(label)}" '
         f'style="display:block;width:100%;height:{HEIGHT}px;overflow:hidden">{"".join(shapes)}</svg>'
     )
-    limits = element("span", "", f"{low:.3g} to {high:.3g}")
+    limits = element("span", "white-space:nowrap;margin-left:1em", f"{low:.3g} to {high:.3g}")
     caption = element("div", f"display:flex;justify-content:space-between;{SMALL}", element("span", "", label), limits)
     return element("div", "max-width:42em;margin:.35em 0", caption, drawing)
 
@@ -144,27 +175,20 @@ def curves(
 def show_model(model: Model) -> str:
     """A model: its torque balance and its parameters."""
     law = " + ".join(term.law for term in model.terms)
-    return card(
-        f"model with {listing([term.id for term in model.terms])}",
-        paragraph(f"torque = {law}"),
-        table(parameters_table(model)),
-    )
+    title = f"Model with {listing([term.id for term in model.terms])}"
+    return card(title, paragraph(f"torque = {law}"), table(parameters_table(model)))
 
 
 def show_recording(recording: Recording) -> str:
-    """A recording: length and rate, the range of what was measured, what was changed at reading, and curves."""
+    """A recording: length and rate, what was changed at reading, what it lacks, and its curves."""
     signals = [("position q", recording.position, "rad", BLUE), ("torque", recording.torque, "N m", ORANGE)]
     if recording.velocity is not None:
         signals.insert(1, ("velocity q'", recording.velocity, "rad/s", GREEN))
     remarks = [*recording.notes]
     if not recording.torque.any():
         remarks.append("torque is never applied: only ratios of parameters can be known")
-    return card(
-        f"recording {recording.name}",
-        paragraph(recording.summary),
-        bullets(remarks),
-        *(
-            curves(f"{label} [{unit(symbol)}] over time", recording.time, [(values, color)])
-            for label, values, symbol, color in signals
-        ),
-    )
+    plots = [
+        plot(f"{label} [{unit(symbol)}] over {recording.duration:.3g} s", recording.time, [Curve(values, color)])
+        for label, values, symbol, color in signals
+    ]
+    return card(f"Recording {recording.name}", paragraph(recording.summary), bullets(remarks), *plots)

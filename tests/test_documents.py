@@ -1,0 +1,44 @@
+"""What README and the pages of docs/ show is what the program does."""
+
+from pathlib import Path
+
+import pytest
+
+from pendulum_env.backends import BACKENDS
+from pendulum_env.physics import library
+from tests.prose import blocks, check, first_untold
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md"))
+
+
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """A folder to run in; what a page adds to the library is forgotten afterwards."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(library, "_registered", dict(library._registered))
+    backends = dict(BACKENDS)
+    yield
+    BACKENDS.clear()
+    BACKENDS.update(backends)
+
+
+def test_the_workflow_of_the_readme_is_what_happens(own_folder):
+    path = ROOT / "README.md"
+    found = blocks(path.read_text(encoding="utf-8"), "The workflow")
+    assert len(found) > 5
+    check(path, found)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=[str(path.relative_to(ROOT / "docs")) for path in PAGES])
+def test_code_of_a_page_runs_and_prints_what_it_shows(own_folder, path):
+    check(path, blocks(path.read_text(encoding="utf-8")))
+
+
+def test_output_that_drifted_is_noticed():
+    printed = "errors\ninertia  0.08951 ± 0.00012 kg m^2\ngravity  2.01 N m\n"
+    assert first_untold("inertia 0.08952 ± 0.00012 kg m^2\n...\ngravity 2.02 N m", printed) is None
+    assert first_untold("inertia 0.0931 ± 0.00012 kg m^2", printed) is not None  # another number
+    assert first_untold("inertia 0.08951 kg m^2", printed) is not None  # another text
+    assert first_untold("gravity 2.01 N m\ninertia 0.08951 ± 0.00012", printed) is not None  # another order
+    assert first_untold("spring 3 N m", printed) is not None
