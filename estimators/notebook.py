@@ -90,18 +90,22 @@ def show_comparison(found: Comparison) -> str:
     """Errors of a model, and where it fails."""
     plots = [
         plot(
-            f"mean residual torque [N m] over {item.axis}, {item.edges[0]:.3g} to {item.edges[-1]:.3g} {item.unit}",
+            f"{'amplitude of the' if item.axis == 'frequency' else 'mean'} residual torque [N m] "
+            f"over {item.axis}, {item.edges[0]:.3g} to {item.edges[-1]:.3g} {item.unit}",
             0.5 * (item.edges[1:] + item.edges[:-1]),
             [Curve(item.mean, ORANGE)],
             noise=2 * item.error,
         )
         for item in found.profiles
     ]
-    where = bullets(region.text for region in found.regions)
+    where = [region.text for region in found.regions] or [
+        "nothing stands out of the noise: the model explains these recordings"
+    ]
     return card(
         opening(found.headline),
         table(distances_table(found)),
-        *((heading("Where"), where) if found.regions else ()),
+        heading("Where"),
+        bullets(where),
         *plots,
         note("The band is two standard errors of noise."),
     )

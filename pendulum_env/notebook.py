@@ -80,12 +80,13 @@ def folded(title: str, *parts: Html) -> Html:
 def table(content: Table) -> Html:
     """Rows of words under their headers; blocks are drawn as bars."""
     flush = ["left" if k == 0 or header in content.left else "right" for k, header in enumerate(content.headers)]
-    wrap = ["nowrap"] + ["normal"] * (len(flush) - 1)
 
     def cell(tag: str, style: str, place: int, text: str) -> Html:
         color = f"color:{BLUE};letter-spacing:-.05em;" if text.startswith("█") else ""
-        layout = f"padding:.22em .9em .22em 0;vertical-align:top;{LINE};text-align:{flush[place]}"
-        return element(tag, f"{layout};white-space:{wrap[place]};{color}{style}", text)
+        prose = tag == "th" or (place > 0 and flush[place] == "left")
+        wrap = "normal" if prose else "nowrap"
+        layout = f"padding:.22em .9em .22em 0;vertical-align:top;{LINE};text-align:{flush[place]};white-space:{wrap}"
+        return element(tag, f"{layout};{color}{style}", text)
 
     def row(tag: str, style: str, cells: Sequence[str]) -> Html:
         return element("tr", "background:none", *(cell(tag, style, place, text) for place, text in enumerate(cells)))

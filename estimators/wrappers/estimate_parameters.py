@@ -29,7 +29,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         regressor: (P,), the torque balance's row at that sample, 0 in stick.
         parameters: their names in order.
 
-    Example:
+    Examples:
         >>> import gymnasium as gym
         >>> from estimators.wrappers import EstimateParameters
         >>> env = EstimateParameters(gym.make("pendulum_env/DirectDrivePendulum-v0"), schemes=["dynamic"])
