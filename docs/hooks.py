@@ -23,7 +23,7 @@ from workbench.commands import COMMANDS
 from workbench.commands.effects import parameters
 
 ROOT = Path(__file__).parents[1]
-WIDTH = "100"  # characters of a line of help
+WIDTH = "84"  # characters of a line of help
 ARITHMATEX = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<latex>.*?)</(?P=tag)>', re.S)
 OPTIONAL = {"hardware.md": "Run on the rig", "app.md": "Work in the browser"}  # pages that may be there
 

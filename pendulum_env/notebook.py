@@ -85,7 +85,7 @@ def table(content: Table) -> Html:
         color = f"color:{BLUE};letter-spacing:-.05em;" if text.startswith("█") else ""
         prose = tag == "th" or (place > 0 and flush[place] == "left")
         wrap = "normal" if prose else "nowrap"
-        layout = f"padding:.22em .9em .22em 0;vertical-align:top;{LINE};text-align:{flush[place]};white-space:{wrap}"
+        layout = f"padding:.22em .75em .22em 0;vertical-align:top;{LINE};text-align:{flush[place]};white-space:{wrap}"
         return element(tag, f"{layout};{color}{style}", text)
 
     def row(tag: str, style: str, cells: Sequence[str]) -> Html:
