@@ -148,7 +148,8 @@ def show_estimates(found: Mapping[str, SchemeEstimate]) -> str:
     rows = []
     for id, told in found.items():
         theta = np.atleast_2d(told["theta"])[0]
-        std = np.sqrt(np.diagonal(told["covariance"], axis1=-2, axis2=-1)).reshape(-1, len(theta))[0]
+        variance = np.diagonal(told["covariance"], axis1=-2, axis2=-1).reshape(-1, len(theta))[0]
+        std = np.sqrt(np.maximum(variance, 0.0))
         known = {name: plus_minus(*pair) for name, *pair in zip(told.units, theta, std, strict=True)}
         rows.append((id, *(known.get(name, "") for name in units)))
     batch = [len(told["theta"]) for told in found.values() if np.ndim(told["theta"]) > 1]

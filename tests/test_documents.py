@@ -4,6 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from estimators import search
+from estimators.free_running import SECONDS
+from estimators.recursion import PRIOR
+from estimators.schemes import CUTOFF, GUARD, Energy
 from pendulum_env.backends import BACKENDS
 from pendulum_env.physics import library
 from tests.prose import blocks, check, first_untold
@@ -33,6 +37,22 @@ def test_the_workflow_of_the_readme_is_what_happens(own_folder):
 @pytest.mark.parametrize("path", PAGES, ids=[str(path.relative_to(ROOT / "docs")) for path in PAGES])
 def test_code_of_a_page_runs_and_prints_what_it_shows(own_folder, path):
     check(path, blocks(path.read_text(encoding="utf-8")))
+
+
+def test_numbers_in_the_prose_are_those_of_the_code():
+    library_size = f"a library of {len(library.BUILT_IN)} effects"
+    assert library_size in " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert library_size in " ".join((ROOT / "docs" / "index.md").read_text(encoding="utf-8").split())
+    theory = " ".join((ROOT / "docs" / "theory.md").read_text(encoding="utf-8").split())
+    for told in (
+        f"to {100 * search.HELD_OUT:.0f} % or less",
+        f"$\\lambda = {CUTOFF:.0f}$ rad/s",
+        f"a guard of {1000 * GUARD:.0f} ms",
+        f"a sliding window of {1000 * Energy().window:.0f} ms",
+        f"windows of {SECONDS:.0f} second".replace("1", "one"),
+    ):
+        assert told in theory
+    assert (search.SHARE, search.SURPRISE, search.TIE, PRIOR) == (0.2, 10.0, 5.0, 1e7)  # a fifth, ten nats, five nats
 
 
 def test_output_that_drifted_is_noticed():

@@ -23,8 +23,6 @@ def words(cell) -> str:
     return unescape(re.sub("<[^>]+>", " ", "\n".join(told)))
 
 
-# the kernel's own machinery, which this project cannot mend
-@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::RuntimeWarning:zmq")
 def test_tutorial_runs_and_its_stored_output_is_what_comes_out():
     import nbformat
 
