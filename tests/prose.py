@@ -16,6 +16,7 @@ FENCE = re.compile(
     r"(?:<!-- not run: (?P<why>[^>]+) -->\n+)?^```(?P<language>\w*)[^\n]*\n(?P<text>.*?)^```$", re.M | re.S
 )
 NUMBER = re.compile(r"[-+−]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?", re.I)
+STAYS = ("app", "emulate")  # commands that run until somebody stops them
 SHARE = 0.02  # of a number, or one unit of its last place: computers differ in rounding
 
 
@@ -89,6 +90,7 @@ def commands(text: str) -> list[tuple[list[str], str]]:
 def run_command(words: list[str]) -> str:
     """What a command of this project prints; it has to succeed."""
     assert words[0] == "pendulum-ident", f"cannot run {words[0]}"
+    assert words[1] not in STAYS, f"{words[1]} does not end by itself: put <!-- not run: why --> before the block"
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = main(words[1:])
