@@ -54,10 +54,11 @@ class Comparison:
     @property
     def headline(self) -> str:
         """The result in one sentence."""
-        errors = self.joint.errors
+        torque, position = self.joint.errors.torque_rms, self.joint.errors.position_rms
+        times = torque / max(self.joint.noise_floor, 1e-300)
         return (
-            f"the model is off by {errors.torque_rms:.3g} N m, {errors.torque_rms / self.joint.noise_floor:.2g} times "
-            f"what noise leaves, and by {errors.position_rms:.3g} rad in free run"
+            f"the model is off by {torque:.3g} N m, {times:.2g} times what noise leaves, and by {position:.3g} rad in "
+            "free run"
         )
 
     def __repr__(self) -> str:

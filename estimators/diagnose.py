@@ -258,6 +258,8 @@ def add(model: Model, id: str, recordings: Recordings, holdout: Recordings = ())
     """
     model, recordings = model_that_moves(model), chosen_recordings(recordings)
     holdout = chosen_recordings(holdout, empty=True)
+    if not isinstance(id, str):
+        raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     kind = find_effect(id)
     model.add(kind())  # raises if it is there already
     search = Search(*gather(recordings, holdout))

@@ -30,7 +30,8 @@ def chosen_recordings(given: Recordings, *, empty: bool = False) -> tuple[Record
     for item in several:
         if not isinstance(item, Recording):
             raise TypeError(
-                f"{_shown(item)} is not a recording: read a file with pendulum_env.recording.read_recording"
+                f"{_shown(item)} is not a recording: read a file with pendulum_env.recording.read_recording, or make "
+                "one of arrays with Recording"
             )
     if not several and not empty:
         raise ValueError("there is no recording to work on: give one or several")

@@ -11,7 +11,7 @@ from estimators.compare import Comparison
 from estimators.diagnose import Addition
 from estimators.diagnosis import Diagnosis
 from estimators.identify import Identification, Identified
-from estimators.tables import candidates_table, distances_table, errors_table, schemes_table
+from estimators.tables import candidates_table, distances_table, errors_table, kin, schemes_table
 from pendulum_env.notebook import (
     BLUE,
     GREEN,
@@ -81,9 +81,8 @@ def _settling(results: Sequence[Identified]) -> list[Html]:
 
 def _curve(result: Identified, column: int) -> Curve:
     """Course of one estimate: one colour for a plain scheme and its filtered sister, which is dashed."""
-    families = (("dynamic",), ("energy", "power"), ("hamiltonian",))
-    family = next((k for k, words in enumerate(families) if any(word in result.scheme for word in words)), 0)
-    return Curve(result.convergence.theta[:, column], COLORS[family], "filtered" in result.scheme)
+    family, is_filtered = kin(result.scheme)
+    return Curve(result.convergence.theta[:, column], COLORS[family], is_filtered)
 
 
 def show_comparison(found: Comparison) -> str:

@@ -70,6 +70,13 @@ def schemes_table(found: Identification, model: Model | None = None) -> Table:
     return Table(("scheme", *(f"{column.name} [{column.unit}]" for column in columns), "residual"), rows)
 
 
+def kin(scheme: str) -> tuple[int, bool]:
+    """How a scheme is drawn: its family, of three that share a colour each, and whether it is the filtered sister."""
+    families = (("dynamic",), ("energy", "power"), ("hamiltonian",))
+    family = next((k for k, words in enumerate(families) if any(word in scheme for word in words)), 0)
+    return family, "filtered" in scheme
+
+
 def distances_table(found: Comparison) -> Table:
     """Errors of a model on every recording, and on all together if there are several."""
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances

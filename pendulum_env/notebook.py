@@ -1,7 +1,7 @@
 """HTML by which results show themselves in a notebook: cards of words, tables and small curves.
 
 A cell has no style sheet of its own and may be light or dark, so that everything is styled in place, in the text's own
-colour and two colours that are seen on either. Whatever goes in is escaped, names of recordings and effects included.
+colour and three colours that are seen on either. Whatever goes in is escaped, names of recordings and effects included.
 """
 
 from __future__ import annotations

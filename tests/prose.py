@@ -17,7 +17,7 @@ FENCE = re.compile(
 )
 NUMBER = re.compile(r"[-+−]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?", re.I)
 STAYS = ("app", "emulate")  # commands that run until somebody stops them
-SHARE = 0.02  # of a number, or one unit of its last place: computers differ in rounding
+SHARE = 0.002  # of a number, or one unit of its last place: computers differ in rounding
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from estimators.diagnosis import SCHEMA
+from estimators.inputs import model_that_moves
 from estimators.suggestion import Suggestion
 from pendulum_env.files import check_output
 from pendulum_env.physics import Model, ModelError
@@ -114,9 +115,10 @@ def read_model(path: str) -> Model:
         ModelError: if there is none in the file.
     """
     model = Model.load(path)
-    if "inertia" not in model.estimates:
-        raise ModelError(f"{path}: the model lacks the term inertia, without which nothing moves")
-    return model
+    try:
+        return model_that_moves(model)
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from None
 
 
 def read_suggestion(path: str) -> Suggestion:

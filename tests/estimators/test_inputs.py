@@ -40,6 +40,13 @@ def test_held_out_recordings_are_checked_too(swing):
         add(MODEL, "spring", swing, [swing, 3])
 
 
+def test_what_is_no_effect(swing):
+    with pytest.raises(TypeError, match="an effect is added by its id, such as 'stribeck', got "):
+        add(MODEL, Gravity, swing)
+    with pytest.raises(ValueError, match="did you mean stribeck"):
+        add(MODEL, "stribek", swing)
+
+
 @pytest.mark.parametrize("call", [lambda m, r: compare(m, r), lambda m, r: add(m, "spring", r)])
 def test_what_is_no_model(call, swing):
     with pytest.raises(TypeError, match=r"'model\.json' is not a model: read a file with Model\.load"):
