@@ -111,16 +111,15 @@ def effects_page() -> str:
         f"The model is torque = {_law(' + '.join(term.law for term in BASE))}, and any of {len(effects())} effects. "
         "Each law is added to that side of the balance unless it says otherwise. Your own effect is "
         "[a few lines of Python](../how-to/effect.md).",
-        "| effect | law | kind | parameters, of a size that a rig might show |\n|---|---|---|---|",
+        "| effect | law | kind |\n|---|---|---|",
     ]
-    parts[-1] += "".join(
-        f"\n| [`{id}`](#{id}) | {_law(kind.law)} | {kind.kind} | {parameters(kind)} |" for id, kind in effects().items()
-    )
+    parts[-1] += "".join(f"\n| [`{id}`](#{id}) | {_law(kind.law)} | {kind.kind} |" for id, kind in effects().items())
     for id, kind in effects().items():
         parts += [
             f"## `{id}` {{ #{id} }}",
             _law(kind.law),
             _prose(kind),
+            f"Parameters, of a size that a rig might show: {parameters(kind)}.",
             f"To show it, a recording needs {kind.reveal}.",
         ]
     return "\n\n".join(parts)

@@ -1,5 +1,7 @@
 """What README and the pages of docs/ show is what the program does."""
 
+import doctest
+import importlib
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,12 @@ from pendulum_env.physics import library
 from tests.prose import blocks, check, first_untold
 
 ROOT = Path(__file__).parents[1]
+EXAMPLES = sorted(
+    path
+    for package in ("pendulum_env", "estimators", "agents", "workbench")
+    for path in (ROOT / package).rglob("*.py")
+    if ">>> " in path.read_text(encoding="utf-8")
+)
 BY_HAND = {"hardware.md", "app.md"}  # what they show needs a rig, or somebody at a browser
 PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.name not in BY_HAND)
 
@@ -38,6 +46,13 @@ def test_the_workflow_of_the_readme_is_what_happens(own_folder):
 @pytest.mark.parametrize("path", PAGES, ids=[str(path.relative_to(ROOT / "docs")) for path in PAGES])
 def test_code_of_a_page_runs_and_prints_what_it_shows(own_folder, path):
     check(path, blocks(path.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
+def test_examples_in_docstrings_come_out_as_they_say(path):
+    module = importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    found = doctest.testmod(module)
+    assert found.attempted and not found.failed
 
 
 def test_numbers_in_the_prose_are_those_of_the_code():

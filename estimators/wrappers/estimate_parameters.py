@@ -23,11 +23,12 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     """Estimate the parameters online, by recursive least squares, from the measurement in `info`.
 
     Adds to `info`:
-        estimates: by scheme, each with `theta` (P,), `covariance` (P, P), honest under correlated errors, and
-            `prediction_error`, a priori and 0 where the sample was not used, as in stick.
-        estimates_time: time of the newest sample used [s]: smoothing and stick need to see both sides of a sample.
-        regressor: (P,), the torque balance's row at that sample, 0 in stick.
-        parameters: their names in order.
+
+    - `estimates`: by scheme, each with `theta` (P,), `covariance` (P, P), honest under correlated errors, and
+      `prediction_error`, a priori and 0 where the sample was not used, as in stick. A notebook shows them as a table.
+    - `estimates_time`: time of the newest sample used [s]: smoothing and stick need to see both sides of a sample.
+    - `regressor`: (P,), the torque balance's row at that sample, 0 in stick.
+    - `parameters`: their names in order.
 
     Examples:
         >>> import gymnasium as gym
