@@ -118,6 +118,8 @@ class Diagnosis:
         if found:
             rest = ", and more that no known effect explains" if self.unexplained else ""
             return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
+        if not self.candidates:  # nobody has looked yet
+            return "Something is missing in this model" if self.unexplained else "The model explains what was measured"
         if self.unexplained:
             return "Something is missing, and no known effect explains it"
         return "Nothing is missing"

@@ -45,7 +45,11 @@ def show_identification(found: Identification) -> str:
         table(schemes_table(found)),
         note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
         bullets(f"warning: {doubt.text}" for doubt in found.doubts),
-        folded("how the estimates settle", legend((r.scheme, _curve(r, 0)) for r in results), *_settling(results)),
+        folded(
+            "how the estimates settle",
+            legend((r.scheme, _curve(r, 0, k)) for k, r in enumerate(results)),
+            *_settling(results),
+        ),
     )
 
 
@@ -68,7 +72,7 @@ def _settling(results: Sequence[Identified]) -> list[Html]:
     """Estimates over time, one plot a parameter; the wild start is out of the picture."""
     plots = []
     for k, column in enumerate(results[0].model.columns):
-        curves = [_curve(result, k) for result in results]
+        curves = [_curve(result, k, place) for place, result in enumerate(results)]
         time = results[0].convergence.time
         late = time >= time[0] + SETTLED * (time[-1] - time[0])
         middle = float(np.median([curve.values[-1] for curve in curves]))
@@ -79,9 +83,9 @@ def _settling(results: Sequence[Identified]) -> list[Html]:
     return plots
 
 
-def _curve(result: Identified, column: int) -> Curve:
+def _curve(result: Identified, column: int, place: int) -> Curve:
     """Course of one estimate: one colour for a plain scheme and its filtered sister, which is dashed."""
-    family, is_filtered = kin(result.scheme)
+    family, is_filtered = kin(result.scheme, place)
     return Curve(result.convergence.theta[:, column], COLORS[family], is_filtered)
 
 

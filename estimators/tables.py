@@ -70,10 +70,14 @@ def schemes_table(found: Identification, model: Model | None = None) -> Table:
     return Table(("scheme", *(f"{column.name} [{column.unit}]" for column in columns), "residual"), rows)
 
 
-def kin(scheme: str) -> tuple[int, bool]:
-    """How a scheme is drawn: its family, of three that share a colour each, and whether it is the filtered sister."""
+def kin(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
+    """How a scheme is drawn: its family, of three that share a colour each, and whether it is the filtered sister.
+
+    A scheme of another name is drawn as of the family `otherwise`, modulo three.
+    """
     families = (("dynamic",), ("energy", "power"), ("hamiltonian",))
-    family = next((k for k, words in enumerate(families) if any(word in scheme for word in words)), 0)
+    other = otherwise % len(families)
+    family = next((k for k, words in enumerate(families) if any(word in scheme for word in words)), other)
     return family, "filtered" in scheme
 
 

@@ -123,6 +123,16 @@ def test_diagnosis_tells_what_is_missing_how_the_errors_fall_and_what_is_open(re
     assert "the joint needs <more>" in text and "Record wider swings" in text
 
 
+def test_headline_says_no_more_than_was_looked_for(results):
+    found = results["diagnosis"]
+    base = replace(found, steps=found.steps[:1])
+    region = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 rad")
+    assert base.headline == "Nothing is missing"
+    assert replace(base, unexplained=(region,)).headline == "Something is missing, and no known effect explains it"
+    assert replace(base, candidates=()).headline == "The model explains what was measured"
+    assert replace(base, candidates=(), unexplained=(region,)).headline == "Something is missing in this model"
+
+
 def test_comparison_tells_where(results):
     text = shown(results["comparison"])
     assert results["comparison"].regions

@@ -22,7 +22,7 @@ def schemes(case: Case) -> Section | None:
     found = case.identification
     if found is None:
         return None
-    strokes = {id: stroke(id) for id in found.schemes}
+    strokes = {id: stroke(k, id) for k, id in enumerate(found.schemes)}
     columns = next(iter(found.schemes.values())).model.columns
     content = {
         "found": found,
@@ -34,9 +34,9 @@ def schemes(case: Case) -> Section | None:
     return Section("schemes", "Schemes", "The schemes side by side", content)
 
 
-def stroke(scheme: str) -> JSON:
+def stroke(place: int, scheme: str) -> JSON:
     """Line of a scheme: one colour for the plain scheme and its filtered sister, which is dashed."""
-    family, is_filtered = kin(scheme)
+    family, is_filtered = kin(scheme, place)
     return {"color": COLORS[family], "width": 1.8, "dash": "dash" if is_filtered else "solid"}
 
 

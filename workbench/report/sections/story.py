@@ -42,7 +42,7 @@ def story(case: Case) -> Section:
     return Section(
         "story",
         "Result",
-        diagnosis.headline,
+        headline(diagnosis),
         {
             "changes": changes(diagnosis),
             "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
@@ -57,6 +57,11 @@ def story(case: Case) -> Section:
             "held_out": held_out(case),
         },
     )
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The result in one sentence."""
+    return diagnosis.headline
 
 
 def changes(diagnosis: Diagnosis) -> list[Change]:
