@@ -209,6 +209,6 @@ def test_one_recording_need_not_be_a_list_and_a_file_is_no_recording(
 ) -> None:
     pages = [re.sub(r"\d\d:\d\d", "", render(*given, diagnosis)) for given in ((train, holdout), ([train], [holdout]))]
     assert pages[0] == pages[1]
-    with pytest.raises(TypeError, match="'run.csv' is not a recording"):
+    with pytest.raises(TypeError, match=r"'run\.csv' is not a recording"):
         write_report(tmp_path / "report.html", "run.csv", (), diagnosis)
     assert not list(tmp_path.iterdir())
