@@ -44,7 +44,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self,
         backend: str = "pymunk",
         *,
-        effects: Sequence[str] = (),
+        effects: str | Sequence[str] | None = (),
         theta: Mapping[str, float] | Sequence[float] | None = None,
         model: Model | str | Path | None = None,
         rate: float = 1000.0,

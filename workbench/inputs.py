@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from estimators.diagnosis import SCHEMA
+from estimators.inputs import model_that_moves
 from estimators.suggestion import Suggestion
 from pendulum_env.files import check_output
 from pendulum_env.physics import Model, ModelError
@@ -88,7 +89,7 @@ def read_recordings(paths: Sequence[str], unwrap: bool, terminal: Terminal) -> l
     recordings = []
     for path in paths:
         recording = read_recording(path, unwrap=unwrap)
-        terminal.say(f"{path}: {recording.duration:.3g} s at {recording.rate:.6g} Hz, {len(recording)} samples")
+        terminal.say(f"{path}: {recording.summary}")
         for note in recording.notes:
             terminal.say(f"  {note}")
         recordings.append(recording)
@@ -114,9 +115,10 @@ def read_model(path: str) -> Model:
         ModelError: if there is none in the file.
     """
     model = Model.load(path)
-    if "inertia" not in model.estimates:
-        raise ModelError(f"{path}: the model lacks the term inertia, without which nothing moves")
-    return model
+    try:
+        return model_that_moves(model)
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from None
 
 
 def read_suggestion(path: str) -> Suggestion:

@@ -15,6 +15,7 @@ from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.term import Column, Samples, Term
+from pendulum_env.words import plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
 
@@ -30,6 +31,9 @@ class Estimate:
     value: float
     std: float
     unit: str
+
+    def __str__(self) -> str:
+        return f"{plus_minus(self.value, self.std)} {self.unit}"
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -122,6 +126,11 @@ class Model:
     ) -> Trajectory:
         """Motion in free run under a held torque command; see `pendulum_env.physics.simulation.simulate`."""
         return simulate(self.terms, self.theta, period, torque, position, velocity, start)
+
+    def _repr_html_(self) -> str:
+        from pendulum_env.notebook import show_model  # only a notebook asks for it
+
+        return show_model(self)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""

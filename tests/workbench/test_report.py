@@ -202,3 +202,13 @@ def test_curves_break_where_time_has_a_gap() -> None:
 
 def test_plotted_numbers_are_rounded_and_gaps_are_null() -> None:
     assert numbers(np.array([1.23456789, np.nan, -1e-9, 0.0])) == [1.2346, None, -1e-9, 0.0]
+
+
+def test_one_recording_need_not_be_a_list_and_a_file_is_no_recording(
+    tmp_path: Path, train: Recording, holdout: Recording, diagnosis: Diagnosis
+) -> None:
+    pages = [re.sub(r"\d\d:\d\d", "", render(*given, diagnosis)) for given in ((train, holdout), ([train], [holdout]))]
+    assert pages[0] == pages[1]
+    with pytest.raises(TypeError, match=r"'run\.csv' is not a recording"):
+        write_report(tmp_path / "report.html", "run.csv", (), diagnosis)
+    assert not list(tmp_path.iterdir())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pendulum_env import thinning
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 
 POINTS = 2400  # of one curve; more than a screen is wide
@@ -87,12 +88,8 @@ def axis(title: str, **more: object) -> JSON:
 
 
 def thin(series: Array, most: int = POINTS) -> Index:
-    """Indices of about `most` samples of a series (N,) that keep every peak: the extremes of equal stretches."""
-    if len(series) <= most:
-        return np.arange(len(series))
-    parts = np.array_split(np.arange(len(series)), most // 2)
-    ends = [(part[np.argmin(series[part])], part[np.argmax(series[part])]) for part in parts]
-    return np.unique(np.array(ends))
+    """Indices of about `most` samples of a series (N,) that keep every peak."""
+    return thinning.thin(series, most)
 
 
 def broken(time: Array, kept: Index, *series: Array) -> tuple[Array, list[Array]]:

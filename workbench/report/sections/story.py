@@ -9,7 +9,7 @@ from estimators.free_running import SECONDS
 from pendulum_env.physics import Estimate, Term
 from workbench.report.case import Case
 from workbench.report.section import Section
-from workbench.report.words import listing, name, opening
+from workbench.report.words import listing
 
 
 @dataclass(frozen=True)
@@ -61,14 +61,7 @@ def story(case: Case) -> Section:
 
 def headline(diagnosis: Diagnosis) -> str:
     """The result in one sentence."""
-    rivals = {group[0]: group for group in diagnosis.ambiguous}
-    found = [listing([name(id) for id in rivals.get(effect, (effect,))], "or") for effect in diagnosis.selected]
-    if found:
-        rest = ", and more that no known effect explains" if diagnosis.unexplained else ""
-        return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
-    if diagnosis.unexplained:
-        return "Something is missing, and no known effect explains it"
-    return "Nothing is missing"
+    return diagnosis.headline
 
 
 def changes(diagnosis: Diagnosis) -> list[Change]:
