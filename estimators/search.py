@@ -270,7 +270,7 @@ class Search:
         """Search every shape parameter again, now that all terms are in."""
         trial = self.screen.trial(terms)
         for term in terms:
-            if any(not shape.integer for shape in term.shapes):
+            if any(not shape.integer for shape in term.free):
                 trial = self.screen.refine(trial, term.id)
         return trial.terms
 
@@ -503,7 +503,7 @@ def has_memory(term: Term) -> bool:
 
 def complexity(term: Term) -> int:
     """Number of parameters of a term."""
-    return len(term.columns) + len(term.shapes)
+    return len(term.columns) + len(term.free)
 
 
 def look(train: Evidence, test: Evidence, base: Sequence[Term], progress: Progress) -> tuple[Search, list[Step]]:

@@ -69,7 +69,7 @@ class Model:
             c.name: Estimate(float(v), float(s), c.unit) for c, v, s in zip(columns, values, errors, strict=True)
         }
         for term in terms:
-            for shape in term.shapes:
+            for shape in term.free:
                 name = f"{term.id}.{shape.name}"
                 estimates[name] = Estimate(term.shape[shape.name], shape_std.get(name, 0.0), shape.unit)
         return cls(tuple(terms), estimates)
@@ -154,8 +154,9 @@ class Model:
         try:
             for id in data["terms"]:
                 kind = library.term(id)
-                shape = {s.name: float(data["theta"][f"{id}.{s.name}"]["value"]) for s in kind.shapes}
-                for s in kind.shapes:
+                told = [s for s in kind.shapes if s.usual is None or f"{id}.{s.name}" in data["theta"]]
+                shape = {s.name: float(data["theta"][f"{id}.{s.name}"]["value"]) for s in told}
+                for s in told:
                     value = shape[s.name]
                     if not np.isfinite(value):
                         continue  # refused below, with all others

@@ -93,6 +93,7 @@ class Shape:
     integer: bool = False
     follows: str = ""  # name of a linear parameter of another term that this one is to equal
     instant: bool = False  # whether it is a time at which something happens, which shows only in what is sampled then
+    usual: float | None = None  # value at which it stays, and is no parameter at all, unless data call for another
 
 
 @dataclass(frozen=True)
@@ -154,6 +155,11 @@ class Term:
     def shape(self) -> dict[str, float]:
         """Values of the shape parameters by name."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    @property
+    def free(self) -> tuple[Shape, ...]:
+        """Shape parameters that are to be told: those that are not at their usual value."""
+        return tuple(shape for shape in self.shapes if np.any(getattr(self, shape.name) != shape.usual))
 
 
 def trace(variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:

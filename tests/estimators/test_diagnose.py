@@ -133,6 +133,19 @@ def test_torque_that_jumps_every_sample_is_not_taken_for_noise():
     assert set(spoiled.selected) == set(hidden)
 
 
+def test_an_unusual_exponent_of_stribeck_friction_is_found_and_a_usual_one_is_no_parameter(diagnosis):
+    plant = Plant(effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.8, "strib_p": 1.0}})
+    (r,) = simulate([(plant, run(60, 12.0))])
+    found = diagnose([Recording("slowly fading", r.time, r.position, r.torque)])
+    assert found.selected == ("stribeck",)
+    exponent = found.model.estimates["stribeck.exponent"]
+    assert abs(exponent.value - 1.0) < 3 * exponent.std < 0.2
+    assert Model.from_json(found.model.json()) == found.model
+    usual = diagnosis("stribeck").model
+    assert "stribeck.exponent" not in usual.estimates
+    assert Model.from_json(usual.json()) == usual
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_actions_drawn_at_random_raise_no_alarm(seed):
     """The first thing that an agent does: a new torque every millisecond, which hardly moves the arm."""

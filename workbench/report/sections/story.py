@@ -87,7 +87,7 @@ def changes(diagnosis: Diagnosis) -> list[Change]:
 def finding(diagnosis: Diagnosis, effect: str) -> Finding:
     """One added effect with its parameters in the final model."""
     term = next(term for term in diagnosis.model.terms if term.id == effect)
-    names = [column.name for column in term.columns] + [f"{term.id}.{shape.name}" for shape in term.shapes]
+    names = [column.name for column in term.columns] + [f"{term.id}.{shape.name}" for shape in term.free]
     rivals = tuple(id for group in diagnosis.ambiguous if group[0] == effect for id in group[1:])
     return Finding(effect, term.law, about(term), {name: diagnosis.model.estimates[name] for name in names}, rivals)
 
