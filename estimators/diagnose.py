@@ -219,7 +219,23 @@ class Addition:
     objection: str | None = None
 
 
-def add(model: Model, id: str, recordings: Sequence[Recording], holdout: Sequence[Recording] = ()) -> Addition:
+def fit(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), terms: Sequence[Term] = BASE) -> Step:
+    """Fit a model's terms, as `diagnose` and `add` do, and take the errors on what was fitted and on what was not.
+
+    Raises:
+        IdentificationError: if the recordings hold too little motion.
+    """
+    search = Search(*gather(recordings, holdout))
+    return search.report(None, search.settle(terms))
+
+
+def add(
+    model: Model,
+    id: str,
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording] = (),
+    progress: Progress = no_progress,
+) -> Addition:
     """Refit a model's terms, then with one more effect.
 
     Raises:
@@ -229,9 +245,13 @@ def add(model: Model, id: str, recordings: Sequence[Recording], holdout: Sequenc
     """
     kind = find_effect(id)
     model.add(kind())  # raises if it is there already
-    search = Search(*gather(recordings, holdout))
+    progress("reading the motion", 0.0)
+    search = Search(*gather(recordings, holdout), progress)
+    progress("fitting without it", 0.1)
     before = search.report(None, search.settle(model.terms))
+    progress(f"searching {id}", 0.3)
     trial = search.screen.best(before.model.terms, kind)
+    progress(f"fitting with {id}", 0.8)
     terms = search.settle(trial.terms) if trial else (*before.model.terms, kind())
     after = search.report(id, terms)
     return Addition(before, after, search.floor, objection(after, before, search.train.samples))

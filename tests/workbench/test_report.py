@@ -113,7 +113,7 @@ def test_hostile_names_stay_text(train: Recording, holdout: Recording, diagnosis
     assert "<script>alert" not in page
     found = Page(page)
     assert HOSTILE in found.text
-    assert len([tag for tag, _ in found.tags if tag == "script"]) == 4 + len(found.figures) - 1
+    assert len([tag for tag, _ in found.tags if tag == "script"]) == 5 + len(found.figures) - 1
 
 
 def test_nothing_missing_is_said_plainly(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:

@@ -66,6 +66,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if found:
         rest = ", and more that no known effect explains" if diagnosis.unexplained else ""
         return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
+    if not diagnosis.candidates:  # nobody has looked yet
+        return "Something is missing in this model" if diagnosis.unexplained else "The model explains what was measured"
     if diagnosis.unexplained:
         return "Something is missing, and no known effect explains it"
     return "Nothing is missing"

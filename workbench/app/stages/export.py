@@ -1,0 +1,122 @@
+"""Export: the report, the model, and how to do the same without a browser."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable
+from typing import Any
+
+from dash import Input, Output, dcc, html
+from dash import State as Value
+from dash.development.base_component import Component
+from dash.exceptions import PreventUpdate
+
+from workbench.app.parts import button, panel
+from workbench.app.session import Session
+from workbench.app.stage import Bench, Stage
+from workbench.app.state import State
+from workbench.report import render
+
+MODEL, REPORT, DIAGNOSIS = "model.json", "report.html", "diagnosis.json"
+
+
+def show(session: Session) -> list[Component]:
+    """What can be saved, and the same in two languages."""
+    state = session.state
+    diagnosed = state.diagnosis is not None
+    saved = [
+        _saved("report", REPORT, "one file to share: story, plots and tables; it needs no network and prints", True),
+        _saved("model", MODEL, "terms and parameters of the ladder's last model, for the command line and Python"),
+    ]
+    if diagnosed:
+        saved.append(_saved("diagnosis", DIAGNOSIS, "verdicts and reasons, for programs; the command record plays the experiment it suggests"))
+    return [
+        panel("Save", html.Ul(saved, className="downloads")),
+        panel("The same on the command line", _code(commands(state), "commands")),
+        panel("The same in Python", _code(snippet(state), "snippet")),
+    ]
+
+
+def _saved(id: str, file: str, what: str, primary: bool = False) -> Component:
+    return html.Li([button(file, {"save": id}, primary=primary), html.Span(what)])
+
+
+def _code(text: str, id: str) -> Component:
+    copy = dcc.Clipboard(target_id=id, title="copy", className="copy")
+    return html.Div([html.Pre(text, id=id, tabIndex=0), copy], className="code")
+
+
+def commands(state: State) -> str:
+    """Command lines that come to the same model."""
+    lines = [shlex.join(["pendulum-ident", "record", *one.origin, "-o", one.file.name]) for one in state.loaded if one.origin]
+    train = [one.file.name for one in state.loaded if not one.held_out]
+    holdout = [word for one in state.loaded if one.held_out for word in ("--holdout", one.file.name)]
+    lines.append(shlex.join(["pendulum-ident", "identify", *train, "-o", MODEL]))
+    for effect in state.added:
+        lines.append(shlex.join(["pendulum-ident", "add", MODEL, effect, *train, *holdout, "-o", MODEL]))
+    if state.diagnosis is not None:
+        lines.append(shlex.join(["pendulum-ident", "diagnose", *train, *holdout, "--report", REPORT, "--json", DIAGNOSIS]))
+    return "\n".join(lines)
+
+
+def snippet(state: State) -> str:
+    """Python that comes to the same model."""
+    train = [one.file.name for one in state.loaded if not one.held_out]
+    holdout = [one.file.name for one in state.loaded if one.held_out]
+    lines = [
+        "from estimators import add, diagnose, fit",
+        "from pendulum_env.recording import read_recording",
+        "from workbench.report import write_report",
+        "",
+        f"recordings = [read_recording(path) for path in {train!r}]",
+        f"holdout = [read_recording(path) for path in {holdout!r}]",
+        "model = fit(recordings, holdout).model",
+        *(f"model = add(model, {effect!r}, recordings, holdout).after.model" for effect in state.added),
+        f"model.save({MODEL!r})",
+    ]
+    if state.diagnosis is not None:
+        lines += ["found = diagnose(recordings, holdout)", f"write_report({REPORT!r}, recordings, holdout, found)"]
+    return "\n".join(lines)
+
+
+def _report(state: State) -> str:
+    return render(state.train, state.holdout, state.told, state.identification)
+
+
+def _model(state: State) -> str:
+    return json.dumps(state.model.json(), indent=1) + "\n"
+
+
+def _diagnosis(state: State) -> str:
+    return json.dumps(state.told.json(), indent=1) + "\n"
+
+
+FILES: dict[str, tuple[str, Callable[[State], str]]] = {
+    "report": (REPORT, _report),
+    "model": (MODEL, _model),
+    "diagnosis": (DIAGNOSIS, _diagnosis),
+}
+
+
+def connect(bench: Bench) -> None:
+    """Wire the files."""
+    for id, (file, write) in FILES.items():
+        _connect(bench, id, file, write)
+
+
+def _connect(bench: Bench, id: str, file: str, write: Callable[[State], str]) -> None:
+    @bench.app.callback(
+        Output("download", "data", allow_duplicate=True),
+        Input({"save": id}, "n_clicks"),
+        Value("session", "data"),
+        prevent_initial_call=True,
+    )
+    def save(clicks: int, session: str) -> dict[str, Any]:
+        if not clicks:
+            raise PreventUpdate
+        content: dict[str, Any] = dcc.send_string(write(bench.sessions.of(session).state), file)
+        return content
+
+
+STAGE = Stage("export", "Export", show, connect)

@@ -1,0 +1,45 @@
+"""`app`: the workbench in a browser."""
+
+from __future__ import annotations
+
+import argparse
+import webbrowser
+from importlib.util import find_spec
+from pathlib import Path
+from threading import Timer
+
+from workbench.command import Command
+from workbench.inputs import InputError, read_recordings, whole
+from workbench.terminal import Terminal
+
+PORT = 8050
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare recordings and where to listen."""
+    parser.add_argument("recordings", metavar="RECORDING", nargs="*", help="CSV, CSV.GZ, Parquet or NPZ to begin with")
+    parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
+    parser.add_argument("--port", type=whole(0), default=PORT, help=f"of this computer (default {PORT}); 0: any")
+    parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
+
+
+def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Serve until interrupted."""
+    if find_spec("dash") is None:
+        raise InputError("the workbench in a browser needs the extra app: pip install 'pendulum-ident[app]'")
+    read_recordings(arguments.recordings, arguments.unwrap, terminal)  # complains now, not in the browser
+    from workbench.app import Server  # dash takes a while to import
+
+    server = Server(arguments.port, [Path(name) for name in arguments.recordings], arguments.unwrap)
+    terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
+    if not arguments.no_browser:
+        Timer(0.3, webbrowser.open, [server.address]).start()
+    try:
+        server.serve()
+    except KeyboardInterrupt:
+        terminal.say("ended")
+    finally:
+        server.close()
+
+
+COMMAND = Command("the workbench in a browser: load, compare, diagnose, add, export (needs the extra app)", configure, run)
