@@ -1,7 +1,7 @@
 """What learns from measurements: six schemes, recursive least squares, comparison and diagnosis."""
 
 from estimators.compare import Comparison, compare
-from estimators.diagnose import add, diagnose, fit
+from estimators.diagnose import add, diagnose, fit, gather
 from estimators.diagnosis import Diagnosis, Verdict
 from estimators.equations import IdentificationError
 from estimators.evidence import Errors, Evidence, fit_terms
@@ -22,6 +22,7 @@ __all__ = [
     "diagnose",
     "fit",
     "fit_terms",
+    "gather",
     "identify",
     "scheme",
 ]

@@ -219,13 +219,9 @@ class Addition:
     objection: str | None = None
 
 
-def fit(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), terms: Sequence[Term] = BASE) -> Step:
-    """Fit a model's terms, as `diagnose` and `add` do, and take the errors on what was fitted and on what was not.
-
-    Raises:
-        IdentificationError: if the recordings hold too little motion.
-    """
-    search = Search(*gather(recordings, holdout))
+def fit(train: Evidence, holdout: Evidence, terms: Sequence[Term] = BASE) -> Step:
+    """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
+    search = Search(train, holdout)
     return search.report(None, search.settle(terms))
 
 

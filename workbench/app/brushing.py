@@ -12,9 +12,8 @@ from estimators.regions import Region
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.physics import Samples
 from pendulum_env.recording import Recording
-from workbench.inputs import InputError
 from workbench.report.case import Case
-from workbench.report.figure import Figure, axis, band, broken, line, numbers, stacked, thin
+from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, stacked, thin
 from workbench.report.sections.failures import planes, wrapped
 
 MAP, PHASE, TIME = "map", "phase", "time"
@@ -42,11 +41,7 @@ class Points:
 
     @classmethod
     def of(cls, case: Case, recording: Recording) -> Points:
-        """Windows of one of the recordings, fitted and held-out ones alike.
-
-        Raises:
-            InputError: if it was set apart because it disagrees with the others.
-        """
+        """Windows of one of the recordings, fitted and held-out ones alike."""
         parts = []
         for evidence in (case.training, case.testing):
             ends = np.cumsum([len(w.centers) for w in evidence.data.windows])[:-1]
@@ -56,8 +51,6 @@ class Points:
                 if w.recording is recording:
                     x = w.at_centers()
                     parts.append((x.time, x.position, x.velocity, torque[k], *(own[k] for own in residuals)))
-        if not parts:
-            raise InputError(f"{recording.name}: disagrees with the other recordings and is not fitted")
         time, position, velocity, torque_, *left = (np.concatenate(series) for series in zip(*parts, strict=True))
         labelled = tuple((label, color, own) for (label, color, _), own in zip(case.models, left, strict=True))
         return cls(time, position, velocity, torque_, labelled, case.diagnosis.noise_floor)
@@ -90,7 +83,12 @@ def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
             PHASE,
             f"Phase plane, {name}",
             [phase],
-            {"xaxis": axis("angle q [rad]"), "yaxis": axis("velocity q' [rad/s]"), "showlegend": False, **select},
+            {
+                "xaxis": axis("angle q [rad]", range=span([points.position])),
+                "yaxis": axis("velocity q' [rad/s]", range=span([points.velocity])),
+                "showlegend": False,
+                **select,
+            },
             380,
         ),
         TIME: _over_time(points, name),
@@ -108,6 +106,10 @@ def _over_time(points: Points, name: str) -> Figure:
         data.append(line(x, own, label, color, "N m", legendgroup=label, yaxis="y2", showlegend=False))
     layout = stacked("torque [N m]", "residual [N m]", "time [s]")
     layout |= {"dragmode": "select", "selectdirection": "h", "hovermode": "closest"}
+    # ranges of their own, so that nothing moves when a selection lights up
+    layout["xaxis"]["range"] = span([points.time], 0.01)
+    layout["yaxis"]["range"] = span([points.torque])
+    layout["yaxis2"]["range"] = span([own for _, _, own in points.residuals])
     return Figure(TIME, f"Measured and modelled torque over time, and their difference, {name}", data, layout, 420)
 
 

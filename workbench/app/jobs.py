@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from threading import Lock, Thread
+from threading import Event, Lock, Thread
 from typing import Any
 
 from workbench.inputs import MISTAKES, sentence
@@ -113,13 +113,14 @@ class Job:
         title: what it does, as a heading.
         pace: how far it is.
         running: whether it is on its way.
+        over: set once nothing more comes of it.
     """
 
     def __init__(
         self, title: str, task: Task, workers: Workers, done: Callable[[Job, Any], None], failed: Callable[[Job, str], None]
     ) -> None:
         """Take the task, who does it, and what to do with its result or with a sentence that says why there is none."""
-        self.title, self.pace, self.running = title, Pace(), True
+        self.title, self.pace, self.running, self.over = title, Pace(), True, Event()
         self._task, self._workers, self._done, self._failed = task, workers, done, failed
         self._worker: Worker | None = None
         self._cancelled = False
@@ -136,6 +137,7 @@ class Job:
         with self._lock:
             worker, self._worker = self._worker, None
             self.running, self._cancelled = False, True
+        self.over.set()
         if worker is not None:
             worker.end()
             self._workers.warm()
@@ -161,6 +163,7 @@ class Job:
             self._done(self, content)
         else:
             self._failed(self, content)
+        self.over.set()
 
 
 def _work(connection: Connection[Any, Any]) -> None:

@@ -9,7 +9,7 @@ from dash.dependencies import MATCH
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from workbench.app.parts import PLOT, SPEC, button
+from workbench.app.parts import EMPTY, PLOT, SPEC, button
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.stages import STAGES
@@ -22,7 +22,7 @@ from workbench.report.words import listing, name, number, opening
 TITLE = "pendulum-ident"
 AS_NOISE = 1.15  # times the noise floor, an error that noise may well explain
 WORTH = 1.05  # times smaller, from which an error has become smaller
-POLL = 400  # [ms] between two looks at a job
+POLL = 300  # [ms] between two looks at a job
 
 
 def index() -> str:
@@ -59,6 +59,7 @@ def page() -> Component:
             dcc.Store(id="version", data=0),  # of the session's state
             dcc.Store(id="theme-now"),
             dcc.Download(id="download"),
+            html.Div(dcc.Graph(figure=EMPTY), hidden=True),  # so that plotly.js comes while the user reads
             dcc.Interval(id="poll", interval=POLL, disabled=True),
             html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
             html.Header(

@@ -15,6 +15,9 @@ from workbench.app.jobs import Workers
 from workbench.app.session import Session, Sessions
 
 
+PATIENCE = 0.4  # [s] that an answer waits for a job, so that short ones need no progress bar
+
+
 @dataclass
 class Bench:
     """What all callbacks share: the app, its sessions and its workers."""
@@ -47,6 +50,8 @@ class Bench:
                     raise PreventUpdate
                 session = self.sessions.of(values[-1])
                 session.act(lambda: do(session, *values[:-1]))
+                if session.job is not None:
+                    session.job.over.wait(PATIENCE)
                 return session.version
 
         return register

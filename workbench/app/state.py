@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estimators.diagnose import Addition, fit, is_structured
+from estimators.diagnose import Addition, fit, gather, is_structured
 from estimators.diagnosis import Diagnosis, Step
 from estimators.equations import IdentificationError
+from estimators.evidence import Evidence
 from estimators.identifiability import Doubt, identifiability
 from estimators.identify import Identification
 from estimators.measurements import measure
@@ -49,6 +50,7 @@ class State:
         loaded: recordings.
         ladder: the base model, then one step for each effect that was added; empty while nothing can be fitted.
         trouble: why nothing can be fitted.
+        evidence: what is fitted and what is held out, as windows and flights; None while nothing can be fitted.
         diagnosis: the last one of these recordings.
         started: the ladder that it started from.
     """
@@ -56,6 +58,7 @@ class State:
     loaded: tuple[Loaded, ...] = ()
     ladder: tuple[Step, ...] = ()
     trouble: str = ""
+    evidence: tuple[Evidence, Evidence] | None = None
     diagnosis: Diagnosis | None = None
     started: tuple[Step, ...] = ()
 
@@ -68,7 +71,8 @@ class State:
         if not bare.train:
             return replace(bare, trouble="every recording is held out: keep one to fit the model to")
         try:
-            return replace(bare, ladder=(fit(bare.train, bare.holdout, terms),))
+            evidence = gather(bare.train, bare.holdout)
+            return replace(bare, ladder=(fit(*evidence, terms),), evidence=evidence)
         except IdentificationError as error:
             return replace(bare, trouble=str(error))
 
@@ -126,7 +130,7 @@ class State:
     def told(self) -> Diagnosis:
         """What the report tells: the diagnosis as far as the ladder goes with it, or the ladder itself."""
         if self.diagnosis is None:
-            floor = self._bare.training.data.noise(abs(self.model.estimates["inertia"].value))
+            floor = self._train.data.noise(abs(self.model.estimates["inertia"].value))
             advice = tuple(doubt.text for doubt in self.doubts)
             return Diagnosis(self.ladder, (), (), self._left(floor), floor, advice)
         steps = (*self.started, *self.diagnosis.steps[1:])
@@ -144,8 +148,15 @@ class State:
 
     @cached_property
     def standing(self) -> Case:
-        """The same with the ladder as it is, whatever the diagnosis found beyond it."""
-        return Case.of(self.train, self.holdout, replace(self.told, steps=self.ladder))
+        """The same with all recordings and the ladder as they are, whatever the diagnosis found beyond them."""
+        diagnosis = replace(self.told, steps=self.ladder, disagreements=(), window_share=1.0)
+        return replace(Case.of(self.train, self.holdout, diagnosis), gathered=self.evidence)
+
+    @property
+    def _train(self) -> Evidence:
+        if self.evidence is None:
+            raise ValueError("there is no evidence before recordings are loaded")
+        return self.evidence[0]
 
     @cached_property
     def scheming(self) -> Case:
@@ -162,14 +173,9 @@ class State:
     def _points(self) -> dict[int, Points]:
         return {}
 
-    @cached_property
-    def _bare(self) -> Case:
-        """The recordings with the ladder, before anything is judged."""
-        return Case.of(self.train, self.holdout, Diagnosis(self.ladder, (), (), (), 1.0, ()))
-
     def _left(self, floor: float) -> tuple[Region, ...]:
         """Where the last model leaves more than noise."""
-        evidence = self._bare.training
+        evidence = self._train
         residual: Array = evidence.residual(self.model.terms, self.model.theta)
         if not is_structured(residual, floor):
             return ()

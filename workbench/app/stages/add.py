@@ -21,6 +21,8 @@ from workbench.report.figure import Figure, axis, numbers
 from workbench.report.sections.errors import PARTS, errors
 from workbench.report.words import listing, name, number, opening
 
+PATTERNS = {"train": {"shape": "/", "fillmode": "replace", "size": 6, "solidity": 0.4}, "holdout": {"shape": ""}}
+
 
 def show(session: Session) -> list[Component]:
     """What could be added, the ladder, and its numbers."""
@@ -70,8 +72,7 @@ def falling(steps: Sequence[Step], quantity: str, title: str, floor: float | Non
                 "text": [number(value, 2) for value in values],
                 "textposition": "outside",
                 "cliponaxis": False,
-                "marker": {"color": shades},
-                "opacity": 0.5 if part == "train" else 1.0,
+                "marker": {"color": shades, "pattern": PATTERNS[part]},
                 "hovertemplate": f"{label}: %{{y:.3g}}<extra></extra>",
             }
         )

@@ -118,7 +118,8 @@ def _recordings(state: Work) -> Component:
         ("", False),
     )
     split = "" if state.holdout else "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
-    return panel("Recordings", table(headers, rows, "Recordings"), *([html.P(split, className="note")] if split else []))
+    note = [html.P(split, className="note")] if split else []
+    return panel("Recordings", table(headers, rows, "Recordings"), *note, className="recordings")
 
 
 def _role(one: Loaded, label: str, held_out: bool) -> Component:

@@ -65,13 +65,13 @@ def snippet(state: State) -> str:
     train = [one.file.name for one in state.loaded if not one.held_out]
     holdout = [one.file.name for one in state.loaded if one.held_out]
     lines = [
-        "from estimators import add, diagnose, fit",
+        "from estimators import add, diagnose, fit, gather",
         "from pendulum_env.recording import read_recording",
         "from workbench.report import write_report",
         "",
         f"recordings = [read_recording(path) for path in {train!r}]",
         f"holdout = [read_recording(path) for path in {holdout!r}]",
-        "model = fit(recordings, holdout).model",
+        "model = fit(*gather(recordings, holdout)).model",
         *(f"model = add(model, {effect!r}, recordings, holdout).after.model" for effect in state.added),
         f"model.save({MODEL!r})",
     ]
