@@ -66,7 +66,7 @@ def page() -> Component:
                 html.Div(
                     [
                         html.Span(TITLE, className="brand"),
-                        html.Nav(navigation(STAGES[0], Work()), id="nav", **{"aria-label": "Stages"}),
+                        html.Nav(navigation(STAGES[0]), id="nav", **{"aria-label": "Stages"}),
                         html.Button("Theme", id="theme", type="button", title="Switch between light and dark"),
                     ],
                     className="inner",
@@ -86,14 +86,13 @@ def page() -> Component:
     )
 
 
-def navigation(here: Stage, state: Work) -> list[Component]:
-    """Links to the stages; those that have nothing to show yet are dimmed."""
+def navigation(here: Stage) -> list[Component]:
+    """Links to the stages."""
     return [
         html.A(
             stage.title,
             href=f"#{stage.id}",
             id=f"to-{stage.id}",
-            className="dim" if stage.needs_model and not state.ladder else None,
             **({"aria-current": "page"} if stage is here else {}),
         )
         for stage in STAGES
@@ -203,7 +202,7 @@ def connect(bench: Bench) -> None:
         stage = next((stage for stage in STAGES if f"#{stage.id}" == hash), STAGES[0])
         with session.lock:
             return (
-                navigation(stage, session.state),
+                navigation(stage),
                 story_so_far(session.state),
                 session.notice,
                 html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),

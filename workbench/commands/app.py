@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import webbrowser
 from importlib.util import find_spec
 from pathlib import Path
@@ -32,6 +33,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
     server = Server(arguments.port, [Path(name) for name in arguments.recordings], arguments.unwrap)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
+    sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:
         Timer(0.3, webbrowser.open, [server.address]).start()
     try:

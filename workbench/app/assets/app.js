@@ -75,12 +75,19 @@
     if (!done || motion.running) frame = requestAnimationFrame(paint);
   }
 
-  // A stage that is drawn anew gives the focus back to where it was, so that a keyboard does not lose its place.
-  let focused = null;
-  addEventListener("focusin", (event) => { focused = event.target.id || null; });
+  // A stage that is drawn anew gives the focus back to where it was, or takes it, so that a keyboard keeps its place.
+  let focused = null, lent = false;
+  addEventListener("pointerdown", () => { focused = null; });
+  addEventListener("focusin", ({ target }) => {
+    lent = false;
+    focused = target.closest("#stage, #job") ? target.id : null;
+  });
   new MutationObserver(() => {
-    if (document.activeElement !== document.body || !focused) return;
-    document.getElementById(focused)?.focus({ preventScroll: true });
+    const stage = document.getElementById("stage"), here = document.activeElement;
+    if (!focused || !stage || (here !== document.body && !(here === stage && lent))) return;
+    const before = document.getElementById(focused), kept = focused;
+    (before && !before.disabled ? before : stage).focus({ preventScroll: true });
+    if (document.activeElement === stage) [focused, lent] = [kept, true];
   }).observe(root, { childList: true, subtree: true });
 
   // A file that is too large is refused by the page without a word: say why.

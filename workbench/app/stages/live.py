@@ -72,26 +72,32 @@ def show(session: Session) -> list[Component]:
         )
         for plot in PLOTS
     ]
+    views = html.Div(
+        [
+            panel(
+                "Pendulum",
+                html.Div(id="pendulum", role="img", **{"aria-label": "The pendulum as it swings"}),
+                html.P("", id="live-said", className="note", role="status"),
+            ),
+            panel("Estimates", html.Div(plots, className="grid"), html.Div(id="live-table")),
+        ],
+        className="columns live",
+        hidden=session.run is None,
+    )
     return [
         dcc.Interval(id="live-beat", interval=BEAT, disabled=not running),
         dcc.Store(id="live-motion"),
         panel(
             "Watch it learn",
-            html.P("A pendulum in real time, and what the six schemes make of it sample by sample.", className="note"),
+            html.P(
+                "A pendulum in real time, and what the six schemes make of it sample by sample. Hide an effect from them "
+                "and see how they begin to disagree.",
+                className="note",
+            ),
             html.Div(controls, className="fields"),
             html.Div(buttons, className="row"),
         ),
-        html.Div(
-            [
-                panel(
-                    "Pendulum",
-                    html.Div(id="pendulum", role="img", **{"aria-label": "The pendulum as it swings"}),
-                    html.P("Not running.", id="live-said", className="note", role="status"),
-                ),
-                panel("Estimates", html.Div(plots, className="grid"), html.Div(id="live-table")),
-            ],
-            className="columns live",
-        ),
+        views,
     ]
 
 
