@@ -77,7 +77,11 @@ def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
     phase = line(q, v, "motion", "--train", "rad/s", line={"color": "--train", "width": 1}, hoverinfo="skip")
     return {
         MAP: Figure(
-            MAP, f"Residual torque of the {label} over angle and velocity, {name}", [cells, picked], map_layout | select, 380
+            MAP,
+            f"Residual torque of the {label} over angle and velocity, {name}",
+            [cells, picked],
+            map_layout | select,
+            380,
         ),
         PHASE: Figure(
             PHASE,

@@ -117,7 +117,12 @@ class Job:
     """
 
     def __init__(
-        self, title: str, task: Task, workers: Workers, done: Callable[[Job, Any], None], failed: Callable[[Job, str], None]
+        self,
+        title: str,
+        task: Task,
+        workers: Workers,
+        done: Callable[[Job, Any], None],
+        failed: Callable[[Job, str], None],
     ) -> None:
         """Take the task, who does it, and what to do with its result or with a sentence that says why there is none."""
         self.title, self.pace, self.running, self.over = title, Pace(), True, Event()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from dash import ClientsideFunction, Input, Output, State, dcc, html
+from dash import ClientsideFunction, Input, Output, State, dcc, html, no_update
 from dash.dependencies import MATCH
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from workbench.app.parts import EMPTY, PLOT, SPEC, button
+from workbench.app.parts import EMPTY, PLOT, SPEC, aria, button
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.stages import STAGES
@@ -66,7 +66,7 @@ def page() -> Component:
                 html.Div(
                     [
                         html.Span(TITLE, className="brand"),
-                        html.Nav(navigation(STAGES[0]), id="nav", **{"aria-label": "Stages"}),
+                        html.Nav(navigation(STAGES[0]), id="nav", **aria(label="Stages")),
                         html.Button("Theme", id="theme", type="button", title="Switch between light and dark"),
                     ],
                     className="inner",
@@ -75,7 +75,7 @@ def page() -> Component:
             ),
             html.Main(
                 [
-                    html.Div(id="story", className="so-far", **{"aria-live": "polite"}),
+                    html.Div(id="story", className="so-far", **aria(live="polite")),
                     html.Div(id="notice", role="alert"),
                     html.Div(id="job", role="status"),
                     html.Div(id="stage", tabIndex=-1),
@@ -93,7 +93,7 @@ def navigation(here: Stage) -> list[Component]:
             stage.title,
             href=f"#{stage.id}",
             id=f"to-{stage.id}",
-            **({"aria-current": "page"} if stage is here else {}),
+            **(aria(current="page") if stage is here else {}),
         )
         for stage in STAGES
     ]
@@ -162,7 +162,7 @@ def running(session: Session) -> list[Component]:
         html.Div(
             [
                 html.Div([html.Strong(job.title), html.Span(f" {pace.what}{left}", className="note")]),
-                html.Progress(value=str(round(pace.share, 3)), max="1", **{"aria-label": job.title}),
+                html.Progress(value=str(round(pace.share, 3)), max="1", **aria(label=job.title)),
             ],
             className="running-text",
         ),
@@ -219,8 +219,6 @@ def connect(bench: Bench) -> None:
         prevent_initial_call=True,
     )
     def poll(_: int, version: int, id: str) -> tuple[Any, ...]:
-        from dash import no_update
-
         session = bench.sessions.of(id)
         return running(session), session.version if session.version != version else no_update
 
@@ -237,31 +235,32 @@ def connect(bench: Bench) -> None:
         session.cancel()
         return session.version
 
-    here = "app"  # functions of assets/app.js
-    app.clientside_callback(ClientsideFunction(here, "session"), Output("session", "data"), Input("url", "pathname"))
-    app.clientside_callback(ClientsideFunction(here, "theme"), Output("theme-now", "data"), Input("theme", "n_clicks"))
-    app.clientside_callback(
-        ClientsideFunction(here, "draw"),
+    def in_the_page(function: str, output: Output, *given: Input | State) -> None:
+        """Leave a callback to assets/app.js."""
+        app.clientside_callback(ClientsideFunction("app", function), output, *given)  # type: ignore[no-untyped-call]
+
+    in_the_page("session", Output("session", "data"), Input("url", "pathname"))
+    in_the_page("theme", Output("theme-now", "data"), Input("theme", "n_clicks"))
+    in_the_page(
+        "draw",
         Output({"kind": PLOT, "of": MATCH}, "figure"),
         Input({"kind": f"{PLOT}-{SPEC}", "of": MATCH}, "data"),
         Input("theme-now", "data"),
     )
-    app.clientside_callback(
-        ClientsideFunction(here, "brush"),
+    in_the_page(
+        "brush",
         Output({"kind": LINKED, "of": MATCH}, "figure"),
         Input({"kind": f"{LINKED}-{SPEC}", "of": MATCH}, "data"),
         Input("theme-now", "data"),
         Input("lit", "data"),
         State({"kind": LINKED, "of": MATCH}, "id"),
     )
-    app.clientside_callback(
-        ClientsideFunction(here, "fragment"),
+    in_the_page(
+        "fragment",
         Output({"kind": "fragment", "of": MATCH}, "title"),
         Input({"kind": "markup", "of": MATCH}, "data"),
         State({"kind": "fragment", "of": MATCH}, "id"),
     )
-    app.clientside_callback(
-        ClientsideFunction(here, "swing"), Output("pendulum", "title"), Input("live-motion", "data")
-    )
+    in_the_page("swing", Output("pendulum", "title"), Input("live-motion", "data"))
     for stage in STAGES:
         stage.connect(bench)

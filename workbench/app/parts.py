@@ -16,8 +16,15 @@ Content = Component | str | Sequence[Component | str] | None
 
 PLOT, SPEC = "plot", "spec"  # a graph, and the figure that it draws in the page's colours
 BUTTONS = ["zoom2d", "pan2d", "resetScale2d", "toImage"]  # by name, so that none that sends data elsewhere slips in
-EMPTY = {"layout": {"xaxis": {"visible": False}, "yaxis": {"visible": False}, "paper_bgcolor": "rgba(0,0,0,0)"}}
-EMPTY["layout"]["plot_bgcolor"] = "rgba(0,0,0,0)"  # type: ignore[index]
+CLEAR = "rgba(0,0,0,0)"
+EMPTY = {  # a graph before its figure comes
+    "layout": {
+        "xaxis": {"visible": False},
+        "yaxis": {"visible": False},
+        "paper_bgcolor": CLEAR,
+        "plot_bgcolor": CLEAR,
+    }
+}
 
 
 def graph(figure: Figure, caption: Content = None, kind: str = PLOT) -> Component:
@@ -38,10 +45,15 @@ def graph(figure: Figure, caption: Content = None, kind: str = PLOT) -> Componen
                 role="group",
                 className="plot",
                 style={"height": figure.height},
-                **{"aria-label": figure.label},
+                **aria(label=figure.label),
             ),
         ]
     )
+
+
+def aria(**attributes: str) -> dict[str, Any]:
+    """Attributes for those who cannot see the page: `label` becomes `aria-label`."""
+    return {f"aria-{name}": value for name, value in attributes.items()}
 
 
 def spec(figure: Figure) -> dict[str, Any]:
@@ -71,10 +83,9 @@ def labelled(label: str, control: Component, note: str = "") -> Component:
     return html.Label([html.Span(label), control, *([html.Small(note)] if note else [])], className="field")
 
 
-def panel(title: str, *content: Component | str, id: str | None = None, className: str = "") -> Component:
+def panel(title: str, *content: Component | str, className: str = "") -> Component:
     """A framed part with a heading."""
-    extra = {"id": id} if id is not None else {}
-    return html.Section([html.H2(title), *content], className=f"panel {className}".strip(), **extra)
+    return html.Section([html.H2(title), *content], className=f"panel {className}".strip())
 
 
 def table(headers: Sequence[tuple[str, bool]], rows: Sequence[Sequence[Any]], label: str) -> Component:
@@ -84,13 +95,11 @@ def table(headers: Sequence[tuple[str, bool]], rows: Sequence[Sequence[Any]], la
         return html.Td(value, className="number" if number else None)
 
     head = html.Tr([html.Th(name, scope="col", className="number" if number else None) for name, number in headers])
-    body = [
-        html.Tr([cell(value, number) for value, (_, number) in zip(row, headers, strict=True)]) for row in rows
-    ]
+    body = [html.Tr([cell(value, number) for value, (_, number) in zip(row, headers, strict=True)]) for row in rows]
     return html.Div(
         html.Table([html.Thead(head), html.Tbody(body)]),
         className="scroll",
         tabIndex=0,
         role="region",
-        **{"aria-label": label},
+        **aria(label=label),
     )

@@ -14,7 +14,6 @@ from dash.exceptions import PreventUpdate
 from workbench.app.jobs import Workers
 from workbench.app.session import Session, Sessions
 
-
 PATIENCE = 0.4  # [s] that an answer waits for a job, so that short ones need no progress bar
 
 

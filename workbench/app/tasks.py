@@ -63,5 +63,3 @@ def _add(
     model: Model, id: str, recordings: Sequence[Recording], holdout: Sequence[Recording], progress: Progress
 ) -> Addition:
     return add(model, id, recordings, holdout, progress)
-
-

@@ -44,4 +44,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         server.close()
 
 
-COMMAND = Command("the workbench in a browser: load, compare, diagnose, add, export (needs the extra app)", configure, run)
+COMMAND = Command(
+    "the workbench in a browser: load, compare, diagnose, add, export (needs the extra app)", configure, run
+)

@@ -49,7 +49,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def address() -> Iterator[str]:
     """A server of its own, started as a user starts it."""
     command = [sys.executable, "-m", "workbench.cli", "app", "--port", "0", "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}) as server:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}
+    ) as server:
         assert server.stdout is not None
         found = re.search(r"http://127\.0\.0\.1:\d+/", server.stdout.readline())
         assert found is not None
@@ -94,7 +96,7 @@ class Tab:
     def brush(self, view: str, box: tuple[float, float, float, float]) -> str:
         """Draw a box, in shares of the plot; returns what the page says about it."""
         before = self.page.inner_text("#selected")
-        area = self.page.locator(f"[id*='\"of\":\"{view}\"'] .nsewdrag").first
+        area = self.page.locator(f'[id*=\'"of":"{view}"\'] .nsewdrag').first
         area.scroll_into_view_if_needed()
         place = area.bounding_box()
         x = [place["x"] + share * place["width"] for share in box[::2]]
@@ -160,7 +162,9 @@ def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
     said = tab.brush("time", (0.4, 0.1, 0.6, 0.9))
     from_, to = map(float, re.search(r"from ([\d.]+) to ([\d.]+) s", said).groups())
     assert 3 < from_ < to < 7
-    assert tab.lit("map")["x"] and set(tab.lit("time")["x"]) <= {t for t in tab.lit("time")["x"] if from_ - 0.1 <= t <= to + 0.1}
+    assert tab.lit("map")["x"] and set(tab.lit("time")["x"]) <= {
+        t for t in tab.lit("time")["x"] if from_ - 0.1 <= t <= to + 0.1
+    }
     tab.picture("4-compare")
 
     tab.go("diagnose")

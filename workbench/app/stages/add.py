@@ -90,7 +90,9 @@ def falling(steps: Sequence[Step], quantity: str, title: str, floor: float | Non
             }
         )
     layout = {
-        "xaxis": axis("", tickvals=list(range(len(steps))), ticktext=labels, range=edge, showgrid=False, zeroline=False),
+        "xaxis": axis(
+            "", tickvals=list(range(len(steps))), ticktext=labels, range=edge, showgrid=False, zeroline=False
+        ),
         "yaxis": axis(title, rangemode="tozero"),
         "barmode": "group",
         "bargap": 0.35,
@@ -109,7 +111,15 @@ def _choice(state: Work, busy: bool) -> Component:
         ]
         parts += [html.P("The diagnosis calls for it:"), html.Div(calls, className="row")]
     elif state.diagnosis is None:
-        parts.append(html.P(["The diagnosis tells which effect is missing: ", html.A("diagnose", href="#diagnose"), " first, or try any."]))
+        parts.append(
+            html.P(
+                [
+                    "The diagnosis tells which effect is missing: ",
+                    html.A("diagnose", href="#diagnose"),
+                    " first, or try any.",
+                ]
+            )
+        )
     else:
         parts.append(html.P("All that the diagnosis calls for is in the model."))
     others = [{"label": opening(name(id)), "value": id} for id in effects() if id not in state.added]

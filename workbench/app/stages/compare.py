@@ -26,10 +26,10 @@ def show(session: Session) -> list[Component]:
     """Which recording and model, then the views."""
     state = session.state
     names = [{"label": one.recording.name, "value": one.file.name} for one in state.loaded]
-    models = [{"label": label, "value": k} for k, (label, _, _) in enumerate(state.standing.models)]
+    models: list[Any] = [{"label": label, "value": k} for k, (label, _, _) in enumerate(state.standing.models)]
     controls = [
         labelled("Recording", dcc.Dropdown(names, names[0]["value"], id="shown", clearable=False, searchable=False)),
-        labelled("Residual of the", dcc.RadioItems(models, models[0]["value"], id="of", inline=True, className="pair")),
+        labelled("Residual of the", dcc.RadioItems(models, 0, id="of", inline=True, className="pair")),
         button("Clear selection", "clear"),
     ]
     return [

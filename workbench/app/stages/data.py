@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from typing import Any
 
 import dash
@@ -13,7 +14,7 @@ from dash.exceptions import PreventUpdate
 from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.physics import BASE, effects
 from workbench.app import recorder
-from workbench.app.parts import button, graph, labelled, panel, table
+from workbench.app.parts import aria, button, graph, labelled, panel, table
 from workbench.app.session import UPLOAD, Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import Loaded
@@ -59,7 +60,8 @@ def _upload(state: Work) -> Component:
             html.P(["No recording at hand? The demo has two of a pendulum that hides something."], className="or"),
             button("Try the demo", "demo", primary=True),
         ]
-    return panel("Load recordings", html.Div(ways, **{"data-most": str(UPLOAD)}))
+    most: dict[str, Any] = {"data-most": str(UPLOAD)}  # so that the page can say why it refuses a file
+    return panel("Load recordings", html.Div(ways, **most))
 
 
 def _record() -> Component:
@@ -68,10 +70,14 @@ def _record() -> Component:
     waves = [{"label": opening(id), "value": id} for id in EXCITATIONS]
     kept: dict[str, Any] = {"persistence": True, "persistence_type": "session"}
     fields = [
-        labelled("Excitation", dcc.Dropdown(waves, "paper", id="excitation", clearable=False, searchable=False, **kept)),
+        labelled(
+            "Excitation", dcc.Dropdown(waves, "paper", id="excitation", clearable=False, searchable=False, **kept)
+        ),
         labelled("Hidden effect", dcc.Dropdown(hidden, "", id="effect", clearable=False, **kept)),
         labelled("Length [s]", dcc.Input(20, type="number", id="seconds", min=1, max=recorder.LONGEST, **kept)),
-        labelled("Peak torque [N m]", dcc.Input(None, type="number", id="amplitude", min=0, placeholder="usual", **kept)),
+        labelled(
+            "Peak torque [N m]", dcc.Input(None, type="number", id="amplitude", min=0, placeholder="usual", **kept)
+        ),
         labelled("Seed", dcc.Input(0, type="number", id="seed", min=0, step=1, **kept)),
     ]
     return panel(
@@ -99,8 +105,8 @@ def _recordings(state: Work) -> Component:
                 html.Div([_role(one, "fit", False), _role(one, "check", True)], className="views", role="group"),
                 html.Div(
                     [
-                        button("Save", {"do": "save", "of": file}, **{"aria-label": f"Save {recording.name}"}),
-                        button("Remove", {"do": "remove", "of": file}, **{"aria-label": f"Remove {recording.name}"}),
+                        button("Save", {"do": "save", "of": file}, **aria(label=f"Save {recording.name}")),
+                        button("Remove", {"do": "remove", "of": file}, **aria(label=f"Remove {recording.name}")),
                     ],
                     className="row",
                 ),
@@ -117,7 +123,11 @@ def _recordings(state: Work) -> Component:
         ("Use it to", False),
         ("", False),
     )
-    split = "" if state.holdout else "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
+    split = (
+        ""
+        if state.holdout
+        else "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
+    )
     note = [html.P(split, className="note")] if split else []
     return panel("Recordings", table(headers, rows, "Recordings"), *note, className="recordings")
 
@@ -125,7 +135,7 @@ def _recordings(state: Work) -> Component:
 def _role(one: Loaded, label: str, held_out: bool) -> Component:
     """Button that has a recording fitted, or held out."""
     chosen = one.held_out == held_out
-    what = {"aria-pressed": str(chosen).lower(), "aria-label": f"{label} {one.recording.name}"}
+    what = aria(pressed=str(chosen).lower(), label=f"{label} {one.recording.name}")
     return html.Button(label, id={"do": label, "of": one.file.name}, n_clicks=0, type="button", **what)
 
 
@@ -134,7 +144,10 @@ def _used(state: Work) -> dict[int, Used]:
     if not state.ladder:
         return {}
     case = state.standing
-    windows = [*((w, "checked") for w in case.testing.data.windows), *((w, "fitted") for w in case.training.data.windows)]
+    windows = [
+        *((w, "checked") for w in case.testing.data.windows),
+        *((w, "fitted") for w in case.training.data.windows),
+    ]
     return {id(w.recording): use(w, part) for w, part in windows}
 
 
@@ -188,7 +201,9 @@ def connect(bench: Bench) -> None:
         recorder.start(session, bench.workers, recorder.DEMO)
 
     @bench.on(Input("record", "n_clicks"), given=tuple(State(control, "value") for control in FORM))
-    def record(session: Session, _: int, excitation: str, seconds: float, effect: str, amplitude: float, seed: float) -> None:
+    def record(
+        session: Session, _: int, excitation: str, seconds: float, effect: str, amplitude: float, seed: float
+    ) -> None:
         options = recorder.options(excitation, seconds, effect, amplitude, seed)
         recorder.start(session, bench.workers, [(recorder.free_name(session), options, False)])
 
@@ -210,7 +225,7 @@ def connect(bench: Bench) -> None:
         if not any(clicks):
             raise PreventUpdate
         file = bench.sessions.of(id).find(dash.ctx.triggered_id["of"]).file
-        return dcc.send_bytes(file.read_bytes(), file.name)
+        return {"filename": file.name, "content": b64encode(file.read_bytes()).decode(), "base64": True}
 
 
 STAGE = Stage("data", "Data", show, connect, needs_model=False)

@@ -9,7 +9,7 @@ from dash import ALL, Input, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis import Diagnosis, Verdict
-from workbench.app.parts import button, fragment, panel, table
+from workbench.app.parts import aria, button, fragment, panel, table
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.tasks import start_addition, start_diagnosis
@@ -29,8 +29,8 @@ def show(session: Session) -> list[Component]:
     search = panel(
         "Search for what is missing",
         html.P(
-            "Every effect of the library is screened for what explains the rest of the torque. It counts as missing only "
-            "if it lowers the errors on data it was not fitted to, in torque and in free-running simulation."
+            "Every effect of the library is screened for what explains the rest of the torque. It counts as missing "
+            "only if it lowers the errors on data it was not fitted to, in torque and in free-running simulation."
         ),
         button("Diagnose again" if again else "Diagnose", "diagnose", primary=not again, disabled=busy),
     )
@@ -38,11 +38,15 @@ def show(session: Session) -> list[Component]:
         return [search]
     rows = candidates(state.case).content["rows"]
     return [
-        panel("What was found", fragment(story(state.case)), className="story found" if state.told.selected else "story"),
+        panel(
+            "What was found", fragment(story(state.case)), className="story found" if state.told.selected else "story"
+        ),
         _alike(state.diagnosis),
         panel(
             "Ranking",
-            html.P("The score is the probability that an effect is what the data call for at its place.", className="note"),
+            html.P(
+                "The score is the probability that an effect is what the data call for at its place.", className="note"
+            ),
             _ranking(rows[:TOP], state.added, busy),
             *(
                 [html.Details([html.Summary(f"{len(rows) - TOP} more"), _ranking(rows[TOP:], state.added, busy)])]
@@ -76,14 +80,17 @@ def _ranking(rows: Sequence[Row], added: Sequence[str], busy: bool) -> Component
             {"do": ADD, "of": judged.effect},
             primary=judged.verdict is Verdict.SELECTED and not done,
             disabled=done or busy,
-            **{"aria-label": f"Add {name(judged.effect)}"},
+            **aria(label=f"Add {name(judged.effect)}"),
         )
         drawn.append(
             (
                 row.rank,
                 [html.Strong(opening(name(judged.effect))), html.Div(row.law, className="law")],
                 html.Span(row.verdict, className=f"verdict {judged.verdict}"),
-                [f"{judged.score:.2f}", html.Div(html.I(style={"width": f"{100 * judged.score:.1f}%"}), className="meter")],
+                [
+                    f"{judged.score:.2f}",
+                    html.Div(html.I(style={"width": f"{100 * judged.score:.1f}%"}), className="meter"),
+                ],
                 f"{judged.error_ratio:.3f}",
                 judged.reason,
                 press,

@@ -30,7 +30,13 @@ def show(session: Session) -> list[Component]:
         _saved("model", MODEL, "terms and parameters of the ladder's last model, for the command line and Python"),
     ]
     if diagnosed:
-        saved.append(_saved("diagnosis", DIAGNOSIS, "verdicts and reasons, for programs; the command record plays the experiment it suggests"))
+        saved.append(
+            _saved(
+                "diagnosis",
+                DIAGNOSIS,
+                "verdicts and reasons, for programs; the command record plays the experiment it suggests",
+            )
+        )
     return [
         panel("Save", html.Ul(saved, className="downloads")),
         panel("The same on the command line", _code(commands(state), "commands")),
@@ -49,14 +55,18 @@ def _code(text: str, id: str) -> Component:
 
 def commands(state: State) -> str:
     """Command lines that come to the same model."""
-    lines = [shlex.join(["pendulum-ident", "record", *one.origin, "-o", one.file.name]) for one in state.loaded if one.origin]
+    lines = [
+        shlex.join(["pendulum-ident", "record", *one.origin, "-o", one.file.name]) for one in state.loaded if one.origin
+    ]
     train = [one.file.name for one in state.loaded if not one.held_out]
     holdout = [word for one in state.loaded if one.held_out for word in ("--holdout", one.file.name)]
     lines.append(shlex.join(["pendulum-ident", "identify", *train, "-o", MODEL]))
     for effect in state.added:
         lines.append(shlex.join(["pendulum-ident", "add", MODEL, effect, *train, *holdout, "-o", MODEL]))
     if state.diagnosis is not None:
-        lines.append(shlex.join(["pendulum-ident", "diagnose", *train, *holdout, "--report", REPORT, "--json", DIAGNOSIS]))
+        lines.append(
+            shlex.join(["pendulum-ident", "diagnose", *train, *holdout, "--report", REPORT, "--json", DIAGNOSIS])
+        )
     return "\n".join(lines)
 
 
@@ -115,8 +125,7 @@ def _connect(bench: Bench, id: str, file: str, write: Callable[[State], str]) ->
     def save(clicks: int, session: str) -> dict[str, Any]:
         if not clicks:
             raise PreventUpdate
-        content: dict[str, Any] = dcc.send_string(write(bench.sessions.of(session).state), file)
-        return content
+        return {"filename": file, "content": write(bench.sessions.of(session).state)}
 
 
 STAGE = Stage("export", "Export", show, connect)

@@ -14,11 +14,10 @@ from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import write_recording
 from workbench.app import live
-from workbench.app.parts import EMPTY, button, labelled, panel, spec
+from workbench.app.parts import EMPTY, aria, button, labelled, panel, spec
 from workbench.app.recorder import free_name
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
-from workbench.app.state import Loaded
 from workbench.inputs import InputError
 from workbench.report.figure import Figure
 from workbench.report.sections.schemes import convergence_figure, stroke
@@ -40,12 +39,23 @@ def show(session: Session) -> list[Component]:
     kept: dict[str, Any] = {"persistence": True, "persistence_type": "session"}
     seconds = dcc.Input(30, type="number", id="live-seconds", min=2, max=live.LONGEST, **kept)
     controls = [
-        labelled("Backend", dcc.Dropdown(backends, "pymunk", id="live-backend", clearable=False, searchable=False, **kept)),
-        labelled("Excitation", dcc.Dropdown(waves, "paper", id="live-excitation", clearable=False, searchable=False, **kept)),
+        labelled(
+            "Backend", dcc.Dropdown(backends, "pymunk", id="live-backend", clearable=False, searchable=False, **kept)
+        ),
+        labelled(
+            "Excitation", dcc.Dropdown(waves, "paper", id="live-excitation", clearable=False, searchable=False, **kept)
+        ),
         labelled("Hidden effect", dcc.Dropdown(hidden, "", id="live-effect", clearable=False, **kept)),
-        labelled("Peak torque [N m]", dcc.Input(None, type="number", id="live-amplitude", min=0, placeholder="usual", **kept)),
+        labelled(
+            "Peak torque [N m]", dcc.Input(None, type="number", id="live-amplitude", min=0, placeholder="usual", **kept)
+        ),
         labelled("Length [s]", seconds),
-        labelled("To replay", dcc.Dropdown(replays, replays[0]["value"] if replays else None, id="live-replay", clearable=False, searchable=False)),
+        labelled(
+            "To replay",
+            dcc.Dropdown(
+                replays, replays[0]["value"] if replays else None, id="live-replay", clearable=False, searchable=False
+            ),
+        ),
     ]
     running = session.run is not None and session.run.running
     buttons = [
@@ -76,7 +86,7 @@ def show(session: Session) -> list[Component]:
         [
             panel(
                 "Pendulum",
-                html.Div(id="pendulum", role="img", **{"aria-label": "The pendulum as it swings"}),
+                html.Div(id="pendulum", role="img", **aria(label="The pendulum as it swings")),
                 html.P("", id="live-said", className="note", role="status"),
             ),
             panel("Estimates", html.Div(plots, className="grid"), html.Div(id="live-table")),
@@ -90,8 +100,8 @@ def show(session: Session) -> list[Component]:
         panel(
             "Watch it learn",
             html.P(
-                "A pendulum in real time, and what the six schemes make of it sample by sample. Hide an effect from them "
-                "and see how they begin to disagree.",
+                "A pendulum in real time, and what the six schemes make of it sample by sample. Hide an effect from "
+                "them and see how they begin to disagree.",
                 className="note",
             ),
             html.Div(controls, className="fields"),
@@ -120,8 +130,18 @@ def figure(look: live.Look, column: int) -> Figure | None:
                 "x": [k],
                 "y": [middle],
                 "xaxis": "x2",
-                "error_y": {"type": "constant", "value": SIGMAS * std, "color": strokes[id]["color"], "thickness": 2, "width": 3},
-                "marker": {"color": strokes[id]["color"], "size": 6, "symbol": "circle-open" if "filtered" in id else "circle"},
+                "error_y": {
+                    "type": "constant",
+                    "value": SIGMAS * std,
+                    "color": strokes[id]["color"],
+                    "thickness": 2,
+                    "width": 3,
+                },
+                "marker": {
+                    "color": strokes[id]["color"],
+                    "size": 6,
+                    "symbol": "circle-open" if "filtered" in id else "circle",
+                },
             }
         )
     truth = look.truth.get(PARAMETERS[column])

@@ -136,7 +136,7 @@ def planes(position: Array, velocity: Array, residuals: Sequence[Array]) -> list
         "yaxis": axis("velocity q' [rad/s]"),
         "margin": {"t": 12, "r": 8},
     }
-    return [(cells(*middles, mean, limit), layout) for mean in means]
+    return [(cells(middles[0], middles[1], mean, limit), layout) for mean in means]
 
 
 def cells(x: Array, y: Array, values: Array, limit: float) -> JSON:
