@@ -93,6 +93,13 @@ def test_numbers_in_the_text_are_those_of_the_diagnosis(page: str, diagnosis: Di
         assert candidate.reason in text
 
 
+def test_parameters_that_the_base_model_got_wrong_are_told(page: str, diagnosis: Diagnosis) -> None:
+    wrong, right = (step.model.estimates["coulomb"].value for step in diagnosis.steps)
+    told = re.search(r"Without it, the fit put .*Coulomb friction ([\d.]+) % too high", Page(page).text)
+    assert float(told[1]) == pytest.approx(100 * (wrong / right - 1), abs=0.1)
+    assert "inertia" not in told[0]  # reversals are fast enough to tell it apart
+
+
 def test_figures_are_small_finite_and_coloured_by_the_page(page: str) -> None:
     figures = Page(page).figures
     assert len(figures) >= 10

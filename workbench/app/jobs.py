@@ -64,6 +64,11 @@ class Worker:
         self._process.start()
         theirs.close()
 
+    @property
+    def alive(self) -> bool:
+        """Whether the process is there."""
+        return self._process.is_alive()
+
     def end(self) -> None:
         """End the process, whatever it does."""
         self._process.terminate()
@@ -88,7 +93,7 @@ class Workers:
         """The worker that waits, or a new one."""
         with self._lock:
             worker, self._spare = self._spare, None
-        return worker or Worker()
+        return worker if worker is not None and worker.alive else Worker()
 
     def give_back(self, worker: Worker) -> None:
         """Let a worker wait for the next task, unless one waits already."""

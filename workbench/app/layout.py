@@ -188,12 +188,9 @@ def connect(bench: Bench) -> None:
         Output("story", "children"),
         Output("notice", "children"),
         Output("stage", "children"),
-        Output("poll", "disabled"),
-        Output("job", "children", allow_duplicate=True),
         Input("session", "data"),
         Input("url", "hash"),
         Input("version", "data"),
-        prevent_initial_call="initial_duplicate",
     )
     def draw(id: str | None, hash: str | None, _: int) -> tuple[Any, ...]:
         if id is None:
@@ -206,21 +203,25 @@ def connect(bench: Bench) -> None:
                 story_so_far(session.state),
                 session.notice,
                 html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
-                not session.busy(),
-                running(session),
             )
 
     @app.callback(
         Output("job", "children"),
+        Output("poll", "disabled"),
         Output("version", "data", allow_duplicate=True),
+        Input("session", "data"),
         Input("poll", "n_intervals"),
-        State("version", "data"),
-        State("session", "data"),
-        prevent_initial_call=True,
+        Input("version", "data"),
+        prevent_initial_call="initial_duplicate",
     )
-    def poll(_: int, version: int, id: str) -> tuple[Any, ...]:
+    def watch(id: str | None, _: int, version: int) -> tuple[Any, ...]:
+        """The one owner of the progress bar, so that no late answer can bring it back."""
+        if id is None:
+            raise PreventUpdate
         session = bench.sessions.of(id)
-        return running(session), session.version if session.version != version else no_update
+        with session.lock:
+            now = session.version if session.version != version else no_update
+            return running(session), not session.busy(), now
 
     @app.callback(
         Output("version", "data", allow_duplicate=True),

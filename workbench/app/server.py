@@ -12,8 +12,9 @@ from dash import Dash
 from werkzeug.serving import WSGIRequestHandler, make_server
 
 from workbench.app import layout
-from workbench.app.session import UPLOAD, Sessions
+from workbench.app.session import Sessions
 from workbench.app.stage import Bench
+from workbench.app.uploads import UPLOAD
 from workbench.inputs import InputError
 
 HOST = "127.0.0.1"
@@ -57,7 +58,8 @@ def _guard(server: flask.Flask) -> None:
 
     @server.before_request
     def only_from_here() -> None:
-        if urlsplit(f"//{flask.request.host}").hostname not in NAMES:
+        asked = [f"//{flask.request.host}", *flask.request.headers.getlist("Origin")]
+        if any(urlsplit(address).hostname not in NAMES for address in asked):
             flask.abort(403)
 
     @server.after_request

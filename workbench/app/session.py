@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import base64
-import binascii
 import re
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 
 from pendulum_env.recording import read_recording
-from pendulum_env.recording.storage import WRITERS
 from workbench.app.jobs import Job
 from workbench.app.live import Run
 from workbench.app.state import Loaded, State
+from workbench.app.uploads import refuse_too_much, safe_name, unpack
 from workbench.inputs import MISTAKES, InputError, sentence
 
 ID = re.compile(r"[0-9a-f]{32}")  # random, drawn by the page; never part of a path
 MOST_SESSIONS = 16  # the one that was used least recently gives way
 MOST_RECORDINGS = 12  # in one session
-UPLOAD = 48_000_000  # bytes of one file, a quarter of an hour at 1 kHz
-LONGEST_NAME = 80  # characters
 
 
 class Session:
@@ -38,7 +35,7 @@ class Session:
         self.lock = RLock()
         self.state = State()
         self.notice = ""  # a sentence for the user: what went wrong
-        self.version = 0  # changes whenever something does that the page shows
+        self.version = time.time_ns() // 1_000_000  # grows with all that the page shows; no two sessions share one
         self.job: Job | None = None
         self.run: Run | None = None
 
@@ -113,16 +110,7 @@ class Session:
             RecordingError: if it cannot be read, in the words of the command line.
         """
         file = self.place(name)
-        head, _, body = content.partition(",")
-        if len(body) * 3 // 4 > UPLOAD:
-            raise InputError(f"{file.name}: is larger than {UPLOAD / 1e6:.0f} MB: shorten it, or use the command line")
-        try:
-            data = base64.b64decode(body, validate=True)
-        except (binascii.Error, ValueError):
-            raise InputError(f"{file.name}: did not arrive whole: upload it again") from None
-        if not head.startswith("data:"):
-            raise InputError(f"{file.name}: did not arrive whole: upload it again")
-        file.write_bytes(data)
+        unpack(file, content)
         self.take(file, unwrap)
 
     def take(self, file: Path, unwrap: bool = False) -> None:
@@ -132,6 +120,7 @@ class Session:
             RecordingError: if it cannot be read, in the words of the command line.
         """
         try:
+            refuse_too_much(file)
             recording = read_recording(file, unwrap=unwrap)
         except MISTAKES:
             file.unlink(missing_ok=True)
@@ -227,12 +216,3 @@ class Sessions:
                 session.end()
             self._all.clear()
             self._root.cleanup()
-
-
-def safe_name(name: str) -> str:
-    """File name without folders and without letters that mean something to a system, its ending kept."""
-    last = re.split(r"[/\\]", name)[-1]
-    plain = re.sub(r"[^\w .()+-]", "_", last).strip(" .")
-    ending = next((ending for ending in sorted(WRITERS, key=len)[::-1] if plain.lower().endswith(ending)), "")
-    stem = plain[: len(plain) - len(ending)] if ending else plain
-    return f"{stem[: LONGEST_NAME - len(ending)] or 'recording'}{ending}"

@@ -15,11 +15,13 @@ from tests.workbench.app.plants import recorded
 pytest.importorskip("dash")
 
 from workbench.app import session as sessions_module
+from workbench.app import uploads
 from workbench.app.brushing import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.recorder import options
 from workbench.app.server import make_app
-from workbench.app.session import Session, Sessions, safe_name
+from workbench.app.session import Session, Sessions
 from workbench.app.state import Loaded, State
+from workbench.app.uploads import safe_name
 from workbench.cli import main
 from workbench.inputs import InputError
 
@@ -102,12 +104,26 @@ def test_nothing_is_unpickled(session: Session, tmp_path: Path) -> None:
 
 
 def test_uploads_that_are_too_large_or_damaged_are_refused(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sessions_module, "UPLOAD", 1000)
+    monkeypatch.setattr(uploads, "UPLOAD", 1000)
     upload(session, "run.csv", b"x" * 1001)
     assert "larger than" in session.notice
     session.act(lambda: session.receive("run.csv", "data:text/csv;base64,!!!!", unwrap=False))
     assert "did not arrive whole" in session.notice
     assert list(session.folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("ending", [".csv.gz", ".npz", ".parquet"])
+def test_packed_files_that_hold_too_much_are_refused_unread(
+    session: Session, swing: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
+) -> None:
+    file = tmp_path / f"run{ending}"
+    write_recording(swing, file)
+    monkeypatch.setattr(uploads, "UNPACKED", 24 * len(swing) - 1)
+    upload(session, file.name, file.read_bytes())
+    assert "holds more than" in session.notice and session.state.loaded == ()
+    monkeypatch.setattr(uploads, "UNPACKED", 10_000_000)
+    upload(session, file.name, file.read_bytes())
+    assert session.notice == "" and len(session.state.loaded) == 1
 
 
 def test_what_the_session_began_with_is_a_copy(swing: Recording, tmp_path: Path) -> None:
@@ -149,6 +165,7 @@ def test_only_this_computer_is_answered() -> None:
     assert client.get("/").status_code == 200
     assert client.get("/", headers={"Host": "localhost:8050"}).status_code == 200
     assert client.get("/", headers={"Host": "rebound.example"}).status_code == 403
+    assert client.post("/_dash-update-component", headers={"Origin": "https://other.example"}).status_code == 403
     page = client.get("/")
     assert "default-src 'self'" in page.headers["Content-Security-Policy"]
     assert "https://" not in page.text and "http://" not in page.text.replace("http://www.w3.org", "")

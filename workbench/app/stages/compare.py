@@ -12,10 +12,13 @@ from dash.exceptions import PreventUpdate
 
 from estimators.regions import profiles, stand_out
 from pendulum_env._typing import JSON, Mask
+from pendulum_env.recording import Recording
 from workbench.app.brushing import MAP, PHASE, TIME, VIEWS, Points, figures, inside, lit, within
 from workbench.app.parts import button, graph, labelled, panel
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
+from workbench.report.case import Case
+from workbench.report.sections.comparison import position_figure
 from workbench.report.words import number, opening
 
 LINKED = "linked"
@@ -54,7 +57,17 @@ def _views(session: Session, file: str, shown: int) -> list[Component]:
         ),
         html.Div(graph(drawn[TIME], html.B("Over time"), LINKED), className="panel"),
         _regions(points, shown),
+        _flown(session.state.standing, session.find(file).recording),
     ]
+
+
+def _flown(case: Case, recording: Recording) -> Component:
+    """Free-running simulation of a recording: of its held-out part, if it has one."""
+    flights = [one for one in (*case.testing.flights, *case.training.flights) if one.windows.recording is recording]
+    note = "Each simulation starts from the measured state and runs freely for one second on the recorded torque alone."
+    return panel(
+        "Position in free run", html.P(note, className="note"), graph(position_figure(case, "flown", flights[0]))
+    )
 
 
 def _regions(points: Points, shown: int) -> Component:

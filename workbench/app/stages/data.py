@@ -15,10 +15,11 @@ from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.physics import BASE, effects
 from workbench.app import recorder
 from workbench.app.parts import aria, button, graph, labelled, panel, table
-from workbench.app.session import UPLOAD, Session
+from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import Loaded
 from workbench.app.state import State as Work
+from workbench.app.uploads import UPLOAD
 from workbench.report.figure import Figure, line, stacked, thin
 from workbench.report.sections.method import Used, use
 from workbench.report.words import listing, name, number, opening, percent
@@ -187,14 +188,6 @@ def connect(bench: Bench) -> None:
     def upload(session: Session, contents: list[str], names: list[str], unwrap: list[str]) -> None:
         for content, file in zip(contents, names, strict=True):
             session.receive(file, content, bool(unwrap))
-
-    @bench.app.callback(
-        Output("upload", "contents"), Input("version", "data"), State("upload", "contents"), prevent_initial_call=True
-    )
-    def forget(_: int, contents: list[str] | None) -> None:
-        """Let the same file be uploaded again, once it has been mended."""
-        if contents is None:
-            raise PreventUpdate
 
     @bench.on(Input("demo", "n_clicks"))
     def demo(session: Session, _: int) -> None:
