@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+from pendulum_env.files import write_whole
 from pendulum_env.recording import Recording, read_recording
 from workbench.app.jobs import Job, Progress, Workers
 from workbench.app.session import Session
-from workbench.app.state import Loaded
+from workbench.app.state import Loaded, State
 from workbench.inputs import InputError
 from workbench.terminal import Terminal
 
+DIAGNOSIS = "diagnosis.json"
 LONGEST = 120.0  # [s]
 DEMO = (  # what is hidden in the demo, and what each of its recordings is for
     ("demo.csv", ("--seconds=15", "--effect=stribeck", "--seed=1"), False),
@@ -72,6 +75,30 @@ def start(session: Session, workers: Workers, runs: Sequence[tuple[str, tuple[st
         session.fail(job, why)
 
     session.start(Job("Recording", task, workers, done, failed))
+
+
+def start_suggested(session: Session, workers: Workers) -> None:
+    """Record the experiment that the diagnosis suggests, on the simulated pendulum of the first recording.
+
+    Raises:
+        InputError: if it suggests none, or the recordings are not of a simulated pendulum.
+    """
+    state = session.state
+    plant = simulated(state)
+    if state.diagnosis is None or state.diagnosis.suggestion is None or plant is None:
+        raise InputError("there is no experiment to record: only a simulated pendulum can be recorded from here")
+    diagnosis = session.folder / DIAGNOSIS
+    write_whole(diagnosis, json.dumps(state.diagnosis.json()))
+    seed = 1 + len(state.loaded)
+    words = (*plant, "--excitation=suggested", f"--diagnosis={diagnosis}", f"--seed={seed}")
+    start(session, workers, [(free_name(session), words, False)])
+
+
+def simulated(state: State) -> tuple[str, ...] | None:
+    """Options of `record` that make the plant of the first recording, None if it was not recorded here."""
+    if not state.loaded or not state.loaded[0].origin:
+        return None
+    return tuple(word for word in state.loaded[0].origin if word.startswith("--effect="))
 
 
 def free_name(session: Session) -> str:

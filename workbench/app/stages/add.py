@@ -37,9 +37,12 @@ def show(session: Session) -> list[Component]:
         className="columns even",
     )
     undo = button(f"Undo: take {name(state.added[-1])} out", "undo", disabled=session.busy()) if state.added else None
+    fall = panel(
+        "How the error falls", html.P(said(steps), className="before-after"), ladder, *([undo] if undo else [])
+    )
+    choice = _choice(state, session.busy())
     return [
-        _choice(state, session.busy()),
-        panel("How the error falls", html.P(said(steps), className="before-after"), ladder, *([undo] if undo else [])),
+        *([choice, fall] if state.found or not state.added else [fall, choice]),
         panel("Errors step by step", fragment(errors(state.standing))),
     ]
 

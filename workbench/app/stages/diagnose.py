@@ -10,8 +10,10 @@ from dash.development.base_component import Component
 
 from estimators.diagnosis import Diagnosis, Verdict
 from workbench.app.parts import aria, button, fragment, panel, table
+from workbench.app.recorder import simulated, start_suggested
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
+from workbench.app.state import State
 from workbench.app.tasks import start_addition, start_diagnosis
 from workbench.report.sections.candidates import Row, candidates
 from workbench.report.sections.story import story
@@ -41,6 +43,7 @@ def show(session: Session) -> list[Component]:
         panel(
             "What was found", fragment(story(state.case)), className="story found" if state.told.selected else "story"
         ),
+        *_next(state, busy),
         _alike(state.diagnosis),
         panel(
             "Ranking",
@@ -58,6 +61,17 @@ def show(session: Session) -> list[Component]:
     ]
 
 
+def _next(state: State, busy: bool) -> list[Component]:
+    """The experiment that would settle what is open, to be recorded at once if the pendulum is a simulated one."""
+    suggestion = state.diagnosis.suggestion if state.diagnosis is not None else None
+    if suggestion is None or simulated(state) is None:
+        return []
+    aims = listing([aim.text for aim in suggestion.settles])
+    what = f"The same simulated pendulum can play it now: {suggestion.seconds:g} s to {aims}."
+    press = button("Record the next experiment", "record-next", primary=not state.found, disabled=busy)
+    return [panel("The next experiment", html.P(what), press)]
+
+
 def _alike(found: Diagnosis) -> Component:
     """Groups that the data cannot tell apart."""
     if not found.ambiguous:
@@ -65,7 +79,7 @@ def _alike(found: Diagnosis) -> Component:
     groups = [html.Li(opening(listing([name(id) for id in group], "or"))) for group in found.ambiguous]
     return panel(
         "Effects that look the same",
-        html.P("These data cannot tell which of a group it is; the next experiment above would."),
+        html.P("These data cannot tell which of a group it is."),
         html.Ul(groups),
     )
 
@@ -114,6 +128,10 @@ def connect(bench: Bench) -> None:
     @bench.on(Input("diagnose", "n_clicks"))
     def diagnose(session: Session, _: int) -> None:
         start_diagnosis(session, bench.workers)
+
+    @bench.on(Input("record-next", "n_clicks"))
+    def record(session: Session, _: int) -> None:
+        start_suggested(session, bench.workers)
 
     @bench.on(Input({"do": ADD, "of": ALL}, "n_clicks"))
     def add(session: Session, _: list[int]) -> None:

@@ -13,12 +13,13 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from workbench.app.parts import button, panel
+from workbench.app.recorder import DIAGNOSIS
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import State
 from workbench.report import render
 
-MODEL, REPORT, DIAGNOSIS = "model.json", "report.html", "diagnosis.json"
+MODEL, REPORT = "model.json", "report.html"
 
 
 def show(session: Session) -> list[Component]:
@@ -39,7 +40,7 @@ def show(session: Session) -> list[Component]:
         )
     return [
         panel("Save", html.Ul(saved, className="downloads")),
-        panel("The same on the command line", _code(commands(state), "commands")),
+        panel("The same on the command line", _code(session.plain(commands(state)), "commands")),
         panel("The same in Python", _code(snippet(state), "snippet")),
     ]
 

@@ -9,6 +9,7 @@ from dash import State as Value
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
+from pendulum_env._typing import JSON
 from pendulum_env.backends import BACKENDS
 from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.physics import BASE, effects
@@ -163,15 +164,21 @@ def _table(look: live.Look) -> Component | str:
     head += [html.Th(f"{p} [{unit(model.estimates[p].unit)}]", scope="col", className="number") for p in PARAMETERS]
     rows = [
         html.Tr(
-            [html.Th(opening(name(id)), scope="row")]
+            [html.Th([_key(stroke(k, id)), opening(name(id))], scope="row")]
             + [html.Td(estimate(one.model.estimates[p]), className="number") for p in PARAMETERS]
         )
-        for id, one in found.schemes.items()
+        for k, (id, one) in enumerate(found.schemes.items())
     ]
     if look.truth:
         known = [html.Td(number(look.truth[p], 4), className="number") for p in PARAMETERS]
         rows.append(html.Tr([html.Th("truth", scope="row"), *known], className="floor"))
     return html.Div(html.Table([html.Thead(html.Tr(head)), html.Tbody(rows)]), className="scroll", tabIndex=0)
+
+
+def _key(line: JSON) -> Component:
+    """A piece of a scheme's line."""
+    kind = "dashed" if line["dash"] == "dash" else "solid"
+    return html.I(className="stroke-key", style={"borderTop": f"2.5px {kind} var({line['color']})"})
 
 
 def _said(look: live.Look) -> str:

@@ -11,7 +11,7 @@ from estimators.free_running import SECONDS
 from pendulum_env.physics import Estimate, Term
 from workbench.report.case import Case
 from workbench.report.section import Section
-from workbench.report.words import listing, name, opening, percent
+from workbench.report.words import listing, name, number, opening
 
 TELLING = 0.01  # share of a parameter, from which an error is worth a word
 SURE = 3.0  # standard errors
@@ -108,7 +108,7 @@ def misled(diagnosis: Diagnosis) -> list[str]:
             continue
         share, off = wrong.value / right.value - 1.0, abs(wrong.value - right.value)
         if abs(share) >= TELLING and off > SURE * float(np.hypot(wrong.std, right.std)):
-            told.append(f"{name(parameter)} {percent(abs(share))} too {'high' if share > 0 else 'low'}")
+            told.append(f"{name(parameter)} {number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}")
     return told
 
 
