@@ -164,16 +164,19 @@ class Job:
         with self._lock:
             if self._cancelled:
                 return
-            self._worker, self.running = None, False
+            self._worker = None  # from now on it cannot be cancelled
         if (kind, content) == LOST:
             worker.end()
         else:
             self._workers.give_back(worker)
-        if kind == DONE:
-            self._done(self, content)
-        else:
-            self._failed(self, content)
-        self.over.set()
+        try:
+            if kind == DONE:
+                self._done(self, content)
+            else:
+                self._failed(self, content)
+        finally:
+            self.running = False
+            self.over.set()
 
 
 def _work(connection: Connection[Any, Any]) -> None:

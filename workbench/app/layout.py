@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from dash import ClientsideFunction, Input, Output, State, dcc, html, no_update
+from dash import ClientsideFunction, Input, Output, State, ctx, dcc, html, no_update
 from dash.dependencies import MATCH
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
@@ -198,6 +198,8 @@ def connect(bench: Bench) -> None:
         session = bench.sessions.of(id)
         stage = next((stage for stage in STAGES if f"#{stage.id}" == hash), STAGES[0])
         with session.lock:
+            if ctx.triggered_id == "url":
+                session.notice = ""  # it was about another stage
             return (
                 navigation(stage),
                 story_so_far(session.state),

@@ -78,7 +78,7 @@ class _Silent(WSGIRequestHandler):
 
 
 class Server:
-    """The app behind a port of this computer: `serve` until `close`."""
+    """The app behind a port of this computer: `serve`, then `close`."""
 
     def __init__(self, port: int = 0, recordings: Sequence[Path] = (), unwrap: bool = False) -> None:
         """Bind the port, 0 being any that is free; the rest is as for `make_app`.
@@ -88,9 +88,8 @@ class Server:
         """
         try:
             listening = socket.create_server((HOST, port))
-        except (OSError, OverflowError) as error:
-            why = "is taken" if isinstance(error, OSError) else "is none"
-            raise InputError(f"port {port} {why}: name another with --port, or 0 for any that is free") from None
+        except OSError:
+            raise InputError(f"port {port} is taken: name another with --port, or 0 for any that is free") from None
         with listening:
             self.bench = make_app(recordings, unwrap)
             number = listening.getsockname()[1]
@@ -100,12 +99,11 @@ class Server:
         self.address = f"http://{HOST}:{number}/"
 
     def serve(self) -> None:
-        """Answer until `close` is called from another thread, or an interrupt comes."""
+        """Answer until an interrupt comes."""
         self.bench.workers.warm()
         self._server.serve_forever()
 
     def close(self) -> None:
-        """End everything."""
-        self._server.shutdown()
+        """End everything, once it does not serve any more."""
         self._server.server_close()
         self.bench.close()

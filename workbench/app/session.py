@@ -56,14 +56,15 @@ class Session:
                 self.notice = self.plain(sentence(mistake))
 
     def start(self, job: Job) -> None:
-        """Begin a job."""
-        self.job = job
+        """Begin a job; called under the lock, so that it cannot end before it is known."""
         job.start()
+        self.job = job
 
     def finish(self, job: Job, change: Callable[[], None]) -> None:
         """End a job: the change is made unless the user has let go of it."""
         with self.lock:
             if self.job is job:
+                self.job = None
                 change()
                 self.version += 1
 
@@ -182,9 +183,6 @@ class Sessions:
         self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-")
         self._all: dict[str, Session] = {}
         self._lock = RLock()
-
-    def __len__(self) -> int:
-        return len(self._all)
 
     def of(self, id: object) -> Session:
         """Session of an id, a new one if there is none.

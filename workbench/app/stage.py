@@ -49,8 +49,9 @@ class Bench:
                     raise PreventUpdate
                 session = self.sessions.of(values[-1])
                 session.act(lambda: do(session, *values[:-1]))
-                if session.job is not None:
-                    session.job.over.wait(PATIENCE)
+                job = session.job
+                if job is not None:
+                    job.over.wait(PATIENCE)
                 return session.version
 
         return register

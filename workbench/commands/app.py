@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 import webbrowser
 from importlib.util import find_spec
@@ -13,14 +14,14 @@ from workbench.command import Command
 from workbench.inputs import InputError, read_recordings, whole
 from workbench.terminal import Terminal
 
-PORT = 8050
+PORT, HIGHEST = 8050, 65535
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
     parser.add_argument("recordings", metavar="RECORDING", nargs="*", help="CSV, CSV.GZ, Parquet or NPZ to begin with")
     parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
-    parser.add_argument("--port", type=whole(0), default=PORT, help=f"of this computer (default {PORT}); 0: any")
+    parser.add_argument("--port", type=_port, default=PORT, help=f"of this computer (default {PORT}); 0: any")
     parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
 
 
@@ -36,12 +37,20 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:
         Timer(0.3, webbrowser.open, [server.address]).start()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the sessions' folders go, however it ends
     try:
         server.serve()
     except KeyboardInterrupt:
         terminal.say("ended")
     finally:
         server.close()
+
+
+def _port(text: str) -> int:
+    port = whole(0)(text)
+    if port > HIGHEST:
+        raise argparse.ArgumentTypeError(f"'{text}' should be a port, {HIGHEST} at most")
+    return port
 
 
 COMMAND = Command(

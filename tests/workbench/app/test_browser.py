@@ -57,6 +57,7 @@ def address() -> Iterator[str]:
         assert found is not None
         yield found[0]
         server.terminate()
+        assert server.wait(PATIENCE / 1000) == 0
 
 
 @pytest.fixture(scope="module")

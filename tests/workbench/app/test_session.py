@@ -2,6 +2,7 @@
 
 import base64
 import pickle
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from estimators import add, diagnose
+from pendulum_env.physics import Model
 from pendulum_env.recording import Recording, write_recording
 from tests.workbench.app.plants import recorded
 
@@ -20,6 +22,7 @@ from workbench.app.brushing import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.recorder import options
 from workbench.app.server import make_app
 from workbench.app.session import Session, Sessions
+from workbench.app.stages.export import commands, snippet
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import safe_name
 from workbench.cli import main
@@ -151,6 +154,20 @@ def test_sessions_are_apart_and_the_oldest_gives_way(monkeypatch: pytest.MonkeyP
     assert not first.folder.exists()
 
 
+def test_nothing_is_done_while_a_job_works_on_the_state(session: Session) -> None:
+    class Slow:
+        running = True
+
+    session.job = Slow()  # type: ignore[assignment]
+    upload(session, "run.csv", b"")
+    assert session.notice == "wait for what is running, or cancel it first"
+    assert list(session.folder.iterdir()) == []
+    late = Slow()
+    session.finish(late, lambda: pytest.fail("of a job that was let go of"))  # type: ignore[arg-type]
+    session.finish(session.job, lambda: setattr(session, "notice", "done"))
+    assert session.notice == "done" and not session.busy()
+
+
 @pytest.mark.parametrize("id", [None, "", "../../etc", "0" * 31, "0" * 33, "A" * 32, {"a": 1}])
 def test_only_ids_open_sessions(id: object) -> None:
     sessions = Sessions()
@@ -212,6 +229,30 @@ def test_the_report_tells_the_diagnosis_until_the_ladder_leaves_it(state: State)
     astray = diagnosed.grown(add(state.model, "quadratic_drag", state.train))
     assert astray.found == ("stribeck",)
     assert astray.told.selected == ("quadratic_drag",) and astray.told.unexplained
+
+
+@pytest.fixture
+def at_work(state: State, swing: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> State:
+    """A diagnosed state with its effect added, in a folder that holds its recording."""
+    write_recording(swing, tmp_path / "swing.csv")
+    monkeypatch.chdir(tmp_path)
+    diagnosed = state.diagnosed(diagnose(state.train), state.ladder)
+    return diagnosed.grown(add(state.model, "stribeck", state.train))
+
+
+def test_the_command_line_comes_to_the_same_model(at_work: State) -> None:
+    for line in commands(at_work).splitlines():
+        program, *words = shlex.split(line)
+        assert program == "pendulum-ident" and main(words) == 0
+    made = Model.load("model.json")
+    assert made.effects == at_work.added
+    assert made.theta == pytest.approx(at_work.model.theta, rel=1e-6)
+    assert "Stribeck friction is missing" in Path("report.html").read_text(encoding="utf-8")
+
+
+def test_the_python_snippet_comes_to_the_same_model(at_work: State) -> None:
+    exec(snippet(at_work), {})
+    assert Model.load("model.json").theta == pytest.approx(at_work.model.theta, rel=1e-6)
 
 
 # ------------------------------------------------------------------------------------------------ brushing

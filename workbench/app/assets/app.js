@@ -94,12 +94,19 @@
   addEventListener("change", (event) => tooLarge(event.target.files), true);
   addEventListener("drop", (event) => tooLarge(event.dataTransfer?.files), true);
   function tooLarge(files) {
-    const most = Number(document.querySelector("[data-most]")?.dataset.most);
-    const large = [...(files ?? [])].find((file) => file.size > most);
-    if (!large) return;
-    const text = `${large.name}: is larger than ${Math.round(most / 1e6)} MB: shorten it, or use the command line`;
+    const most = Number(document.querySelector("[data-most]")?.dataset.most), all = [...(files ?? [])];
+    if (!most || all.reduce((sum, file) => sum + file.size, 0) <= most) return;
+    const what = all.length === 1 ? `${all[0].name}: is` : "these files: are together";
+    const text = `${what} larger than ${Math.round(most / 1e6)} MB: shorten or load one at a time, or use the command line`;
     window.dash_clientside.set_props("notice", { children: text });
   }
+
+  // The address tells the stage, so that this link must not change it.
+  addEventListener("click", (event) => {
+    if (event.target.id !== "skip") return;
+    event.preventDefault();
+    document.getElementById("stage").focus();
+  }, true);
 
   window.dash_clientside = { ...window.dash_clientside, app: { session, theme, draw, brush, fragment, swing } };
 })();

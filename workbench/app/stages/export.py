@@ -16,10 +16,10 @@ from workbench.app.parts import button, panel
 from workbench.app.recorder import DIAGNOSIS
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
-from workbench.app.state import State
+from workbench.app.state import State, ids
 from workbench.report import render
 
-MODEL, REPORT = "model.json", "report.html"
+PROGRAM, MODEL, REPORT = "pendulum-ident", "model.json", "report.html"
 
 
 def show(session: Session) -> list[Component]:
@@ -56,25 +56,30 @@ def _code(text: str, id: str) -> Component:
 
 def commands(state: State) -> str:
     """Command lines that come to the same model."""
-    lines = [
-        shlex.join(["pendulum-ident", "record", *one.origin, "-o", one.file.name]) for one in state.loaded if one.origin
-    ]
+    lines = [shlex.join([PROGRAM, "record", *one.origin, "-o", one.file.name]) for one in state.loaded if one.origin]
     train = [one.file.name for one in state.loaded if not one.held_out]
     holdout = [word for one in state.loaded if one.held_out for word in ("--holdout", one.file.name)]
-    lines.append(shlex.join(["pendulum-ident", "identify", *train, "-o", MODEL]))
-    for effect in state.added:
-        lines.append(shlex.join(["pendulum-ident", "add", MODEL, effect, *train, *holdout, "-o", MODEL]))
+    before = _diagnosed_after(state)
+    adding = [shlex.join([PROGRAM, "add", MODEL, effect, *train, *holdout, "-o", MODEL]) for effect in state.added]
+    lines += [shlex.join([PROGRAM, "identify", *train, "-o", MODEL]), *adding[:before]]
     if state.diagnosis is not None:
-        lines.append(
-            shlex.join(["pendulum-ident", "diagnose", *train, *holdout, "--report", REPORT, "--json", DIAGNOSIS])
-        )
-    return "\n".join(lines)
+        start = ["--model", MODEL] if before else []
+        outputs = ["--report", REPORT, "--json", DIAGNOSIS]
+        lines.append(shlex.join([PROGRAM, "diagnose", *train, *holdout, *start, *outputs]))
+    return "\n".join([*lines, *adding[before:]])
+
+
+def _diagnosed_after(state: State) -> int:
+    """Number of effects that were in the model when it was diagnosed."""
+    return len([effect for effect in state.added if effect in ids(state.started)])
 
 
 def snippet(state: State) -> str:
     """Python that comes to the same model."""
     train = [one.file.name for one in state.loaded if not one.held_out]
     holdout = [one.file.name for one in state.loaded if one.held_out]
+    before = _diagnosed_after(state)
+    adding = [f"model = add(model, {effect!r}, recordings, holdout).after.model" for effect in state.added]
     lines = [
         "from estimators import add, diagnose, fit, gather",
         "from pendulum_env.recording import read_recording",
@@ -83,12 +88,12 @@ def snippet(state: State) -> str:
         f"recordings = [read_recording(path) for path in {train!r}]",
         f"holdout = [read_recording(path) for path in {holdout!r}]",
         "model = fit(*gather(recordings, holdout)).model",
-        *(f"model = add(model, {effect!r}, recordings, holdout).after.model" for effect in state.added),
-        f"model.save({MODEL!r})",
+        *adding[:before],
     ]
     if state.diagnosis is not None:
-        lines += ["found = diagnose(recordings, holdout)", f"write_report({REPORT!r}, recordings, holdout, found)"]
-    return "\n".join(lines)
+        lines.append("found = diagnose(recordings, holdout, model.terms)")
+        lines.append(f"write_report({REPORT!r}, recordings, holdout, found)")
+    return "\n".join([*lines, *adding[before:], f"model.save({MODEL!r})"])
 
 
 def _report(state: State) -> str:
