@@ -97,10 +97,19 @@ class State:
         return ids(self.ladder)
 
     @property
+    def called_for(self) -> tuple[Step, ...]:
+        """The ladder as the diagnosis would have it; empty before there is one."""
+        return (*self.started, *self.diagnosis.steps[1:]) if self.diagnosis is not None else ()
+
+    @property
+    def astray(self) -> bool:
+        """Whether the ladder has an effect that the diagnosis does not call for."""
+        return self.diagnosis is not None and not set(self.added) <= set(ids(self.called_for))
+
+    @property
     def found(self) -> tuple[str, ...]:
-        """Effects that the diagnosis calls for and that the ladder lacks."""
-        selected = self.diagnosis.selected if self.diagnosis is not None else ()
-        return tuple(effect for effect in selected if effect not in self.added)
+        """Effects that the diagnosis calls for beyond the ladder, as long as the ladder goes with it."""
+        return () if self.astray else tuple(effect for effect in ids(self.called_for) if effect not in self.added)
 
     def diagnosed(self, diagnosis: Diagnosis, started: tuple[Step, ...]) -> State:
         """The state with a diagnosis that started from a ladder."""
@@ -133,13 +142,9 @@ class State:
             floor = self._train.data.noise(abs(self.model.estimates["inertia"].value))
             advice = tuple(doubt.text for doubt in self.doubts)
             return Diagnosis(self.ladder, (), (), self._left(floor), floor, advice)
-        steps = (*self.started, *self.diagnosis.steps[1:])
-        here, there = set(self.added), set(ids(steps))
-        if here == there:
-            return replace(self.diagnosis, steps=self.ladder)
-        if here < there:
-            return replace(self.diagnosis, steps=steps)
-        return replace(self.diagnosis, steps=self.ladder, unexplained=self._left(self.diagnosis.noise_floor))
+        if self.astray:
+            return replace(self.diagnosis, steps=self.ladder, unexplained=self._left(self.diagnosis.noise_floor))
+        return replace(self.diagnosis, steps=self.called_for if self.found else self.ladder)
 
     @cached_property
     def case(self) -> Case:

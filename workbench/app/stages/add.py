@@ -123,6 +123,8 @@ def _choice(state: Work, busy: bool) -> Component:
                 ]
             )
         )
+    elif state.astray:
+        parts.append(html.P("The model has left the diagnosis: undo, or diagnose again from here."))
     else:
         parts.append(html.P("All that the diagnosis calls for is in the model."))
     others = [{"label": opening(name(id)), "value": id} for id in effects() if id not in state.added]
