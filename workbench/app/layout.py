@@ -77,7 +77,7 @@ def page() -> Component:
                 [
                     html.Div(id="story", className="so-far", **aria(live="polite")),
                     html.Div(id="notice", role="alert"),
-                    html.Div(id="job", role="status"),
+                    html.Div(id="job"),
                     html.Div(id="stage", tabIndex=-1),
                 ],
                 id="main",

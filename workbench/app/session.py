@@ -90,51 +90,63 @@ class Session:
 
     # ------------------------------------------------------------------------------------------- recordings
 
-    def place(self, name: str) -> Path:
+    def place(self, name: str, *coming: Loaded) -> Path:
         """Where a recording of that name goes: always in the session's folder, whatever the name is.
+
+        Args:
+            name: as the page has it.
+            coming: recordings that are about to be kept.
 
         Raises:
             InputError: if there is one of that name, or too many.
         """
-        file = self.folder / safe_name(name)
-        if any(one.file == file for one in self.state.loaded):
+        file, known = self.folder / safe_name(name), (*self.state.loaded, *coming)
+        if any(one.file == file for one in known):
             raise InputError(f"{file.name}: is loaded already: remove it, or give this one another name")
-        if len(self.state.loaded) >= MOST_RECORDINGS:
+        if len(known) >= MOST_RECORDINGS:
             raise InputError(f"{file.name}: {MOST_RECORDINGS} recordings are enough: remove one first")
         return file
 
-    def receive(self, name: str, content: str, unwrap: bool) -> None:
-        """Take in an uploaded recording, `content` being a data URL.
+    def receive(self, uploads: Sequence[tuple[str, str]], unwrap: bool) -> None:
+        """Take in uploaded recordings, names and data URLs; those that can be read stay.
 
         Raises:
-            InputError: if it is too large or no upload.
-            RecordingError: if it cannot be read, in the words of the command line.
+            InputError: naming those that cannot, in the words of the command line.
         """
-        file = self.place(name)
-        unpack(file, content)
-        self.take(file, unwrap)
+        loaded: list[Loaded] = []
+        refused = []
+        for name, content in uploads:
+            try:
+                file = self.place(name, *loaded)
+                unpack(file, content)
+                loaded.append(self.read(file, unwrap))
+            except MISTAKES as mistake:
+                refused.append(sentence(mistake))
+        if loaded:
+            self.keep(*loaded)
+        if refused:
+            raise InputError("; ".join(refused))
 
-    def take(self, file: Path, unwrap: bool = False) -> None:
-        """Take in a file of the folder; one that cannot be read does not stay.
+    def read(self, file: Path, unwrap: bool = False) -> Loaded:
+        """Read a file of the folder; one that cannot be read does not stay.
 
         Raises:
             RecordingError: if it cannot be read, in the words of the command line.
         """
         try:
             refuse_too_much(file)
-            recording = read_recording(file, unwrap=unwrap)
+            return Loaded(file, read_recording(file, unwrap=unwrap))
         except MISTAKES:
             file.unlink(missing_ok=True)
             raise
-        self.keep(Loaded(file, recording))
 
     def copy(self, files: Sequence[Path], unwrap: bool) -> None:
         """Take in copies of recordings that lie elsewhere."""
-        loaded = []
+        loaded: list[Loaded] = []
         for original in files:
-            file = self.place(original.name)
+            file = self.place(original.name, *loaded)
             shutil.copyfile(original, file)
-            loaded.append(Loaded(file, read_recording(file, unwrap=unwrap)))
+            loaded.append(self.read(file, unwrap))
         self.keep(*loaded)
 
     def keep(self, *loaded: Loaded) -> None:

@@ -58,7 +58,7 @@ def session(tmp_path: Path) -> Session:
 
 def upload(session: Session, name: str, content: bytes) -> None:
     data = f"data:application/octet-stream;base64,{base64.b64encode(content).decode()}"
-    session.act(lambda: session.receive(name, data, unwrap=False))
+    session.act(lambda: session.receive([(name, data)], unwrap=False))
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def test_uploads_that_are_too_large_or_damaged_are_refused(session: Session, mon
     monkeypatch.setattr(uploads, "UPLOAD", 1000)
     upload(session, "run.csv", b"x" * 1001)
     assert "larger than" in session.notice
-    session.act(lambda: session.receive("run.csv", "data:text/csv;base64,!!!!", unwrap=False))
+    session.act(lambda: session.receive([("run.csv", "data:text/csv;base64,!!!!")], unwrap=False))
     assert "did not arrive whole" in session.notice
     assert list(session.folder.iterdir()) == []
 
@@ -127,6 +127,17 @@ def test_packed_files_that_hold_too_much_are_refused_unread(
     monkeypatch.setattr(uploads, "UNPACKED", 10_000_000)
     upload(session, file.name, file.read_bytes())
     assert session.notice == "" and len(session.state.loaded) == 1
+
+
+def test_of_several_files_those_that_can_be_read_stay(session: Session, swing: Recording, tmp_path: Path) -> None:
+    write_recording(swing, tmp_path / "good.csv")
+    files = {"good.csv": (tmp_path / "good.csv").read_bytes(), "bad.csv": b"1,2,3", "worse.txt": b""}
+    uploads = [(name, f"data:;base64,{base64.b64encode(content).decode()}") for name, content in files.items()]
+    session.act(lambda: session.receive([*uploads, uploads[0]], unwrap=False))
+    assert [one.file.name for one in session.state.loaded] == ["good.csv"]
+    assert all(f"{name}: " in session.notice for name in ("bad.csv", "worse.txt", "good.csv"))
+    assert session.notice.count("; ") == 2 and str(session.folder) not in session.notice
+    assert [file.name for file in session.folder.iterdir()] == ["good.csv"]
 
 
 def test_what_the_session_began_with_is_a_copy(swing: Recording, tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from workbench.report.figure import Figure, line, stacked, thin
 from workbench.report.sections.method import Used, use
 from workbench.report.words import listing, name, number, opening, percent
 
+DRAWN = 4  # recordings that are drawn
 FORM = ("excitation", "seconds", "effect", "amplitude", "seed")  # controls of a recording, in the order of `options`
 
 
@@ -34,7 +35,9 @@ def show(session: Session) -> list[Component]:
     if state.loaded:
         parts.append(_recordings(state))
         parts.append(_telling(state))
-        parts.append(html.Div([graph(_course(one, k)) for k, one in enumerate(state.loaded[:2])], className="panel"))
+        parts.append(
+            html.Div([graph(_course(one, k)) for k, one in enumerate(state.loaded[:DRAWN])], className="panel")
+        )
     return parts
 
 
@@ -186,8 +189,7 @@ def connect(bench: Bench) -> None:
 
     @bench.on(Input("upload", "contents"), given=(State("upload", "filename"), State("unwrap", "value")))
     def upload(session: Session, contents: list[str], names: list[str], unwrap: list[str]) -> None:
-        for content, file in zip(contents, names, strict=True):
-            session.receive(file, content, bool(unwrap))
+        session.receive(list(zip(names, contents, strict=True)), bool(unwrap))
 
     @bench.on(Input("demo", "n_clicks"))
     def demo(session: Session, _: int) -> None:

@@ -229,7 +229,7 @@ def connect(bench: Bench) -> None:
         session.run.stop()
         file = session.place(free_name(session))
         write_recording(session.run.recording(file.stem), file)
-        session.take(file)
+        session.keep(session.read(file))
 
     @bench.app.callback(
         *(Output({"kind": "plot-spec", "of": plot}, "data") for plot in PLOTS),
