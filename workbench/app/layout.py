@@ -9,7 +9,7 @@ from dash.dependencies import MATCH
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from workbench.app.parts import EMPTY, PLOT, SPEC, aria, button
+from workbench.app.parts import PLOT, SPEC, aria, button
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.stages import STAGES
@@ -56,10 +56,10 @@ def page() -> Component:
         [
             dcc.Location(id="url", refresh=False),
             dcc.Store(id="session"),  # the id, kept by the tab
-            dcc.Store(id="version", data=0),  # of the session's state
+            dcc.Store(id="version", data=0),  # of the session's state; 0 until something changes
             dcc.Store(id="theme-now"),
             dcc.Download(id="download"),
-            html.Div(dcc.Graph(figure=EMPTY), hidden=True),  # so that plotly.js comes while the user reads
+            html.Div(id="warm", hidden=True),
             dcc.Interval(id="poll", interval=POLL, disabled=True),
             html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
             html.Header(
@@ -222,8 +222,10 @@ def connect(bench: Bench) -> None:
             raise PreventUpdate
         session = bench.sessions.of(id)
         with session.lock:
-            now = session.version if session.version != version else no_update
-            return running(session), not session.busy(), now
+            busy = session.busy()
+            # a page that has just been loaded is drawn already: it only has to learn when its job is over
+            changed = session.version != version if version else ctx.triggered_id == "poll" and not busy
+            return running(session), not busy, session.version if changed else no_update
 
     @app.callback(
         Output("version", "data", allow_duplicate=True),
@@ -264,6 +266,7 @@ def connect(bench: Bench) -> None:
         Input({"kind": "markup", "of": MATCH}, "data"),
         State({"kind": "fragment", "of": MATCH}, "id"),
     )
+    in_the_page("warm", Output("warm", "children"), Input("stage", "children"))
     in_the_page("swing", Output("pendulum", "title"), Input("live-motion", "data"))
     for stage in STAGES:
         stage.connect(bench)

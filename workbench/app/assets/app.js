@@ -35,6 +35,15 @@
     return figures.themed({ data, layout });
   }
 
+  // An empty plot, once the first stage is there, so that plotly.js comes while the user reads.
+  let warmed = false;
+  function warm(stage) {
+    if (!stage || warmed) return same();
+    warmed = true;
+    const plot = { namespace: "dash_core_components", type: "Graph", props: { figure: { data: [], layout: {} } } };
+    return new Promise((resolve) => setTimeout(() => resolve(plot), 200));
+  }
+
   // Sections of the report come as the report has them.
   function fragment(markup, id) {
     const name = JSON.stringify(id, Object.keys(id).sort());
@@ -108,5 +117,5 @@
     document.getElementById("stage").focus();
   }, true);
 
-  window.dash_clientside = { ...window.dash_clientside, app: { session, theme, draw, brush, fragment, swing } };
+  window.dash_clientside = { ...window.dash_clientside, app: { session, theme, draw, brush, warm, fragment, swing } };
 })();
