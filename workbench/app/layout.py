@@ -120,7 +120,7 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
     kicker = f"{count} recording{'s' if count > 1 else ''}, {state.seconds:.3g} s"
     if not state.ladder:
         return kicker, "Nothing can be fitted yet", [f"{opening(state.trouble)}."]
-    kicker += f" · model: base{''.join(f' + {name(effect)}' for effect in state.added)}"
+    kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name(effect)}' for effect in state.added)}"
     diagnosis = state.told
     first, last = (state.ladder[k].errors["holdout"] for k in (0, -1))
     floor = f"noise alone would leave {number(diagnosis.noise_floor)} N m"

@@ -15,8 +15,8 @@ from pendulum_env.recording import read_recording
 from workbench.app.jobs import Job
 from workbench.app.live import Run
 from workbench.app.state import Loaded, State
-from workbench.app.uploads import refuse_too_much, safe_name, unpack
-from workbench.inputs import MISTAKES, InputError, sentence
+from workbench.app.uploads import MODELS, refuse_too_much, safe_name, unpack
+from workbench.inputs import MISTAKES, InputError, read_model, sentence
 
 ID = re.compile(r"[0-9a-f]{32}")  # random, drawn by the page; never part of a path
 MOST_SESSIONS = 16  # the one that was used least recently gives way
@@ -151,7 +151,7 @@ class Session:
 
     def keep(self, *loaded: Loaded) -> None:
         """Add recordings; the ladder starts anew."""
-        self.state = State.of((*self.state.loaded, *loaded))
+        self.state = self.state.having((*self.state.loaded, *loaded))
 
     def find(self, name: str) -> Loaded:
         """The recording in a file of that name.
@@ -168,14 +168,28 @@ class Session:
         """Remove a recording."""
         gone = self.find(name)
         gone.file.unlink(missing_ok=True)
-        self.state = State.of([one for one in self.state.loaded if one is not gone])
+        self.state = self.state.having([one for one in self.state.loaded if one is not gone])
 
     def hold_out(self, name: str, held_out: bool) -> None:
         """Keep a recording for checking, or fit it."""
         chosen = self.find(name)
         if chosen.held_out != held_out:
             swapped = [replace(one, held_out=held_out) if one is chosen else one for one in self.state.loaded]
-            self.state = State.of(swapped)
+            self.state = self.state.having(swapped)
+
+    def begin_from(self, name: str, content: str) -> None:
+        """Take the terms of an uploaded model as the base model; the ladder starts anew.
+
+        Raises:
+            InputError: if the file did not arrive whole.
+            ModelError: if it is no model, in the words of the command line.
+        """
+        file = self.folder / safe_name(name, MODELS)
+        unpack(file, content)
+        try:
+            self.state = State.of(self.state.loaded, read_model(str(file)).terms, file.name)
+        finally:
+            file.unlink()
 
     def end(self) -> None:
         """Stop what runs and delete the folder."""

@@ -48,6 +48,8 @@ class State:
 
     Attributes:
         loaded: recordings.
+        terms: of the base model.
+        model_file: name of the file that they came from; empty for the paper's four.
         ladder: the base model, then one step for each effect that was added; empty while nothing can be fitted.
         trouble: why nothing can be fitted.
         evidence: what is fitted and what is held out, as windows and flights; None while nothing can be fitted.
@@ -56,6 +58,8 @@ class State:
     """
 
     loaded: tuple[Loaded, ...] = ()
+    terms: tuple[Term, ...] = BASE
+    model_file: str = ""
     ladder: tuple[Step, ...] = ()
     trouble: str = ""
     evidence: tuple[Evidence, Evidence] | None = None
@@ -63,9 +67,9 @@ class State:
     started: tuple[Step, ...] = ()
 
     @classmethod
-    def of(cls, loaded: Sequence[Loaded], terms: Sequence[Term] = BASE) -> State:
+    def of(cls, loaded: Sequence[Loaded], terms: Sequence[Term] = BASE, model_file: str = "") -> State:
         """Begin with recordings: the base model is fitted to them, if it can be."""
-        bare = cls(tuple(loaded))
+        bare = cls(tuple(loaded), tuple(terms), model_file)
         if not loaded:
             return bare
         if not bare.train:
@@ -75,6 +79,10 @@ class State:
             return replace(bare, ladder=(fit(*evidence, terms),), evidence=evidence)
         except IdentificationError as error:
             return replace(bare, trouble=str(error))
+
+    def having(self, loaded: Sequence[Loaded]) -> State:
+        """Begin anew with other recordings and the same base model."""
+        return State.of(loaded, self.terms, self.model_file)
 
     @property
     def train(self) -> list[Recording]:

@@ -40,7 +40,7 @@ def start_addition(session: Session, workers: Workers, id: str) -> None:
         effect(id)
     except ValueError as error:
         raise InputError(str(error)) from None
-    if id in state.added:
+    if id in state.model.effects:
         raise InputError(f"{name(id)} is in the model already")
 
     def done(job: Job, addition: Addition) -> None:

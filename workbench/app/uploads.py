@@ -7,6 +7,7 @@ import binascii
 import gzip
 import re
 import zipfile
+from collections.abc import Collection
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -17,14 +18,15 @@ from workbench.inputs import InputError
 UPLOAD = 48_000_000  # bytes of one file, a quarter of an hour at 1 kHz
 UNPACKED = 400_000_000  # bytes of what a packed file holds
 LONGEST_NAME = 80  # characters
+MODELS = (".json",)
 BLOCK = 1 << 20  # bytes
 
 
-def safe_name(name: str) -> str:
+def safe_name(name: str, endings: Collection[str] = READERS) -> str:
     """File name without folders and without letters that mean something to a system, its ending kept."""
     last = re.split(r"[/\\]", name)[-1]
     plain = re.sub(r"[^\w .()+-]", "_", last).strip(" .")
-    ending = next((ending for ending in sorted(READERS, key=len)[::-1] if plain.lower().endswith(ending)), "")
+    ending = next((ending for ending in sorted(endings, key=len)[::-1] if plain.lower().endswith(ending)), "")
     stem = plain[: len(plain) - len(ending)].lstrip("-")
     return f"{stem[: LONGEST_NAME - len(ending)] or 'recording'}{ending}"
 

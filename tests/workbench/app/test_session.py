@@ -1,6 +1,7 @@
 """Sessions and what they know, without a browser."""
 
 import base64
+import json
 import pickle
 import shlex
 from dataclasses import replace
@@ -11,6 +12,7 @@ import pytest
 
 from estimators import add, diagnose
 from pendulum_env.physics import Model
+from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import Recording, write_recording
 from tests.workbench.app.plants import recorded
 
@@ -151,6 +153,22 @@ def test_what_the_session_began_with_is_a_copy(swing: Recording, tmp_path: Path)
     sessions.close()
 
 
+def test_a_model_file_gives_the_terms_that_stay_with_other_recordings(
+    session: Session, state: State, swing: Recording, tmp_path: Path
+) -> None:
+    def begin(content: str) -> None:
+        data = f"data:application/json;base64,{base64.b64encode(content.encode()).decode()}"
+        session.act(lambda: session.begin_from("../my model.json", data))
+
+    begin("{}")
+    assert session.notice == "my model.json: this is not a model: 'schema' should be pendulum-ident/model@1"
+    begin(json.dumps(state.model.add(Stribeck(0.5)).json()))
+    assert session.notice == "" and list(session.folder.iterdir()) == []
+    write_recording(swing, tmp_path / "swing.csv")
+    upload(session, "swing.csv", (tmp_path / "swing.csv").read_bytes())
+    assert session.state.model.effects == ("stribeck",) and session.state.added == ()
+
+
 # ------------------------------------------------------------------------------------------------ sessions
 
 
@@ -229,26 +247,39 @@ def test_adding_and_undoing_end_where_they_began(state: State) -> None:
     assert back.model.theta == pytest.approx(state.model.theta, rel=1e-9)
 
 
-def test_the_report_tells_the_diagnosis_until_the_ladder_leaves_it(state: State) -> None:
+def test_the_report_tells_the_diagnosis_until_the_ladder_leaves_it(state: State, worked: dict[str, State]) -> None:
     assert state.told.candidates == () and state.told.unexplained
-    found = diagnose(state.train)
-    assert found.selected == ("stribeck",)
-    diagnosed = state.diagnosed(found, state.ladder)
+    grown = worked["paper"]
+    diagnosed = grown.undone()
     assert diagnosed.told.selected == diagnosed.found == ("stribeck",)
-    grown = diagnosed.grown(add(state.model, "stribeck", state.train))
     assert grown.found == () and grown.told.steps == grown.ladder and not grown.told.unexplained
     astray = diagnosed.grown(add(state.model, "quadratic_drag", state.train))
     assert astray.astray and astray.found == ()
     assert astray.told.selected == ("quadratic_drag",) and astray.told.unexplained
 
 
-@pytest.fixture
-def at_work(state: State, swing: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> State:
-    """A diagnosed state with its effect added, in a folder that holds its recording."""
-    write_recording(swing, tmp_path / "swing.csv")
+@pytest.fixture(scope="module")
+def worked(state: State) -> dict[str, State]:
+    """States with a diagnosis and its effect added: from the paper's terms, and from a model file with one more."""
+    drag = add(state.model, "quadratic_drag", state.train).after.model
+    begun = State.of(state.loaded, drag.terms, "start.json")
+    states = {}
+    for name, one in (("paper", state), ("file", begun)):
+        diagnosed = one.diagnosed(diagnose(one.train, base=one.terms), one.ladder)
+        states[name] = diagnosed.grown(add(one.model, "stribeck", one.train))
+    return states
+
+
+@pytest.fixture(params=["paper", "file"])
+def at_work(
+    worked: dict[str, State], request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> State:
+    """One of these states, in a folder with the files that it speaks of."""
+    one = worked[request.param]
+    write_recording(one.train[0], tmp_path / "swing.csv")
+    one.ladder[0].model.save(tmp_path / "start.json")
     monkeypatch.chdir(tmp_path)
-    diagnosed = state.diagnosed(diagnose(state.train), state.ladder)
-    return diagnosed.grown(add(state.model, "stribeck", state.train))
+    return one
 
 
 def test_the_command_line_comes_to_the_same_model(at_work: State) -> None:
@@ -256,7 +287,7 @@ def test_the_command_line_comes_to_the_same_model(at_work: State) -> None:
         program, *words = shlex.split(line)
         assert program == "pendulum-ident" and main(words) == 0
     made = Model.load("model.json")
-    assert made.effects == at_work.added
+    assert made.effects == at_work.model.effects and "stribeck" in made.effects
     assert made.theta == pytest.approx(at_work.model.theta, rel=1e-6)
     assert "Stribeck friction is missing" in Path("report.html").read_text(encoding="utf-8")
 

@@ -127,7 +127,7 @@ def _choice(state: Work, busy: bool) -> Component:
         parts.append(html.P("The model has left the diagnosis: undo, or diagnose again from here."))
     else:
         parts.append(html.P("All that the diagnosis calls for is in the model."))
-    others = [{"label": opening(name(id)), "value": id} for id in effects() if id not in state.added]
+    others = [{"label": opening(name(id)), "value": id} for id in effects() if id not in state.model.effects]
     library = labelled("Any effect of the library", dcc.Dropdown(others, None, id="any", placeholder="choose"))
     return panel(
         "Add an effect",

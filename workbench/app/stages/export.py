@@ -59,13 +59,21 @@ def commands(state: State) -> str:
     lines = [shlex.join([PROGRAM, "record", *one.origin, "-o", one.file.name]) for one in state.loaded if one.origin]
     train = [one.file.name for one in state.loaded if not one.held_out]
     holdout = [word for one in state.loaded if one.held_out for word in ("--holdout", one.file.name)]
-    before = _diagnosed_after(state)
-    adding = [shlex.join([PROGRAM, "add", MODEL, effect, *train, *holdout, "-o", MODEL]) for effect in state.added]
-    lines += [shlex.join([PROGRAM, "identify", *train, "-o", MODEL]), *adding[:before]]
+    before, start = _diagnosed_after(state), state.model_file
+    models = [start or MODEL, *[MODEL] * len(state.added)]  # before each effect, and after the last
+    adding = [
+        shlex.join([PROGRAM, "add", model, effect, *train, *holdout, "-o", MODEL])
+        for model, effect in zip(models, state.added, strict=False)
+    ]
+    if start:
+        lines.append(shlex.join([PROGRAM, "compare", start, *train]))
+    else:
+        lines.append(shlex.join([PROGRAM, "identify", *train, "-o", MODEL]))
+    lines += adding[:before]
     if state.diagnosis is not None:
-        start = ["--model", MODEL] if before else []
+        base = ["--model", models[before]] if before or start else []
         outputs = ["--report", REPORT, "--json", DIAGNOSIS]
-        lines.append(shlex.join([PROGRAM, "diagnose", *train, *holdout, *start, *outputs]))
+        lines.append(shlex.join([PROGRAM, "diagnose", *train, *holdout, *base, *outputs]))
     return "\n".join([*lines, *adding[before:]])
 
 
@@ -82,12 +90,14 @@ def snippet(state: State) -> str:
     adding = [f"model = add(model, {effect!r}, recordings, holdout).after.model" for effect in state.added]
     lines = [
         "from estimators import add, diagnose, fit, gather",
+        *(["from pendulum_env.physics import Model"] if state.model_file else []),
         "from pendulum_env.recording import read_recording",
         "from workbench.report import write_report",
         "",
         f"recordings = [read_recording(path) for path in {train!r}]",
         f"holdout = [read_recording(path) for path in {holdout!r}]",
-        "model = fit(*gather(recordings, holdout)).model",
+        *([f"terms = Model.load({state.model_file!r}).terms"] if state.model_file else []),
+        f"model = fit(*gather(recordings, holdout){', terms' if state.model_file else ''}).model",
         *adding[:before],
     ]
     if state.diagnosis is not None:
