@@ -96,7 +96,7 @@ def test_numbers_in_the_text_are_those_of_the_diagnosis(page: str, diagnosis: Di
 def test_parameters_that_the_base_model_got_wrong_are_told(page: str, diagnosis: Diagnosis) -> None:
     wrong, right = (step.model.estimates["coulomb"].value for step in diagnosis.steps)
     told = re.search(r"Without it, the fit put .*Coulomb friction ([\d.]+) % too high", Page(page).text)
-    assert float(told[1]) == pytest.approx(100 * (wrong / right - 1), abs=0.1)
+    assert float(told[1]) == pytest.approx(100 * (wrong / right - 1), abs=0.5)
     assert "inertia" not in told[0]  # reversals are fast enough to tell it apart
 
 

@@ -104,7 +104,7 @@ def say(points: Points, selected: Mask, shown: int) -> str:
     return (
         f"{count} of {len(points)} windows, from {time.min():.3g} to {time.max():.3g} s: residual "
         f"{number(float(residual.mean()))} N m on average, {number(float(np.sqrt(np.mean(residual**2))))} N m RMS; "
-        f"noise alone would leave {number(points.noise)} N m"
+        f"noise alone would leave {number(points.noise)} N m."
     )
 
 
@@ -151,7 +151,7 @@ def connect(bench: Bench) -> None:
             if box is None:
                 raise PreventUpdate
             selected = inside(points, source, box)
-        return {"source": source, "traces": lit(points, selected, shown)}, f"{say(points, selected, shown)}."
+        return {"source": source, "traces": lit(points, selected, shown)}, say(points, selected, shown)
 
 
 STAGE = Stage("compare", "Compare", show, connect)
