@@ -182,7 +182,8 @@ class Job:
 def _work(connection: Connection[Any, Any]) -> None:
     """Do tasks as they come, in a process of its own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends its workers itself
-    from estimators import diagnose  # noqa: F401  (takes a while: before the first task)
+    from workbench import cli  # noqa: F401  (these take a while: before the first task comes)
+    from workbench.app import tasks  # noqa: F401
 
     with suppress(EOFError, OSError):
         while True:

@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if find_spec("dash") is None:
         raise InputError("the workbench in a browser needs the extra app: pip install 'pendulum-ident[app]'")
     read_recordings(arguments.recordings, arguments.unwrap, terminal)  # complains now, not in the browser
-    from workbench.app import Server  # dash takes a while to import
+    from workbench.app.server import Server  # dash takes a while to import
 
     server = Server(arguments.port, [Path(name) for name in arguments.recordings], arguments.unwrap)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
