@@ -1,7 +1,7 @@
 """What learns from measurements: six schemes, recursive least squares, comparison and diagnosis."""
 
 from estimators.compare import Comparison, compare
-from estimators.diagnose import Addition, add, diagnose
+from estimators.diagnose import Addition, add, diagnose, fit, gather
 from estimators.diagnosis import Diagnosis, Verdict
 from estimators.equations import IdentificationError
 from estimators.evidence import Errors, Evidence, fit_terms
@@ -21,7 +21,9 @@ __all__ = [
     "add",
     "compare",
     "diagnose",
+    "fit",
     "fit_terms",
+    "gather",
     "identify",
     "scheme",
 ]

@@ -247,7 +247,15 @@ class Addition:
         return show_addition(self)
 
 
-def add(model: Model, id: str, recordings: Recordings, holdout: Recordings = ()) -> Addition:
+def fit(train: Evidence, holdout: Evidence, terms: Sequence[Term] = BASE) -> Step:
+    """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
+    search = Search(train, holdout)
+    return search.report(None, search.settle(terms))
+
+
+def add(
+    model: Model, id: str, recordings: Recordings, holdout: Recordings = (), progress: Progress = no_progress
+) -> Addition:
     """Refit a model's terms, then with one more effect.
 
     Raises:
@@ -262,9 +270,13 @@ def add(model: Model, id: str, recordings: Recordings, holdout: Recordings = ())
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     kind = find_effect(id)
     model.add(kind())  # raises if it is there already
-    search = Search(*gather(recordings, holdout))
+    progress("reading the motion", 0.0)
+    search = Search(*gather(recordings, holdout), progress)
+    progress("fitting without it", 0.1)
     before = search.report(None, search.settle(model.terms))
+    progress(f"searching {id}", 0.3)
     trial = search.screen.best(before.model.terms, kind)
+    progress(f"fitting with {id}", 0.8)
     terms = search.settle(trial.terms) if trial else (*before.model.terms, kind())
     after = search.report(id, terms)
     return Addition(before, after, search.floor, objection(after, before, search.train.samples))

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from estimators.diagnosis import SCHEMA
+from estimators.equations import IdentificationError
 from estimators.inputs import model_that_moves
 from estimators.suggestion import Suggestion
 from pendulum_env.files import check_output
 from pendulum_env.physics import Model, ModelError
-from pendulum_env.recording import Recording, read_recording
+from pendulum_env.recording import Recording, RecordingError, read_recording
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
@@ -23,6 +24,17 @@ T = TypeVar("T")
 
 class InputError(ValueError):
     """A command was asked for something that cannot be; the message is one sentence that says what and why."""
+
+
+MISTAKES = (InputError, RecordingError, IdentificationError, ModelError, OSError)  # of a user, not of the program
+
+
+def sentence(mistake: Exception) -> str:
+    """A user's mistake in one line."""
+    if isinstance(mistake, OSError) and mistake.strerror is not None:
+        where = f"{mistake.filename}: " if mistake.filename is not None else ""
+        return f"{where}{mistake.strerror}"
+    return " ".join(str(mistake).split())
 
 
 def argument(convert: Callable[[str], T]) -> Callable[[str], T]:

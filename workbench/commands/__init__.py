@@ -1,7 +1,7 @@
 """The commands in the order of a first visit."""
 
 from workbench.command import Command
-from workbench.commands import add, compare, demo, diagnose, effects, evaluate, identify, paper, record, train
+from workbench.commands import add, app, compare, demo, diagnose, effects, evaluate, identify, paper, record, train
 
 COMMANDS: dict[str, Command] = {
     "demo": demo.COMMAND,
@@ -14,6 +14,7 @@ COMMANDS: dict[str, Command] = {
     "paper": paper.COMMAND,
     "train": train.COMMAND,
     "evaluate": evaluate.COMMAND,
+    "app": app.COMMAND,
 }
 
 __all__ = ["COMMANDS"]

@@ -30,8 +30,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     model = read_model(arguments.model)
     recordings = read_recordings(arguments.recordings, arguments.unwrap, terminal)
     holdout = read_recordings(arguments.holdout, arguments.unwrap, terminal)
-    with terminal.progress(f"adding {arguments.effect}"):
-        added = add(model, arguments.effect, recordings, holdout)
+    with terminal.progress(f"adding {arguments.effect}") as progress:
+        added = add(model, arguments.effect, recordings, holdout, progress)
     before, after = added.before, added.after
     if arguments.output is not None:
         after.model.save(arguments.output)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
@@ -47,8 +48,8 @@ def numbers(values: Array) -> list[float | None]:
     values = np.asarray(values, dtype=float)
     size = np.floor(np.log10(np.maximum(np.abs(np.nan_to_num(values)), 1e-30)))
     scale = 10.0 ** (DIGITS - 1 - np.clip(size, -12, 12))
-    rounded = np.round(values * scale) / scale
-    return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in rounded.ravel()]
+    rounded = np.round(values * scale) / scale  # a whole number over a power of ten: as short as it can be printed
+    return [value if isfinite(value) else None for value in rounded.ravel().tolist()]
 
 
 def line(x: Array, y: Array, name: str, color: str, unit: str, **more: object) -> JSON:

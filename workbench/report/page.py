@@ -45,7 +45,7 @@ def _environment() -> Environment:
 
 
 @cache
-def _plotly() -> str:
+def plotly() -> str:
     """plotly.js, packed: a third of the size, and browsers unpack it in a few hundredths of a second."""
     return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
 
@@ -62,6 +62,17 @@ def render(
     return assemble(sections, f"diagnosis of {words.listing([recording.name for recording in case.train])}")
 
 
+def fragment(section: Section) -> str:
+    """HTML of a section's content on its own, without its figures, for another page in the same style."""
+    content = {name: value for name, value in section.content.items() if name != "figures"} | {"figures": []}
+    return _environment().get_template(section.template).render(content=content)
+
+
+def shared(name: str) -> str:
+    """Style or script that all pages have: `style.css`, `theme.js`, `plot.js`."""
+    return _environment().get_template(name).render()
+
+
 def assemble(sections: Sequence[Section], subject: str) -> str:
     """HTML of a page from its sections; the first one's title is the page's, `subject` stands above it."""
     return (
@@ -72,7 +83,7 @@ def assemble(sections: Sequence[Section], subject: str) -> str:
             title=sections[0].title,
             subject=subject,
             written=f"{datetime.now().astimezone():%d %B %Y, %H:%M}",
-            plotly=_plotly(),
+            plotly=plotly(),
             plotly_version=get_plotlyjs_version(),
         )
     )

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from estimators.diagnosis import Diagnosis, Verdict
 from estimators.free_running import SECONDS
 from pendulum_env.physics import Estimate, Term
 from workbench.report.case import Case
 from workbench.report.section import Section
-from workbench.report.words import listing
+from workbench.report.words import listing, name, number
+
+TELLING = 0.01  # share of a parameter, from which an error is worth a word
+SURE = 3.0  # standard errors
 
 
 @dataclass(frozen=True)
@@ -42,9 +47,10 @@ def story(case: Case) -> Section:
     return Section(
         "story",
         "Result",
-        headline(diagnosis),
+        diagnosis.headline,
         {
             "changes": changes(diagnosis),
+            "misled": misled(diagnosis),
             "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
             "ambiguous": diagnosis.ambiguous,
             "unexplained": diagnosis.unexplained,
@@ -57,11 +63,6 @@ def story(case: Case) -> Section:
             "held_out": held_out(case),
         },
     )
-
-
-def headline(diagnosis: Diagnosis) -> str:
-    """The result in one sentence."""
-    return diagnosis.headline
 
 
 def changes(diagnosis: Diagnosis) -> list[Change]:
@@ -82,6 +83,19 @@ def changes(diagnosis: Diagnosis) -> list[Change]:
         Change(label, unit, before, after, after / before if found else None, note)
         for label, unit, before, after, note in quantities
     ]
+
+
+def misled(diagnosis: Diagnosis) -> list[str]:
+    """Parameters that the base model got wrong for what it lacks: by more than a per cent, and than chance."""
+    told = []
+    for parameter, wrong in diagnosis.steps[0].model.estimates.items():
+        right = diagnosis.model.estimates.get(parameter)
+        if right is None or right.value == 0:
+            continue
+        share, off = wrong.value / right.value - 1.0, abs(wrong.value - right.value)
+        if abs(share) >= TELLING and off > SURE * float(np.hypot(wrong.std, right.std)):
+            told.append(f"{name(parameter)} {number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}")
+    return told
 
 
 def finding(diagnosis: Diagnosis, effect: str) -> Finding:
