@@ -22,7 +22,8 @@ from estimators.evidence import Evidence, fit_terms
 from estimators.free_running import position_noise
 from estimators.screen import Screen, Trial
 from estimators.unnamed import IMITATED, IMITATORS, PowerLaw
-from pendulum_env.physics import BASE, Model, Samples, Term, effects
+from pendulum_env._typing import Array
+from pendulum_env.physics import BASE, Column, Model, Samples, Term, effects
 
 MATERIAL = 0.97  # an effect has to lower the cross-validated torque error to this share of it
 SHARE = 0.2  # and to explain this much of what noise does not,
@@ -99,7 +100,7 @@ class Search:
                 continue  # something simpler explains it; or a transmission would have shown before all else
             self.progress(f"screening {effect.id}", done / len(missing))
             trial = self.screen.best(terms, effect)
-            if trial is not None:
+            if trial is not None and not beyond(trial.terms, self.screen.project(*self.screen.shared(trial.terms))[1]):
                 trials.append(trial)
                 least = min(least, trial.predicted_rms)
         trials.sort(key=lambda trial: trial.predicted_rms)
@@ -452,10 +453,10 @@ def impossible(model: Model, x: Samples) -> list[str]:
     return ["inertia", *negative] if inertia <= 0 else negative
 
 
-def negative(model: Model) -> list[str]:
-    """Names of parameters that came out negative though no body has them so, whatever else it has."""
-    columns = [column for term in model.terms for column in term.columns]
-    return [c.name for c, value in zip(columns, model.theta, strict=True) if c.positive and value < 0]
+def beyond(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
+    """Linear parameters theta (P,) that no body has so, whatever else it has."""
+    columns = [column for term in terms for column in term.columns]
+    return [(column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.allows(value)]
 
 
 def objection(after: Step, before: Step, x: Samples, torque: float = HELD_OUT) -> str | None:
@@ -468,9 +469,11 @@ def objection(after: Step, before: Step, x: Samples, torque: float = HELD_OUT) -
         torque: share of the held-out torque error to which it has to lower it.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
-    wrong = impossible(after.model, x) + negative(after.model)
+    wrong = impossible(after.model, x)
     if wrong:
         return f"makes {' and '.join(wrong)} negative"
+    for column, value in beyond(after.model.terms, after.model.theta):
+        return f"would have {column.name} = {value:.3g} {column.unit}, which no body has"
     if new.position_rms >= old.position_rms:
         return (
             f"does not lower the held-out error of free-running simulation "

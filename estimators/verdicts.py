@@ -17,6 +17,7 @@ from pendulum_env.physics import Term
 # of 140 cases, whatever their odds: what is wrong then is no near rival but something else.
 MOST_SURE = 0.98
 EXTRA = 2.0  # nats against each parameter more
+CERTAIN = 50.0  # nats beyond which odds are no more telling, and numbers end
 
 
 def judge(search: Search, steps: Sequence[Step]) -> tuple[list[Candidate], list[tuple[str, ...]]]:
@@ -73,7 +74,7 @@ def _judge_selected(search: Search, final: Trial, before: Step, after: Step, las
 def _odds(search: Search, rival: Trial, final: Trial, term: Term) -> float:
     """Odds of a rival against the term in its place; a more complex one that merely contains it has small ones."""
     extra = max(0, complexity(rival.terms[-1]) - complexity(term))
-    return float(np.exp(-search.nats(final, rival) / TEMPER - EXTRA * extra))
+    return float(np.exp(min(-search.nats(final, rival) / TEMPER - EXTRA * extra, CERTAIN)))
 
 
 def _judge_left_out(search: Search, trial: Trial, steps: Sequence[Step]) -> Candidate:

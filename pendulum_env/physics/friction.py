@@ -11,6 +11,8 @@ import numpy as np
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric, one
 
+SELF_LOCKING = 0.7  # share of the torque: gears that eat more are not driven backwards by any weight
+
 
 @dataclass(frozen=True)
 class CoulombAsymmetry(Term):
@@ -65,7 +67,7 @@ class Stribeck(Term):
         def share(x: Samples) -> ArrayLike:
             return np.exp(-(np.abs(x.velocity / self.stribeck_velocity) ** self.exponent))
 
-        return (Column("stribeck", "N m", dry=share, positive=True),)
+        return (Column("stribeck", "N m", dry=share, least=0.0),)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
@@ -117,6 +119,7 @@ class LoadDependentFriction(Term):
                 "1",
                 dry=lambda x: np.abs(x.torque + self.weight * np.sin(x.position)),
                 of_torque=True,
+                most=SELF_LOCKING,
             ),
         )
 

@@ -60,7 +60,9 @@ class Column:
         dry: magnitude of set-valued dry friction; at rest it balances anything up to this.
         of_torque: whether it scales with the commanded torque: such a column can explain torque by torque, not motion.
         potential: stored energy U with force = dU/dq, where there is one; without it the force's work is dissipated.
-        positive: whether no body has it negative, even beside other friction: what is extra, or grows.
+        least: smallest value that a body can have, whatever else it has; minus infinity where friction of one kind may
+            make up for another.
+        most: largest value.
     """
 
     name: str
@@ -70,7 +72,12 @@ class Column:
     dry: Law = zero
     potential: Law | None = None
     of_torque: bool = False
-    positive: bool = False
+    least: float = -np.inf
+    most: float = np.inf
+
+    def allows(self, value: float) -> bool:
+        """Whether a body can have this value of the parameter."""
+        return self.least <= value <= self.most
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Torque per unit of the parameter; at rest sgn is taken as 0, so mask samples in stick."""

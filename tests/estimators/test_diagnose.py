@@ -12,6 +12,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Diagnosis, IdentificationError, add, diagnose
 from estimators.diagnose import gather
 from estimators.evidence import fit_terms
+from estimators.search import Search
 from pendulum_env.physics import BASE, Column, Model, ModelError, Term, effect, effects, library, register
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording
@@ -483,3 +484,18 @@ def test_a_recording_at_rest_is_refused_with_what_to_do():
     time = np.arange(4000) / 500
     with pytest.raises(IdentificationError, match="record longer, faster or wider motion"):
         diagnose([Recording("resting", time, np.zeros(4000), 0.5 * np.sin(time))])
+
+
+def test_torque_is_not_explained_by_torque():
+    """In creep |tau + w sin q| sgn q' may be the torque itself: gears that eat it all would explain everything."""
+    time = np.arange(8000) / 500
+    command = 0.85 * (np.sin(12.07 * time) + np.sin(2.25 * time))
+    plant = Plant(0.09, 2.0, 0.36, 0.92, {"spring": {"spring_k": 0.3, "spring_q0": 0.3}})
+    (r,) = simulate([(plant, run(3, 16.0))], commands=[command])
+    recording = Recording("creep", r.time, r.position, r.torque)
+    search = Search(*gather([recording]))
+    eaten = search.screen.best(search.settle(BASE), effect("load_dependent_friction"))
+    assert eaten.predicted_rms < 0.1 * search.floor
+    found = diagnose([recording])
+    assert "load_dependent_friction" not in {*found.selected, *(id for group in found.ambiguous for id in group)}
+    assert all(0 <= candidate.score <= 1 for candidate in found.candidates)
