@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.design_env import CONSTRAINTS, TICK, Batch, Constraint, read
-from agents.knowledge import COUNT, NOMINAL, SLOW, log_det
+from agents.knowledge import COUNT, CRITERIA, NOMINAL, SLOW
+from agents.observer import CONSTRAINTS, TICK, Batch, Constraint, read
 from pendulum_env._typing import Array, Mask
 from pendulum_env.excitation import excitation
 from pendulum_env.lookup import find
@@ -52,7 +52,9 @@ class Signals:
 
 
 class LookAhead:
-    """Of all sequences of a few torques, plays the first torque of the one that promises most log det information.
+    """Of all sequences of a few torques, plays the first torque of the one that promises to teach most.
+
+    What counts is log det information, "D", or the log of the summed relative variance, "A".
 
     The sequences are simulated with the current estimates, all in one batch, and decided anew at every step. Under a
     budget, the levels are shares of the torque that would spend it evenly, and torque has a price: log det grows by
@@ -60,9 +62,11 @@ class LookAhead:
     choice. Source of the greedy one: Blanke and Lelarge, FLEX, ICML 2023.
     """
 
-    def __init__(self, constraint: Constraint, torques: int, ticks: int, levels: tuple[float, ...]) -> None:
-        """Take the constraint, how many torques a sequence has, how long each is held [ticks], and their levels."""
-        self.constraint, self.ticks = constraint, ticks
+    def __init__(
+        self, constraint: Constraint, torques: int, ticks: int, levels: tuple[float, ...], criterion: str = "D"
+    ) -> None:
+        """Take how many torques a sequence has, how long each is held [ticks], their levels, and what counts."""
+        self.constraint, self.ticks, self._worth = constraint, ticks, CRITERIA[criterion]
         self._sequences = np.array(list(itertools.product(levels, repeat=torques))).T  # (torques, C)
 
     def predict(
@@ -80,7 +84,7 @@ class LookAhead:
         rows, usable = self._foresee(held, theta, seen.position, seen.velocity)
         rows = rows * usable[..., None]
         gained = np.einsum("tbci,tbcj->bcij", rows, rows)
-        worth = log_det(seen.information[:, None] + gained)
+        worth = self._worth(seen.information[:, None] + gained)
         if self.constraint.rms is not None and len(self._sequences) > 1:  # one step never pays at rest
             worth = worth - self._cost(seen.time_left)
         best = worth.argmax(axis=1)
@@ -113,18 +117,26 @@ def _signal(name: str) -> Callable[[Constraint, int], Policy]:
     return lambda constraint, seed: Signals(name, constraint, seed)
 
 
+def _greedy(constraint: Constraint, criterion: str) -> Policy:
+    return LookAhead(constraint, 1, 1, (-1.0, -0.5, 0.0, 0.5, 1.0), criterion)
+
+
+def _look_ahead(constraint: Constraint, criterion: str) -> Policy:  # 0.4 s
+    if constraint.rms is None:
+        return LookAhead(constraint, 4, 5, (-1.0, 0.0, 1.0), criterion)
+    return LookAhead(constraint, 3, 7, (-2.0, -1.0, 0.0, 1.0, 2.0), criterion)
+
+
 BASELINE = "two-tone"  # the paper's
 BASELINES: dict[str, Callable[[Constraint, int], Policy]] = {
     BASELINE: _signal("paper"),
     "multisine": _signal("multisine"),
     "chirp": _signal("chirp"),
     "prbs": _signal("prbs"),
-    "greedy": lambda constraint, _: LookAhead(constraint, 1, 1, (-1.0, -0.5, 0.0, 0.5, 1.0)),
-    "look-ahead": lambda constraint, _: (  # 0.4 s
-        LookAhead(constraint, 4, 5, (-1.0, 0.0, 1.0))
-        if constraint.rms is None
-        else LookAhead(constraint, 3, 7, (-2.0, -1.0, 0.0, 1.0, 2.0))
-    ),
+    "greedy": lambda constraint, _: _greedy(constraint, "D"),
+    "greedy-A": lambda constraint, _: _greedy(constraint, "A"),
+    "look-ahead": lambda constraint, _: _look_ahead(constraint, "D"),
+    "look-ahead-A": lambda constraint, _: _look_ahead(constraint, "A"),
 }
 
 

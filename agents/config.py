@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from agents.design_env import CONSTRAINTS
+from agents.observer import CONSTRAINTS
 from pendulum_env.lookup import find
 
 
@@ -18,6 +18,7 @@ class Config:
 
     Attributes:
         constraint: of the torque, "peak" or "rms".
+        criterion: of the reward, "D" or "A".
         seed: of plants, noise, network and exploration.
         steps: decisions in all.
         pendulums: that learn together.
@@ -35,6 +36,7 @@ class Config:
     """
 
     constraint: str = "peak"
+    criterion: str = "D"
     seed: int = 0
     steps: int = 1_200_000
     pendulums: int = 64

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.design_env import HELD, RATE, TICK, ExcitationDesignVector
+from agents.design_env import RATE, ExcitationDesignVector
 from agents.knowledge import COUNT, NOMINAL, log_det
+from agents.observer import TICK
 from estimators.online import OnlineEstimator
 from estimators.schemes import scheme
 from pendulum_env._typing import JSON, Array
@@ -84,8 +85,8 @@ def observe(
         action, state = policy.predict(observation, state, np.full(plants, k == 0), deterministic=True)
         acting += time.perf_counter() - begun
         observation, _, _, _, info = env.step(action)
-        for j in range(HELD):
-            now = np.full(plants, (k * HELD + j + 1) / RATE)
+        for j in range(env.observer.held):
+            now = np.full(plants, (k * env.observer.held + j + 1) / RATE)
             known = estimator.take(now, info["positions"][:, j], info["torques"][:, j])
             row = known.regressor * NOMINAL
             information += row[:, :, None] * row[:, None, :]

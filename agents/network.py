@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.design_env import CONSTRAINTS, mirrored
+from agents.observer import CONSTRAINTS, mirrored
 from pendulum_env._typing import Array
 from pendulum_env.lookup import find
 from pendulum_env.policy import State

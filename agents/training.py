@@ -16,8 +16,10 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.config import Config
-from agents.design_env import CONSTRAINTS, Constraint, ExcitationDesignVector, mirrored
+from agents.design_env import ExcitationDesignVector
+from agents.knowledge import CRITERIA
 from agents.network import Network
+from agents.observer import CONSTRAINTS, Constraint, mirrored
 from agents.vec_env import BatchedVecEnv
 
 TUNING = 2**21  # added to seeds, for plants that neither training nor evaluation draws
@@ -28,7 +30,9 @@ Tell = Callable[[str, float], None]
 
 def make_env(config: Config) -> BatchedVecEnv:
     """Pendulums to learn on, their torque in levels."""
-    design = ExcitationDesignVector(config.pendulums, constraint=config.constraint, autoreset_mode="SameStep")
+    design = ExcitationDesignVector(
+        config.pendulums, constraint=config.constraint, criterion=config.criterion, autoreset_mode="SameStep"
+    )
     env: VectorEnv[Any, Any, Any] = FinalWorth(design, config.head_start)
     if design.constraint.rms is not None:
         env = PriceTorque(env, design.constraint, config.price_rate)
@@ -61,22 +65,22 @@ def train(config: Config, tell: Tell | None = None, checkpoints: Path | None = N
     env.seed(config.seed)
     model.learn(config.steps, callback=_Watch(config, tell, checkpoints))
     network = export(model, config)
-    return network if CONSTRAINTS[config.constraint].rms is None else stretched(network, config.seed)
+    return network if CONSTRAINTS[config.constraint].rms is None else stretched(network, config)
 
 
-def stretched(network: Network, seed: int) -> Network:
+def stretched(network: Network, config: Config) -> Network:
     """Policy with its levels as far apart as it learns most with: without chance, it may not spend the whole budget."""
     stretches = [replace(network, levels=network.levels * factor) for factor in STRETCHES]
-    return max(stretches, key=lambda candidate: learnt(candidate, seed))
+    return max(stretches, key=lambda candidate: learnt(candidate, config))
 
 
-def learnt(network: Network, seed: int, count: int = 64) -> float:
-    """Mean log det information at the end of an episode, on plants that are not those of any evaluation [nat]."""
+def learnt(network: Network, config: Config, count: int = 64) -> float:
+    """Mean of what the criterion counts at the end of an episode, on plants of no training and no evaluation [nat]."""
     env = ExcitationDesignVector(count, constraint=network.constraint)
-    observation, _ = env.reset(seed=TUNING + seed)
+    observation, _ = env.reset(seed=TUNING + config.seed)
     for _ in range(env.steps_per_episode):
         observation = env.step(network.predict(observation)[0])[0]
-    return float(env.knowledge.log_det.mean())
+    return float(CRITERIA[config.criterion](env.knowledge.information).mean())
 
 
 def export(model: PPO, config: Config) -> Network:

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from agents.baselines import BASELINES, LookAhead, baseline
-from agents.design_env import CONSTRAINTS, ExcitationDesignVector
+from agents.design_env import ExcitationDesignVector
 from agents.knowledge import log_det
+from agents.observer import CONSTRAINTS
 
 
 def play(name: str, constraint: str, count: int = 3, steps: int = 60):

@@ -10,9 +10,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
-from agents.design_env import CONSTRAINTS, HELD, TICK, ExcitationDesignVector, read
+from agents.design_env import ExcitationDesignVector
 from agents.knowledge import NOMINAL, PRIOR
+from agents.observer import CONSTRAINTS, TICK, read
 from pendulum_env.registration import DESIGN
+
+HELD = 20  # samples in a tick
 
 
 def tones(step: int, count: int) -> np.ndarray:

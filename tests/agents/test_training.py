@@ -7,7 +7,8 @@ import pytest
 
 from agents import Network, load
 from agents.config import Config, read_settings
-from agents.design_env import CONSTRAINTS, ExcitationDesignVector
+from agents.design_env import ExcitationDesignVector
+from agents.observer import CONSTRAINTS
 from agents.training import PriceTorque, make_env, train
 from workbench.cli import main
 

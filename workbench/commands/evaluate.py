@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agents.baselines import BASELINE, BASELINES, baseline
-from agents.design_env import CONSTRAINTS
 from agents.evaluation import evaluation_json, observe
 from agents.network import load
+from agents.observer import CONSTRAINTS
 from estimators.schemes import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.lookup import find

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from agents.config import Config, read_settings
-from agents.design_env import CONSTRAINTS
+from agents.observer import CONSTRAINTS
 from pendulum_env.lookup import find
 from workbench.command import Command
 from workbench.inputs import InputError, argument, check_outputs, whole, wrote
