@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from agents.baselines import BASELINES, LookAhead, baseline
+from agents import multisine
+from agents.baselines import BASELINES, baseline
 from agents.design_env import ExcitationDesignVector
-from agents.knowledge import log_det
+from agents.foresight import foresee
+from agents.knowledge import NOMINAL, log_det
 from agents.observer import CONSTRAINTS
 
 
@@ -44,7 +46,7 @@ def test_looking_ahead_foresees_what_will_be_learnt():
     env.reset(seed=0)
     torque = np.concatenate([np.full((10, 4, 1), 6.0), np.full((10, 4, 1), -6.0)])
     theta = env.pendulums.theta.T
-    rows, usable = LookAhead._foresee(torque, theta, np.zeros(4), np.zeros(4))
+    rows, usable = foresee(torque, theta, np.zeros(4), np.zeros(4))
     rows = (rows * usable[..., None])[:, :, 0]
     before, compared = 0.1 * np.eye(4), 0
     for k in range(20):
@@ -61,6 +63,22 @@ def test_looking_ahead_foresees_what_will_be_learnt():
 def test_looking_ahead_learns_more_than_the_papers_signal():
     ahead, paper = (log_det(play(name, "peak", steps=100)[1]["information"]) for name in ("look-ahead", "two-tone"))
     assert np.exp((ahead - paper).mean() / 4) > 1.5
+
+
+@pytest.mark.parametrize("constraint", CONSTRAINTS.values(), ids=CONSTRAINTS)
+def test_optimising_a_multisine_raises_what_it_teaches_and_repeats(constraint):
+    theta = NOMINAL * np.ones((3, 1))
+    few = {"generations": 6, "plants": 3}
+    found = multisine.optimise(constraint, **few)
+    np.testing.assert_array_equal(found, multisine.optimise(constraint, **few))
+    paper = np.zeros_like(found)
+    paper[list(multisine.PAPER)] = 1.0
+    first, better = multisine.taught(np.column_stack([paper, found]), theta, constraint)
+    assert better > first + 0.1
+    torque = multisine.signal(found, constraint)
+    assert np.abs(torque).max() <= constraint.peak + 1e-9
+    if constraint.rms is not None:
+        assert np.sqrt(np.mean(torque**2)) == pytest.approx(constraint.rms)
 
 
 def test_an_unknown_baseline_is_named():
