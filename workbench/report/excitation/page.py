@@ -65,7 +65,8 @@ def gain_figure(gains: Mapping[str, JSON], base: str) -> Figure:
             for what in ("ratio", "low", "high")
         )
         data.append({
-            "type": "scatter", "mode": "markers", "name": measure, "orientation": "h", "offsetgroup": measure, "x": numbers(ratio), "y": names,
+            "type": "scatter", "mode": "markers", "name": measure, "orientation": "h", "offsetgroup": measure,
+            "x": numbers(ratio), "y": names,
             "error_x": {"type": "data", "symmetric": False, "array": numbers(high - ratio),
                         "arrayminus": numbers(ratio - low), "color": COLORS[k % len(COLORS)], "thickness": 1.4},
             "marker": {"color": COLORS[k % len(COLORS)], "size": 9, "symbol": k},
