@@ -124,10 +124,8 @@ def compare(
     share = 1 / len(parts)
 
     def job(name: str, part: int) -> Callable[..., Outcome]:
-        return partial(
-            _observe_part, contenders[name], part, constraint, sizes[part],
-            seed=seed, effects=effects, scheme_id=scheme_id,
-        )  # fmt: skip
+        own = seed + 4 * FRESH * part
+        return partial(_enter, contenders[name], constraint, sizes[part], own, tuple(effects), scheme_id)
 
     done: dict[tuple[str, int], Outcome] = {}
     if executor is None:
@@ -147,11 +145,18 @@ def _watch(tell: Tell, name: str, before: float, share: float) -> Callable[[floa
     return lambda part: tell(name, before + share * part)
 
 
-def _observe_part(
-    contender: Contender, part: int, constraint: str, plants: int, *, seed: int, **how: object
+def _enter(
+    contender: Contender,
+    constraint: str,
+    plants: int,
+    seed: int,
+    effects: Sequence[str],
+    scheme_id: str,
+    tell: Callable[[float], None] | None = None,
 ) -> Outcome:
-    own = seed + 4 * FRESH * part
-    return observe(contender(own), constraint, plants, seed=own, **how)  # type: ignore[arg-type]
+    """Outcome of a policy that is made where it is observed."""
+    policy = contender(seed)
+    return observe(policy, constraint, plants, seed=seed, effects=effects, scheme_id=scheme_id, tell=tell)
 
 
 def observe(
@@ -209,10 +214,10 @@ def observe(
 
 
 def cramer_rao(truth: Array, torque: Array) -> Array:
-    """Least RMS relative error of the parameters (N, P) at `MOMENTS` (M, N), under torques at 1 kHz (T, N).
+    """Least RMS relative error of parameters (N, P) at `MOMENTS` (M, N), under torques at 1 kHz (T, N).
 
     The measured torque is phi theta plus white noise of variance s^2 while the arm moves: Fisher's information is
-    sum phi phi' / s^2, with rows phi of the exact motion.
+    sum phi phi' / s^2, with rows phi of the exact motion. Infinite where that is singular.
     """
     way = simulate(BASE, truth.T, 1.0 / RATE, torque, 0.0, 0.0)
     q, v = way.position, way.velocity
@@ -223,8 +228,10 @@ def cramer_rao(truth: Array, torque: Array) -> Array:
     rows = rows * truth * moving[..., None]  # relative parameters
     ends = [round(moment * RATE) for moment in MOMENTS]
     parts = [np.einsum("tni,tnj->nij", rows[a:b], rows[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
-    variance = np.linalg.inv(np.cumsum(parts, axis=0)) * TORQUE_NOISE**2  # (M, N, P, P)
-    return np.sqrt(np.trace(variance, axis1=-2, axis2=-1) / COUNT)
+    information = np.cumsum(parts, axis=0)  # (M, N, P, P)
+    known = np.linalg.matrix_rank(information, hermitian=True) == COUNT
+    variance = TORQUE_NOISE**2 * np.linalg.inv(np.where(known[..., None, None], information, np.eye(COUNT)))
+    return np.where(known, np.sqrt(np.trace(variance, axis1=-2, axis2=-1) / COUNT), np.inf)
 
 
 def stays_within(errors: Array, bound: float) -> Array:

@@ -36,6 +36,10 @@ Tell = Callable[[str, float], None]
 Learner = PPO | SAC
 
 
+class CheckpointError(ValueError):
+    """A folder that holds another training than the one asked for, or one that was not to be resumed."""
+
+
 def train(config: Config, tell: Tell | None = None, folder: Path | None = None, resume: bool = False) -> Network:
     """Train a policy; the same configuration gives the same policy on the same machine.
 
@@ -47,7 +51,7 @@ def train(config: Config, tell: Tell | None = None, folder: Path | None = None, 
         resume: whether to go on from the checkpoint in the folder; without one, it begins.
 
     Raises:
-        ValueError: if the folder holds a training that is not to be resumed, or one of another configuration.
+        CheckpointError: if the folder holds a training that is not to be resumed, or one of another configuration.
         OSError: if the folder cannot be written to.
     """
     torch.set_num_threads(1)  # small networks gain nothing from more, and results then repeat
@@ -73,7 +77,7 @@ def _begin(config: Config, folder: Path | None, resume: bool) -> Learner:
     if not path.exists():
         return make_model(config)
     if not resume:
-        raise ValueError(f"{folder}: holds a training already: resume it, or name another folder")
+        raise CheckpointError(f"{folder}: holds a training already: resume it, or name another folder")
     return _restore(path, config)
 
 
@@ -180,16 +184,16 @@ def _restore(path: Path, config: Config) -> Learner:
     """What `_keep` wrote; like every pickle, only to be read where nobody else can write.
 
     Raises:
-        ValueError: if it is of another configuration, or no checkpoint.
+        CheckpointError: if it is of another configuration, or no checkpoint.
     """
     try:
         state = cloudpickle.loads(path.read_bytes())
         before, model, (python, numpy, torched) = state["config"], state["model"], state["random"]
     except Exception as error:  # whatever a broken or foreign pickle may raise
-        raise ValueError(f"{path}: is no checkpoint of this version ({type(error).__name__})") from None
+        raise CheckpointError(f"{path}: is no checkpoint of this version ({type(error).__name__})") from None
     for name, value in asdict(config).items():
         if before.get(name) != value:
-            raise ValueError(
+            raise CheckpointError(
                 f"{path}: was begun with {name} = {before.get(name)}, not {value}: a resumed training keeps it"
             )
     random.setstate(python)

@@ -12,7 +12,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from agents.design_env import ExcitationDesignVector
 from agents.knowledge import NOMINAL, PRIOR
-from agents.observer import CONSTRAINTS, TICK, read
+from agents.observer import TICK, read
 from pendulum_env.registration import DESIGN
 
 HELD = 20  # samples in a tick
@@ -35,12 +35,12 @@ def run(env, steps: int, seed: int = 0, action=tones) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in rows.items()} | {"info": info}
 
 
-@pytest.mark.parametrize("constraint", CONSTRAINTS)
-def test_the_checkers_have_nothing_to_say(constraint):
+@pytest.mark.parametrize("arguments", [{"constraint": "peak"}, {"constraint": "rms"}, {"max_turns": 1.0}])
+def test_the_checkers_have_nothing_to_say(arguments):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gym.make(DESIGN, constraint=constraint).unwrapped)
-        check_env_for_sb3(gym.make(DESIGN, constraint=constraint))
+        check_env(gym.make(DESIGN, **arguments).unwrapped)
+        check_env_for_sb3(gym.make(DESIGN, **arguments))
 
 
 def test_gymnasium_knows_it_without_agents_or_torch_being_imported():

@@ -46,7 +46,7 @@ def test_no_estimate_beats_the_cramer_rao_bound_and_online_ones_come_near():
 
 
 def test_the_bound_is_that_of_least_squares_with_known_motion():
-    """Of a constant speed only the friction there is known: the bound is infinite, or as good as."""
+    """It falls with time, is the same in a mirror, and large where the arm only spins."""
     truth = np.array([[0.0895, 2.01, 0.3638, 0.9163]])
     time = np.arange(10_000) / 1000
     torque = 3 * np.sin(12.07 * time) + 3 * np.sin(2.25 * time)
@@ -54,6 +54,7 @@ def test_the_bound_is_that_of_least_squares_with_known_motion():
     assert (np.diff(bound, axis=0) < 0).all()
     np.testing.assert_allclose(bound, cramer_rao(truth, -torque[:, None]), rtol=1e-6)  # in a mirror
     assert (cramer_rao(truth, np.full((10_000, 1), 6.0)) > 20 * bound).all()
+    assert np.isinf(cramer_rao(truth, np.full((10_000, 1), 0.1))).all()  # it never moves
 
 
 def test_where_it_is_worked_out_changes_nothing(monkeypatch):

@@ -121,8 +121,13 @@ def test_what_makes_no_sense_is_one_line(tmp_path, capsys):
     text.write_text("no policy")
     config = tmp_path / "config.toml"
     config.write_text("step = 100\n")
+    other = tmp_path / "other.npz"
+    load("rms").save(other)
     for arguments, message in (
         (["evaluate", str(text)], "is no policy"),
+        (["evaluate", str(other)], "was trained under the constraint rms, not peak"),
+        (["train", "--resume", "-o", str(tmp_path / "new.npz")], "--resume needs --checkpoints"),
+        (["train", "--algorithm", "pop", "-o", str(tmp_path / "new.npz")], "did you mean ppo"),
         (["evaluate", "agnet"], "unknown baseline 'agnet'"),
         (["evaluate", "--constraint", "peek"], "did you mean peak"),
         (["train", "-o", "policy.zip"], "should end in .npz"),

@@ -171,7 +171,10 @@ def _write_report(path: str, told: JSON, outcomes: dict[str, Outcome], terminal:
 def _contender(name: str, constraint: str) -> Contender:
     try:
         if name == SHIPPED or name.endswith(".npz"):
-            return partial(_always, load(constraint if name == SHIPPED else name))
+            network = load(constraint if name == SHIPPED else name)
+            if network.constraint != constraint:
+                raise ValueError(f"{name}: was trained under the constraint {network.constraint}, not {constraint}")
+            return partial(_always, network)
         baseline(name, constraint)
         return partial(baseline, name, constraint)
     except ValueError as error:

@@ -43,12 +43,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     folder = None if arguments.checkpoints is None else Path(arguments.checkpoints)
     if arguments.resume and folder is None:
         raise InputError("--resume needs --checkpoints FOLDER, where the training was kept")
-    from agents.training import train  # imports torch
+    from agents.training import CheckpointError, train  # imports torch
 
     try:
         with terminal.progress("training") as tell:
             network = train(config, tell, folder, arguments.resume)
-    except ValueError as error:
+    except CheckpointError as error:
         raise InputError(str(error)) from None
     network.save(arguments.output)
     terminal.say(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
