@@ -76,6 +76,8 @@ class Network:
                     [file[f"{what}{k}"].astype(float) for k in range(count)] for what in ("weight", "bias")
                 )
                 network = cls(weights, biases, file.get("levels"), str(file["constraint"]))
+            if len(biases[-1]) != (1 if network.levels is None else len(network.levels)):
+                raise ValueError("outputs and levels do not fit")
         except (KeyError, ValueError, EOFError):
             raise ValueError(f"{path}: is no policy, which is what `pendulum-ident train` writes") from None
         return network
