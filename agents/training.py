@@ -6,7 +6,6 @@ everything that the rest depends on, pendulums and random numbers included.
 
 from __future__ import annotations
 
-import os
 import random
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -28,6 +27,7 @@ from agents.network import Network
 from agents.observer import CONSTRAINTS
 from agents.tasks import FinalWorth, Forwards, Levels, PriceTorque
 from agents.vec_env import BatchedVecEnv
+from pendulum_env.files import write_whole
 
 CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
 TUNING = 2**21  # added to seeds, for plants that neither training nor evaluation draws
@@ -114,7 +114,7 @@ def make_model(config: Config) -> Learner:
     else:
         model = SAC(
             buffer_size=config.replay,
-            learning_starts=config.pendulums * 100,
+            learning_starts=config.pendulums * 100,  # decisions by chance
             train_freq=1,
             gradient_steps=config.updates,
             policy_kwargs=layers,
@@ -169,15 +169,7 @@ def _keep(path: Path, model: Learner, config: Config) -> None:
         packed = cloudpickle.dumps(state)
     finally:
         model._logger = logger
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with open(temporary, "wb") as file:
-            file.write(packed)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_whole(path, packed)
 
 
 def _restore(path: Path, config: Config) -> Learner:
