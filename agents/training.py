@@ -77,7 +77,7 @@ def _begin(config: Config, folder: Path | None, resume: bool) -> Learner:
     if not path.exists():
         return make_model(config)
     if not resume:
-        raise CheckpointError(f"{folder}: holds a training already: resume it, or name another folder")
+        raise CheckpointError(f"{folder}: holds a training already: resume it (--resume), or name another folder")
     return _restore(path, config)
 
 
