@@ -51,7 +51,10 @@ def optimise(
     Raises:
         ModuleNotFoundError: if cma is not installed; it is of the extra rl.
     """
-    import cma
+    try:
+        import cma
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError("optimising a signal needs the extra rl: pip install 'pendulum-ident[rl]'") from None
 
     theta = NOMINAL * (1 + SPREAD * np.random.default_rng(seed).uniform(-1, 1, (plants, COUNT)))
     start = np.zeros(2 * len(FREQUENCIES))
