@@ -11,18 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from agents.design_env import CONSTRAINTS, TICK, Batch, Constraint, read
-from agents.knowledge import COUNT, NOMINAL, SLOW, log_det
-from pendulum_env._typing import Array, Mask
+from agents import multisine
+from agents.foresight import foresee
+from agents.knowledge import COUNT, CRITERIA, NOMINAL
+from agents.observer import CONSTRAINTS, TICK, Batch, Constraint, read
+from pendulum_env._typing import Array
 from pendulum_env.excitation import excitation
 from pendulum_env.lookup import find
-from pendulum_env.physics import BASE
-from pendulum_env.physics.simulation import simulate
 from pendulum_env.policy import Policy, State
 
 SECONDS = 10.0  # [s], length of an episode
 HEAD_START = 50  # steps; before, log det grows as it will
-STEP = 5e-3  # [s], of the look-ahead's simulation; of second order, so an action changes little with a finer one
 
 
 class Signals:
@@ -52,7 +51,9 @@ class Signals:
 
 
 class LookAhead:
-    """Of all sequences of a few torques, plays the first torque of the one that promises most log det information.
+    """Of all sequences of a few torques, plays the first torque of the one that promises to teach most.
+
+    What counts is log det information, "D", or the log of the summed relative variance, "A".
 
     The sequences are simulated with the current estimates, all in one batch, and decided anew at every step. Under a
     budget, the levels are shares of the torque that would spend it evenly, and torque has a price: log det grows by
@@ -60,9 +61,11 @@ class LookAhead:
     choice. Source of the greedy one: Blanke and Lelarge, FLEX, ICML 2023.
     """
 
-    def __init__(self, constraint: Constraint, torques: int, ticks: int, levels: tuple[float, ...]) -> None:
-        """Take the constraint, how many torques a sequence has, how long each is held [ticks], and their levels."""
-        self.constraint, self.ticks = constraint, ticks
+    def __init__(
+        self, constraint: Constraint, torques: int, ticks: int, levels: tuple[float, ...], criterion: str = "D"
+    ) -> None:
+        """Take how many torques a sequence has, how long each is held [ticks], their levels, and what counts."""
+        self.constraint, self.ticks, self._worth = constraint, ticks, CRITERIA[criterion]
         self._sequences = np.array(list(itertools.product(levels, repeat=torques))).T  # (torques, C)
 
     def predict(
@@ -77,10 +80,10 @@ class LookAhead:
         torque = self._sequences[:, None] * most[:, None]  # (torques, B, C)
         held = np.repeat(torque, self.ticks, axis=0)  # (ticks, B, C)
         theta = np.maximum(seen.estimates, 0.3) * NOMINAL  # early estimates may be impossible
-        rows, usable = self._foresee(held, theta, seen.position, seen.velocity)
+        rows, usable = foresee(held, theta, seen.position, seen.velocity)
         rows = rows * usable[..., None]
         gained = np.einsum("tbci,tbcj->bcij", rows, rows)
-        worth = log_det(seen.information[:, None] + gained)
+        worth = self._worth(seen.information[:, None] + gained)
         if self.constraint.rms is not None and len(self._sequences) > 1:  # one step never pays at rest
             worth = worth - self._cost(seen.time_left)
         best = worth.argmax(axis=1)
@@ -93,38 +96,53 @@ class LookAhead:
         energy = self.ticks * (self._sequences**2).sum(axis=0)  # in that of an even step
         return (COUNT / step)[:, None] * energy
 
-    @staticmethod
-    def _foresee(torque: Array, theta: Array, position: Array, velocity: Array) -> tuple[Array, Mask]:
-        """Rows (T, B, C, P) in nominal units that torques (T, B, C) would give, and which are fast enough."""
-        ticks, batch, candidates = torque.shape
-        each = [np.repeat(values, candidates, axis=-1) for values in (theta.T, position, velocity)]
-        way = simulate(BASE, each[0], TICK, torque.reshape(ticks, -1), each[1], each[2], longest_step=STEP)
-        q, v = way.position, way.velocity
-        rows = np.stack(
-            [np.diff(v, axis=0) / TICK, np.sin(0.5 * (q[1:] + q[:-1])), np.diff(q, axis=0) / TICK, np.sign(v[1:])],
-            axis=-1,
-        )
-        usable = (np.abs(v[1:]) >= SLOW) & (np.abs(v[:-1]) >= SLOW) & (v[1:] * v[:-1] > 0)
-        shape = (ticks, batch, candidates)
-        return (rows * NOMINAL).reshape(*shape, -1), usable.reshape(shape)
+
+class Fixed:
+    """One signal for every pendulum and episode, as it was found in advance."""
+
+    def __init__(self, torque: Array, constraint: Constraint) -> None:
+        """Take the torque at each tick (T,) [N m]."""
+        self._shares = torque / constraint.peak
+
+    def predict(
+        self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Batch, State]:
+        """Torque of the step (B, 1); the state holds the step."""
+        step = 0 if state is None or np.all(episode_start) else state[0]
+        share = self._shares[step % len(self._shares)]
+        return np.full((len(observation), 1), share, dtype=np.float32), (step + 1,)
 
 
 def _signal(name: str) -> Callable[[Constraint, int], Policy]:
     return lambda constraint, seed: Signals(name, constraint, seed)
 
 
+def _greedy(constraint: Constraint, criterion: str) -> Policy:
+    return LookAhead(constraint, 1, 1, (-1.0, -0.5, 0.0, 0.5, 1.0), criterion)
+
+
+def _look_ahead(constraint: Constraint, criterion: str) -> Policy:  # 0.4 s
+    if constraint.rms is None:
+        return LookAhead(constraint, 4, 5, (-1.0, 0.0, 1.0), criterion)
+    return LookAhead(constraint, 3, 7, (-2.0, -1.0, 0.0, 1.0, 2.0), criterion)
+
+
+def _optimised(constraint: Constraint) -> Policy:
+    name = next(name for name, known in CONSTRAINTS.items() if known == constraint)
+    return Fixed(multisine.signal(multisine.shipped(name), constraint), constraint)
+
+
 BASELINE = "two-tone"  # the paper's
 BASELINES: dict[str, Callable[[Constraint, int], Policy]] = {
     BASELINE: _signal("paper"),
     "multisine": _signal("multisine"),
+    "multisine-optimised": lambda constraint, _: _optimised(constraint),
     "chirp": _signal("chirp"),
     "prbs": _signal("prbs"),
-    "greedy": lambda constraint, _: LookAhead(constraint, 1, 1, (-1.0, -0.5, 0.0, 0.5, 1.0)),
-    "look-ahead": lambda constraint, _: (  # 0.4 s
-        LookAhead(constraint, 4, 5, (-1.0, 0.0, 1.0))
-        if constraint.rms is None
-        else LookAhead(constraint, 3, 7, (-2.0, -1.0, 0.0, 1.0, 2.0))
-    ),
+    "greedy": lambda constraint, _: _greedy(constraint, "D"),
+    "greedy-A": lambda constraint, _: _greedy(constraint, "A"),
+    "look-ahead": lambda constraint, _: _look_ahead(constraint, "D"),
+    "look-ahead-A": lambda constraint, _: _look_ahead(constraint, "A"),
 }
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from agents.design_env import CONSTRAINTS
+from agents.knowledge import CRITERIA
 from pendulum_env.lookup import find
 
 
@@ -18,34 +18,42 @@ class Config:
 
     Attributes:
         constraint: of the torque, "peak" or "rms".
+        criterion: of the reward, "D" or "A".
+        algorithm: "ppo", which chooses between torque levels, or "sac", which chooses any torque.
         seed: of plants, noise, network and exploration.
         steps: decisions in all.
         pendulums: that learn together.
-        rollout: decisions of each between updates.
         batch: decisions in a step of the optimiser.
-        epochs: passes over a rollout.
         learning_rate: falls linearly to zero.
         gamma: discount per decision of 20 ms.
-        entropy: weight of the exploration bonus.
         hidden: width of the two hidden layers.
+        rollout: decisions of each between updates; of PPO, as the next three.
+        epochs: passes over a rollout.
+        entropy: weight of the exploration bonus.
         levels: torque levels, shares of the peak.
+        replay: decisions that are kept to learn from; of SAC, as the next.
+        updates: steps of the optimiser after each decision of all pendulums.
         price_rate: by which the price of torque follows a relative excess of the budget, per decision; under "rms".
         head_start: decisions added to t in the weight of a reward; without any, nothing is worth while at the start.
         checkpoint: decisions between two checkpoints.
     """
 
     constraint: str = "peak"
+    criterion: str = "D"
+    algorithm: str = "ppo"
     seed: int = 0
     steps: int = 1_200_000
     pendulums: int = 64
-    rollout: int = 250
     batch: int = 2000
-    epochs: int = 8
     learning_rate: float = 1e-3
     gamma: float = 0.99
-    entropy: float = 0.003
     hidden: int = 64
+    rollout: int = 250
+    epochs: int = 8
+    entropy: float = 0.003
     levels: tuple[float, ...] = (-1.0, -0.5, 0.0, 0.5, 1.0)
+    replay: int = 200_000
+    updates: int = 8
     price_rate: float = 3e-5
     head_start: int = 50
     checkpoint: int = 200_000
@@ -60,18 +68,25 @@ class Config:
         known = {field.name: field for field in fields(cls)}
         for name in settings:
             find("setting", name, known)
-        constraint = settings.get("constraint", "peak")
-        find("constraint", constraint, CONSTRAINTS)
-        config = cls(**{**USUAL[constraint], **settings})
+        usual: dict[str, Any] = {}
+        for name, choices in USUAL.items():
+            usual |= find(name, str(settings.get(name, known[name].default)), choices)
+        config = cls(**{**usual, **settings})
         decisions = config.pendulums * config.rollout
-        if not 0 < config.batch <= decisions or config.steps < 1:
+        if config.steps < 1 or config.batch < 1:
+            raise ValueError(f"steps ({config.steps}) and batch ({config.batch}) have to be above zero")
+        if config.algorithm == "ppo" and config.batch > decisions:
             raise ValueError(f"batch ({config.batch}) has to be within the {decisions} decisions of a rollout")
         return config
 
 
-USUAL: dict[str, dict[str, Any]] = {  # what differs between the constraints
-    "peak": {},
-    "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001},
+USUAL: dict[str, dict[str, dict[str, Any]]] = {  # what a choice changes
+    "constraint": {
+        "peak": {},
+        "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000},
+    },
+    "criterion": {name: {} for name in CRITERIA},
+    "algorithm": {"ppo": {}, "sac": {"steps": 600_000, "batch": 512, "checkpoint": 50_000}},
 }
 
 

@@ -7,8 +7,7 @@ them. It never sees the plant.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,75 +15,18 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from agents.knowledge import FEATURES, NOMINAL, SLOW, Knowledge, recall
+from agents.knowledge import CRITERIA, Knowledge
+from agents.observer import BOUND, CONSTRAINTS, Batch, Observer
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
-from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
 from pendulum_env.vector_env import DirectDrivePendulumVector
 from pendulum_env.wrappers.spread import Spread
 
 RATE = 1000.0  # [Hz], of the measurement and of the physics
-HELD = 20  # samples over which a torque is held: decisions at 50 Hz
-TICK = HELD / RATE  # [s]
-FAST = 10.0  # [rad/s], by which velocity is divided in the observation
-BOUND = 5.0  # of the observation
 
-Batch = NDArray[np.float32]
 Bools = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Constraint:
-    """What the torque must keep to.
-
-    Attributes:
-        peak: bound of |torque| [N m].
-        rms: bound of its root mean square over the episode [N m], enforced as a budget of energy; None for none.
-    """
-
-    peak: float
-    rms: float | None = None
-
-
-CONSTRAINTS = {
-    "peak": Constraint(6.0),  # what the paper's two tones reach
-    "rms": Constraint(MAX_TORQUE, 3.0),  # their root mean square; the drive bounds the peak
-}
-
-
-class Seen(NamedTuple):
-    """What an observation says, in SI units but for the shares; arrays (B, ...)."""
-
-    position: Array  # within a turn [rad]
-    velocity: Array  # [rad/s]
-    information: Array  # (B, P, P) in nominal units
-    estimates: Array  # shares of the nominal parameters (B, P)
-    time_left: Array  # share
-    budget_left: Array  # share; 1 where there is none to keep
-    stuck: Array  # 1 where the last tick was slower than what teaches
-
-
-def read(observation: Array | Batch) -> Seen:
-    """Meaning of observations (B, N)."""
-    o = np.asarray(observation, dtype=float)
-    information, estimates = recall(o[:, 3:-3])
-    return Seen(np.arctan2(o[:, 0], o[:, 1]), FAST * o[:, 2], information, estimates, *o[:, -3:].T)
-
-
-ODD = np.array([0, 2])  # places of an observation that change sign in a mirror
-
-
-def mirrored(observation: Any) -> tuple[Array, Array]:
-    """Observations (B, N) as if the arm turned in the positive direction, and the sign (B,) their torques then need.
-
-    Pendulum and information look the same in a mirror, so nobody has to learn both directions.
-    """
-    turned = np.array(observation, dtype=float)
-    sign = np.where(turned[..., 2] < 0, -1.0, 1.0)
-    turned[..., ODD] *= sign[..., None]
-    return turned, sign
 
 
 class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
@@ -92,9 +34,9 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
 
     Action (B, 1): torque as a share of the peak, in [-1, 1], held for 20 ms. Observation (B, 20): sin q, cos q,
     q' / 10; log information of inertia, gravity, viscous and dry friction, their six correlations, deviation of the
-    estimates from nominal; share of time left, of budget left, and whether the joint is stuck. Reward: growth of
-    log det information [nat], none of a tick in which |q'| falls below 0.2 rad/s. All episodes last equally
-    long and end together.
+    estimates from nominal; share of time left, of budget left, and whether the joint is stuck; under a limit on turns
+    also the share of the way to it, signed. Reward: growth of log det information [nat], or what else the criterion
+    counts, none of a tick in which |q'| falls below 0.2 rad/s. All episodes last equally long and end together.
 
     `info`: `torque` that acted [N m] (B,), `positions` [rad] and `torques` [N m] as measured at 1 kHz since the last
     observation (B, 20), `information` (B, 4, 4) and `estimates` (B, 4) in nominal units; after a reset also `plant`,
@@ -106,6 +48,9 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         num_envs: int = 1,
         *,
         constraint: str = "peak",
+        criterion: str = "D",
+        max_speed: float | None = None,
+        max_turns: float | None = None,
         seconds: float = 10.0,
         spread: float = 0.3,
         effects: Sequence[str] = (),
@@ -118,6 +63,10 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         Args:
             num_envs: number B of pendulums.
             constraint: "peak", 6 N m, or "rms", 3 N m root mean square and 15 N m at most.
+            criterion: what is rewarded: growth of log det information, "D", or fall of the log of the summed relative
+                variance, "A".
+            max_speed: beyond which no torque acts that drives the arm on [rad/s]; None for no limit.
+            max_turns: to either side, beyond which likewise no torque acts that drives it outwards.
             seconds: length of an episode.
             spread: relative half width within which the four parameters are drawn.
             effects: hidden in the plants, as `stribeck=0.4`; the estimator does not know of them.
@@ -128,9 +77,10 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         Raises:
             ValueError: if an argument is unknown or out of its range.
         """
-        if not TICK <= seconds < np.inf:
-            raise ValueError(f"an episode cannot last {seconds:g} s: give {TICK:g} s or more")
         self.constraint = find("constraint", constraint, CONSTRAINTS)
+        self._worth = find("criterion", criterion, CRITERIA)
+        self.observer = Observer(self.constraint, seconds, RATE, max_speed, max_turns)
+        self.steps_per_episode = self.observer.ticks
         self.autoreset = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
         self.num_envs, self.render_mode = num_envs, None
@@ -143,11 +93,8 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
             torque_noise=torque_noise,
             autoreset_mode=autoreset_mode,
         )
-        self.steps_per_episode = round(seconds / TICK)
         self._spread = Spread(self.pendulums.model, spread)
-        rms = self.constraint.rms
-        self._budget = np.inf if rms is None else rms**2 * self.steps_per_episode  # [(N m)^2 ticks]
-        self.single_observation_space = gym.spaces.Box(-BOUND, BOUND, (3 + FEATURES + 3,), dtype=np.float32)
+        self.single_observation_space = gym.spaces.Box(-BOUND, BOUND, (self.observer.inputs,), dtype=np.float32)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (1,), dtype=np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -174,15 +121,17 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
 
     def _begin(self, plant: Array) -> tuple[Batch, dict[str, Any]]:
         _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": plant})
-        self._tick = 0
         self._ended = False
-        self._left = np.full(self.num_envs, self._budget)
-        self.knowledge = Knowledge.none(self.num_envs)
-        self._log_det = self.knowledge.log_det
-        self._position, self._velocity = info["position"], info["velocity"]
-        self._torque, self._stuck = np.zeros(self.num_envs), self._everyone
-        none = np.zeros((self.num_envs, HELD))
-        return self._observe(), self._info(np.zeros(self.num_envs), none + info["position"][:, None], none, plant.T)
+        self.observer.start(info["position"], info["velocity"])
+        self._known = self._worth(self.knowledge.information)
+        none = np.zeros((self.num_envs, self.observer.held))
+        start = none + info["position"][:, None]
+        return self.observer.observe(), self._info(np.zeros(self.num_envs), start, none, plant.T)
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """What has been learnt in this episode."""
+        return self.observer.knowledge
 
     def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
         self, actions: Batch
@@ -198,12 +147,13 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         if self._ended and self.autoreset is AutoresetMode.NEXT_STEP:
             observation, info = self._anew()
             return observation, np.zeros(self.num_envs), nobody, nobody.copy(), info
-        torque = self._afford(np.asarray(actions, dtype=float)[:, 0])
+        torque = self.observer.allow(np.asarray(actions, dtype=float)[:, 0])
         positions, torques = self._hold(torque)
-        reward = self._learn(positions, torques)
-        self._tick += 1
-        self._ended = self._tick >= self.steps_per_episode
-        observation, info = self._observe(), self._info(torque, positions.T, torques.T)
+        self.observer.take(positions, torques)
+        before, self._known = self._known, self._worth(self.knowledge.information)
+        reward = self._known - before
+        self._ended = self.observer.tick >= self.observer.ticks
+        observation, info = self.observer.observe(), self._info(torque, positions.T, torques.T)
         truncated = np.full(self.num_envs, self._ended)
         if self._ended and self.autoreset is AutoresetMode.SAME_STEP:
             final = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
@@ -214,50 +164,14 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
     def _anew(self) -> tuple[Batch, dict[str, Any]]:
         return self._begin(self._spread.draw(self.np_random, self.num_envs))
 
-    def _afford(self, share: Array) -> Array:
-        """Torque (B,) that the constraint lets act [N m]."""
-        torque = self.constraint.peak * np.clip(share, -1.0, 1.0)
-        affordable = np.sqrt(np.maximum(self._left, 0.0))
-        torque = np.clip(torque, -affordable, affordable)
-        self._left = self._left - torque**2
-        return torque
-
     def _hold(self, torque: Array) -> tuple[Array, Array]:
-        """Measured positions and torques (HELD, B) while a torque is held."""
-        positions, torques = np.empty((2, HELD, self.num_envs))
+        """Measured positions and torques (held, B) while a torque is held."""
+        positions, torques = np.empty((2, self.observer.held, self.num_envs))
         action = torque[:, None]
-        for k in range(HELD):
+        for k in range(self.observer.held):
             info = self.pendulums.step(action)[-1]  # type: ignore[arg-type]  # without rounding to float32
             positions[k], torques[k] = info["position"], info["torque"]
         return positions, torques
-
-    def _learn(self, positions: Array, torques: Array) -> Array:
-        """Take in the balance of impulses over a tick; returns the growth of log det information (B,) [nat].
-
-        Differences of positions are velocities half a sample earlier, so the tick ends, and began, so much earlier.
-        """
-        way = np.concatenate([self._position[None], positions])
-        velocity = np.concatenate([self._velocity[None], RATE * np.diff(way, axis=0)])
-        fast = (np.abs(velocity) >= SLOW).all(axis=0) & (np.ptp(np.sign(velocity), axis=0) == 0)
-        rows = [
-            (velocity[-1] - velocity[0]) / TICK,
-            np.sin(way).mean(axis=0),
-            (way[-1] - way[0]) / TICK,
-            np.sign(velocity[-1]),
-        ]
-        mean = torques.mean(axis=0) + 0.5 * (self._torque - torques[-1]) / HELD
-        self.knowledge.take(np.stack(rows, axis=1) * NOMINAL, mean, fast)
-        self._position, self._velocity, self._torque = positions[-1], velocity[-1], torques[-1]
-        self._stuck = (np.abs(velocity) < SLOW).all(axis=0)
-        before, self._log_det = self._log_det, self.knowledge.log_det
-        return self._log_det - before
-
-    def _observe(self) -> Batch:
-        q, time_left = self._position, np.full(self.num_envs, 1.0 - self._tick / self.steps_per_episode)
-        budget_left = np.ones(self.num_envs) if np.isinf(self._budget) else self._left / self._budget
-        parts = np.stack([np.sin(q), np.cos(q), self._velocity / FAST]), self.knowledge.features().T
-        rest = np.stack([time_left, budget_left, self._stuck])
-        return np.clip(np.concatenate([*parts, rest]).T, -BOUND, BOUND).astype(np.float32)
 
     def _info(self, torque: Array, positions: Array, torques: Array, plant: Array | None = None) -> dict[str, Any]:
         seen: dict[str, Any] = {

@@ -7,51 +7,156 @@ at 1 kHz, clear of stick by its own guard, not what the policy was paid for.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, as_completed
+from dataclasses import dataclass, fields
+from functools import cached_property, partial
 
 import numpy as np
 
-from agents.design_env import HELD, RATE, TICK, ExcitationDesignVector
+from agents.design_env import RATE, ExcitationDesignVector
 from agents.knowledge import COUNT, NOMINAL, log_det
+from agents.observer import TICK
 from estimators.online import OnlineEstimator
 from estimators.schemes import scheme
 from pendulum_env._typing import JSON, Array
+from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.physics import BASE
+from pendulum_env.physics.simulation import simulate
 from pendulum_env.policy import Policy, State
 
-SCHEMA = "pendulum-ident/evaluation@1"
+SCHEMA = "pendulum-ident/evaluation@2"
 MOMENTS = (2.0, 5.0, 10.0)  # [s] at which errors are told
-CLOSE = 0.01  # share of its value that every parameter has to stay within
+CLOSE = (0.01, 0.003)  # shares of its value that every parameter has to stay within
 RESAMPLES = 2000
 FRESH = 2**20  # added to seeds, for plants that no training has drawn
+PART = 160  # plants at most that are simulated together; how many workers there are changes nothing
 Tell = Callable[[str, float], None]
 Statistic = Callable[[Array, Array], float]
+Contender = Callable[[int], Policy]  # makes a policy from the seed of what it draws
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a policy did and what was learnt, on N plants.
+    """What a policy did and what was learnt, on N plants over T ticks of 20 ms.
 
     Attributes:
-        errors: RMS of the relative errors of the four parameters at `MOMENTS` (M, N).
-        close: time from which on all four stay within `CLOSE` (N,) [s]; inf if they do not.
-        log_det: of the information in nominal units (N,) [nat].
-        peak: largest |torque| (N,) [N m].
-        rms: root mean square of the torque (N,) [N m].
+        error: RMS of the relative errors of the four parameters (T, N).
+        worst: largest of them (T, N).
+        log_det: of the information in nominal units (T, N) [nat].
+        bound: Cramer-Rao bound of `error` at `MOMENTS` (M, N), of unbiased estimators that see the motion exactly, use
+            it while the arm moves, and know the law; NaN where effects are hidden.
+        torque: commanded [N m] (T, N).
+        position: at the end of each tick [rad] (T, N).
         speed: largest |q'| (N,) [rad/s].
-        turns: between the outermost angles (N,).
-        seconds_per_action: that the policy took for all plants together [s].
+        seconds_per_action: computing time that the policy took for all plants together [s].
     """
 
-    errors: Array
-    close: Array
+    error: Array
+    worst: Array
     log_det: Array
-    peak: Array
-    rms: Array
+    bound: Array
+    torque: Array
+    position: Array
     speed: Array
-    turns: Array
     seconds_per_action: float
+
+    @cached_property
+    def errors(self) -> Array:
+        """RMS error at `MOMENTS` (M, N)."""
+        return self.error[[round(moment / TICK) - 1 for moment in MOMENTS]]
+
+    @cached_property
+    def close(self) -> Array:
+        """Time from which on all four stay within each of `CLOSE` (C, N) [s]; inf if they do not."""
+        return np.array([stays_within(self.worst, bound) for bound in CLOSE])
+
+    @property
+    def peak(self) -> Array:
+        """Largest |torque| (N,) [N m]."""
+        return np.asarray(np.abs(self.torque).max(axis=0))
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square of the torque (N,) [N m]."""
+        return np.sqrt((self.torque**2).mean(axis=0))
+
+    @property
+    def turns(self) -> Array:
+        """Between the outermost angles (N,)."""
+        return np.ptp(self.position, axis=0) / (2 * np.pi)
+
+    @staticmethod
+    def join(parts: Sequence[Outcome]) -> Outcome:
+        """Outcomes of one policy on several lots of plants, as one."""
+        arrays = [field.name for field in fields(Outcome) if field.name != "seconds_per_action"]
+        joined = {name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in arrays}
+        return Outcome(**joined, seconds_per_action=sum(part.seconds_per_action for part in parts))
+
+
+def compare(
+    contenders: Mapping[str, Contender],
+    constraint: str,
+    plants: int,
+    *,
+    seed: int = 0,
+    effects: Sequence[str] = (),
+    scheme_id: str = "filtered_dynamic",
+    executor: Executor | None = None,
+    tell: Tell | None = None,
+) -> dict[str, Outcome]:
+    """Let every policy excite the same fresh plants for 10 s.
+
+    The result depends on the seed, not on where it is worked out.
+
+    Args:
+        contenders: functions of a seed by name, picklable if there is an executor.
+        constraint: of the torque.
+        plants: number of them.
+        seed: of plants, noise and signals.
+        effects: hidden in the plants.
+        scheme_id: of the estimator.
+        executor: workers, here or on a cluster; None does it here.
+        tell: called with the progress, as text and as a share.
+    """
+    sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
+    parts = [(name, part) for name in contenders for part in range(len(sizes))]
+    share = 1 / len(parts)
+
+    def job(name: str, part: int) -> Callable[..., Outcome]:
+        own = seed + 4 * FRESH * part
+        return partial(_enter, contenders[name], constraint, sizes[part], own, tuple(effects), scheme_id)
+
+    done: dict[tuple[str, int], Outcome] = {}
+    if executor is None:
+        for k, (name, part) in enumerate(parts):
+            watch = None if tell is None else _watch(tell, name, k * share, share)
+            done[name, part] = job(name, part)(tell=watch)
+    else:
+        futures = {executor.submit(job(name, part)): (name, part) for name, part in parts}
+        for future in as_completed(futures):
+            done[futures[future]] = future.result()
+            if tell is not None:
+                tell(f"{len(done)} of {len(parts)}", len(done) * share)
+    return {name: Outcome.join([done[name, part] for part in range(len(sizes))]) for name in contenders}
+
+
+def _watch(tell: Tell, name: str, before: float, share: float) -> Callable[[float], None]:
+    return lambda part: tell(name, before + share * part)
+
+
+def _enter(
+    contender: Contender,
+    constraint: str,
+    plants: int,
+    seed: int,
+    effects: Sequence[str],
+    scheme_id: str,
+    tell: Callable[[float], None] | None = None,
+) -> Outcome:
+    """Outcome of a policy that is made where it is observed."""
+    policy = contender(seed)
+    return observe(policy, constraint, plants, seed=seed, effects=effects, scheme_id=scheme_id, tell=tell)
 
 
 def observe(
@@ -73,37 +178,60 @@ def observe(
     observation, info = env.reset(seed=FRESH + seed)
     truth = info["plant"][:, :COUNT]
     estimator.take(np.zeros(plants), info["positions"][:, 0], np.zeros(plants))
-    steps = env.steps_per_episode
+    steps, held = env.steps_per_episode, env.observer.held
     errors = np.empty((steps, plants, COUNT))
-    torque, position = np.empty((2, steps, plants))
+    torque, position, learnt = np.empty((3, steps, plants))
     speed, information = np.zeros(plants), np.zeros((plants, COUNT, COUNT))
     state: State = None
     acting = 0.0
     for k in range(steps):
-        begun = time.perf_counter()
+        begun = time.process_time()
         action, state = policy.predict(observation, state, np.full(plants, k == 0), deterministic=True)
-        acting += time.perf_counter() - begun
+        acting += time.process_time() - begun
         observation, _, _, _, info = env.step(action)
-        for j in range(HELD):
-            now = np.full(plants, (k * HELD + j + 1) / RATE)
+        for j in range(held):
+            now = np.full(plants, (k * held + j + 1) / RATE)
             known = estimator.take(now, info["positions"][:, j], info["torques"][:, j])
             row = known.regressor * NOMINAL
             information += row[:, :, None] * row[:, None, :]
         errors[k] = known.theta[:, 0] / truth - 1.0
-        torque[k], position[k] = info["torque"], info["positions"][:, -1]
+        torque[k], position[k], learnt[k] = info["torque"], info["positions"][:, -1], log_det(information)
         speed = np.maximum(speed, np.abs(np.diff(info["positions"])).max(axis=1) * RATE)
         if tell is not None:
             tell((k + 1) / steps)
     return Outcome(
-        errors=np.sqrt((errors**2).mean(axis=2))[[round(moment / TICK) - 1 for moment in MOMENTS]],
-        close=stays_within(np.abs(errors).max(axis=2), CLOSE),
-        log_det=log_det(information),
-        peak=np.abs(torque).max(axis=0),
-        rms=np.sqrt((torque**2).mean(axis=0)),
+        error=np.sqrt((errors**2).mean(axis=2)),
+        worst=np.abs(errors).max(axis=2),
+        log_det=learnt,
+        bound=np.full((len(MOMENTS), plants), np.nan)
+        if effects
+        else cramer_rao(truth, np.repeat(torque, held, axis=0)),
+        torque=torque,
+        position=position,
         speed=speed,
-        turns=np.ptp(position, axis=0) / (2 * np.pi),
         seconds_per_action=acting / steps,
     )
+
+
+def cramer_rao(truth: Array, torque: Array) -> Array:
+    """Least RMS relative error of parameters (N, P) at `MOMENTS` (M, N), under torques at 1 kHz (T, N).
+
+    The measured torque is phi theta plus white noise of variance s^2 while the arm moves: Fisher's information is
+    sum phi phi' / s^2, with rows phi of the exact motion. Infinite where that is singular.
+    """
+    way = simulate(BASE, truth.T, 1.0 / RATE, torque, 0.0, 0.0)
+    q, v = way.position, way.velocity
+    moving = v[1:] * v[:-1] > 0
+    rows = np.stack(
+        [RATE * np.diff(v, axis=0), np.sin(0.5 * (q[1:] + q[:-1])), RATE * np.diff(q, axis=0), np.sign(v[1:])], axis=-1
+    )
+    rows = rows * truth * moving[..., None]  # relative parameters
+    ends = [round(moment * RATE) for moment in MOMENTS]
+    parts = [np.einsum("tni,tnj->nij", rows[a:b], rows[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
+    information = np.cumsum(parts, axis=0)  # (M, N, P, P)
+    known = np.linalg.matrix_rank(information, hermitian=True) == COUNT
+    variance = TORQUE_NOISE**2 * np.linalg.inv(np.where(known[..., None, None], information, np.eye(COUNT)))
+    return np.where(known, np.sqrt(np.trace(variance, axis1=-2, axis2=-1) / COUNT), np.inf)
 
 
 def stays_within(errors: Array, bound: float) -> Array:
@@ -133,27 +261,47 @@ def interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) ->
     return float(low), float(high)
 
 
-def evaluation_json(outcomes: dict[str, Outcome], base: str, **setting: object) -> JSON:
-    """All policies beside a baseline, for programs; what is infinite or unknown is null."""
-    return {
-        "schema": SCHEMA,
-        **setting,
-        "baseline": base,
-        "policies": {name: _policy_json(outcome, outcomes[base]) for name, outcome in outcomes.items()},
-    }
+def evaluation_json(outcomes: Mapping[str, Outcome], base: str, trained: Sequence[str] = (), **setting: object) -> JSON:
+    """All policies beside a baseline, for programs; what is infinite or unknown is null.
+
+    Args:
+        outcomes: by name of the policy.
+        base: name of the baseline.
+        trained: policies of one training with several seeds, of which median and worst are told as well.
+        setting: what else is to be written down.
+    """
+    told = {name: _policy_json(outcome, outcomes[base]) for name, outcome in outcomes.items()}
+    written: JSON = {"schema": SCHEMA, **setting, "baseline": base, "policies": told}
+    if len(trained) > 1:
+        written["trainings"] = {
+            "policies": list(trained),
+            "gain": {
+                name: _median_and_worst([told[policy]["gain"][name]["ratio"] for policy in trained])
+                for name in told[base]["gain"]
+            },
+        }
+    return written
+
+
+def _median_and_worst(ratios: Sequence[float | None]) -> JSON:
+    known = [0.0 if ratio is None else ratio for ratio in ratios]  # what half the plants never reach
+    return {"median": float(np.median(known)), "worst": min(known)}
 
 
 def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
-    errors = {f"{moment:g} s": _quartiles(outcome.errors[m]) for m, moment in enumerate(MOMENTS)}
+    moments = [f"{moment:g} s" for moment in MOMENTS]
+    bounds = [f"{100 * bound:g} %" for bound in CLOSE]
     gains = {
-        f"error {moment:g} s": _against(improvement, outcome.errors[m], base.errors[m])
-        for m, moment in enumerate(MOMENTS)
+        f"error {moment}": _against(improvement, outcome.errors[m], base.errors[m]) for m, moment in enumerate(moments)
     }
-    gains["time to 1 %"] = _against(improvement, outcome.close, base.close)
-    gains["information"] = _against(information_ratio, outcome.log_det, base.log_det)
+    gains |= {
+        f"time to {bound}": _against(improvement, outcome.close[c], base.close[c]) for c, bound in enumerate(bounds)
+    }
+    gains["information"] = _against(information_ratio, outcome.log_det[-1], base.log_det[-1])
     return {
-        "error": errors,
-        "time_to_1_percent": _quartiles(outcome.close),
+        "error": {moment: _quartiles(outcome.errors[m]) for m, moment in enumerate(moments)},
+        "cramer_rao": {moment: _quartiles(outcome.bound[m]) for m, moment in enumerate(moments)},
+        "time_to": {bound: _quartiles(outcome.close[c]) for c, bound in enumerate(bounds)},
         "gain": gains,
         "torque_peak": float(outcome.peak.max()),
         "torque_rms": _quartiles(outcome.rms),

@@ -9,6 +9,7 @@ as the torque that each nominal parameter takes. Knowledge is that of Bayes from
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,11 +54,6 @@ class Knowledge:
         """Parameters as shares of the nominal ones (B, P)."""
         return np.asarray(np.linalg.solve(self.information, self.moment[..., None])[..., 0], dtype=np.float64)
 
-    @property
-    def log_det(self) -> Array:
-        """What D-optimality counts (B,) [nat]."""
-        return log_det(self.information)
-
     def features(self) -> Array:
         """Log information of each parameter, correlations, deviation of the estimates from nominal (B, FEATURES)."""
         diagonal = np.einsum("bii->bi", self.information)
@@ -69,6 +65,18 @@ class Knowledge:
 def log_det(information: Array) -> Array:
     """Logarithm of determinants (...) of (..., P, P) [nat]."""
     return np.linalg.slogdet(information).logabsdet
+
+
+def log_precision(information: Array) -> Array:
+    """What A-optimality counts (...) of (..., P, P) [nat]: -P log of the mean relative variance; at most `log_det`.
+
+    Relative to nominal, in units of the noise. On a logarithmic scale, as the sum itself only falls at the start.
+    """
+    variance = np.trace(np.linalg.inv(information), axis1=-2, axis2=-1) / COUNT
+    return np.asarray(-COUNT * np.log(variance))
+
+
+CRITERIA: dict[str, Callable[[Array], Array]] = {"D": log_det, "A": log_precision}
 
 
 def recall(features: Array) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.design_env import CONSTRAINTS, mirrored
+from agents.observer import CONSTRAINTS, mirrored
 from pendulum_env._typing import Array
 from pendulum_env.lookup import find
 from pendulum_env.policy import State
@@ -20,37 +20,47 @@ SHIPPED = Path(__file__).parent / "policies"
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Perceptron with tanh between its layers, that gives each torque level a score; it sees the arm turn forwards.
+    """Perceptron with tanh between its layers; it sees the arm turn forwards.
 
     Attributes:
         weights: of the layers, each (outputs, inputs).
         biases: of the layers, each (outputs,).
-        levels: torque as a share of the peak (L,).
+        levels: torque as a share of the peak (L,), of which the one with the highest output is played; None if the only
+            output is itself the share, after another tanh.
         constraint: it was trained under.
     """
 
     weights: Sequence[Array]
     biases: Sequence[Array]
-    levels: Array
+    levels: Array | None
     constraint: str
 
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[NDArray[np.float32], State]:
-        """Actions (1,) or (B, 1) of `ExcitationDesign`: always the level with the highest score."""
+        """Actions (1,) or (B, 1) of `ExcitationDesign`, without chance.
+
+        Raises:
+            ValueError: if the observation is of another length than those of its training.
+        """
+        if np.shape(observation)[-1] != self.weights[0].shape[1]:
+            seen, known = np.shape(observation)[-1], self.weights[0].shape[1]
+            raise ValueError(f"the policy was trained on observations of {known} numbers, this one has {seen}")
         x, sign = mirrored(observation)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.tanh(x @ weight.T + bias)
-        scores = x @ self.weights[-1].T + self.biases[-1]
-        share = sign * self.levels[scores.argmax(axis=-1)]
-        return share[..., None].astype(np.float32), state
+        output = x @ self.weights[-1].T + self.biases[-1]
+        share = np.tanh(output[..., 0]) if self.levels is None else self.levels[output.argmax(axis=-1)]
+        return (sign * share)[..., None].astype(np.float32), state
 
     def save(self, path: str | Path) -> None:
         """Write an NPZ file; arrays only."""
         layers: dict[str, Any] = {f"weight{k}": weight.astype(np.float32) for k, weight in enumerate(self.weights)}
         layers |= {f"bias{k}": bias.astype(np.float32) for k, bias in enumerate(self.biases)}
+        if self.levels is not None:
+            layers["levels"] = self.levels
         with open(path, "wb") as file:
-            np.savez_compressed(file, levels=self.levels, constraint=np.array(self.constraint), **layers)
+            np.savez_compressed(file, constraint=np.array(self.constraint), **layers)
 
     @classmethod
     def load(cls, path: str | Path) -> Network:
@@ -65,7 +75,9 @@ class Network:
                 weights, biases = (
                     [file[f"{what}{k}"].astype(float) for k in range(count)] for what in ("weight", "bias")
                 )
-                network = cls(weights, biases, file["levels"], str(file["constraint"]))
+                network = cls(weights, biases, file.get("levels"), str(file["constraint"]))
+            if len(biases[-1]) != (1 if network.levels is None else len(network.levels)):
+                raise ValueError("outputs and levels do not fit")
         except (KeyError, ValueError, EOFError):
             raise ValueError(f"{path}: is no policy, which is what `pendulum-ident train` writes") from None
         return network

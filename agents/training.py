@@ -1,182 +1,242 @@
-"""Training a policy that chooses excitations: PPO of stable-baselines3 on batched pendulums."""
+"""Training a policy that chooses excitations: PPO or SAC of stable-baselines3 on batched pendulums.
+
+A training that was killed goes on where it last wrote a checkpoint and ends with the same policy: the checkpoint holds
+everything that the rest depends on, pendulums and random numbers included.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+import random
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
+import cloudpickle
 import numpy as np
 import torch
-from gymnasium.vector import VectorEnv, VectorWrapper
-from gymnasium.vector.utils import batch_space
-from stable_baselines3 import PPO
+from gymnasium.vector import VectorEnv
+from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.config import Config
-from agents.design_env import CONSTRAINTS, Constraint, ExcitationDesignVector, mirrored
+from agents.design_env import ExcitationDesignVector
+from agents.knowledge import CRITERIA
 from agents.network import Network
+from agents.observer import CONSTRAINTS
+from agents.tasks import FinalWorth, Forwards, Levels, PriceTorque
 from agents.vec_env import BatchedVecEnv
+from pendulum_env.files import write_whole
 
+CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
 TUNING = 2**21  # added to seeds, for plants that neither training nor evaluation draws
 STRETCHES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
-SCALE = 100.0  # decisions; keeps rewards as large as they were
 Tell = Callable[[str, float], None]
+Learner = PPO | SAC
 
 
-def make_env(config: Config) -> BatchedVecEnv:
-    """Pendulums to learn on, their torque in levels."""
-    design = ExcitationDesignVector(config.pendulums, constraint=config.constraint, autoreset_mode="SameStep")
-    env: VectorEnv[Any, Any, Any] = FinalWorth(design, config.head_start)
-    if design.constraint.rms is not None:
-        env = PriceTorque(env, design.constraint, config.price_rate)
-    return BatchedVecEnv(Levels(env, config.levels))
+class CheckpointError(ValueError):
+    """A folder that holds another training than the one asked for, or one that was not to be resumed."""
 
 
-def train(config: Config, tell: Tell | None = None, checkpoints: Path | None = None) -> Network:
+def train(config: Config, tell: Tell | None = None, folder: Path | None = None, resume: bool = False) -> Network:
     """Train a policy; the same configuration gives the same policy on the same machine.
 
     Args:
         config: what to do.
         tell: called with the progress, as text and as a share.
-        checkpoints: folder for policies on the way, `steps-N.npz`.
+        folder: for what is kept on the way: the last checkpoint, policies `steps-N.npz`, and a log for TensorBoard if
+            that is installed.
+        resume: whether to go on from the checkpoint in the folder; without one, it begins.
+
+    Raises:
+        CheckpointError: if the folder holds a training that is not to be resumed, or one of another configuration.
+        OSError: if the folder cannot be written to.
     """
     torch.set_num_threads(1)  # small networks gain nothing from more, and results then repeat
-    env = make_env(config)
-    model = PPO(
-        "MlpPolicy",
-        env,
-        seed=config.seed,
-        device="cpu",
-        n_steps=config.rollout,
-        batch_size=config.batch,
-        n_epochs=config.epochs,
-        learning_rate=lambda left: config.learning_rate * left,
-        gamma=config.gamma,
-        ent_coef=config.entropy,
-        policy_kwargs={"net_arch": [config.hidden, config.hidden]},
-    )
-    env.seed(config.seed)
-    model.learn(config.steps, callback=_Watch(config, tell, checkpoints))
+    model = _begin(config, folder, resume)
+    left = config.steps - model.num_timesteps
+    if left > 0:
+        log = None if folder is None or find_spec("tensorboard") is None else str(folder / "tensorboard")
+        model.tensorboard_log = log
+        begun = model.num_timesteps > 0
+        model.learn(left, callback=_Watch(config, tell, folder), reset_num_timesteps=not begun, tb_log_name="training")
     network = export(model, config)
-    return network if CONSTRAINTS[config.constraint].rms is None else stretched(network, config.seed)
+    if network.levels is None or CONSTRAINTS[config.constraint].rms is None:
+        return network
+    return stretched(network, config)
 
 
-def stretched(network: Network, seed: int) -> Network:
-    """Policy with its levels as far apart as it learns most with: without chance, it may not spend the whole budget."""
-    stretches = [replace(network, levels=network.levels * factor) for factor in STRETCHES]
-    return max(stretches, key=lambda candidate: learnt(candidate, seed))
+def _begin(config: Config, folder: Path | None, resume: bool) -> Learner:
+    """A new training, or the one in the folder."""
+    if folder is None:
+        return make_model(config)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / CHECKPOINT
+    if not path.exists():
+        return make_model(config)
+    if not resume:
+        raise CheckpointError(f"{folder}: holds a training already: resume it (--resume), or name another folder")
+    return _restore(path, config)
 
 
-def learnt(network: Network, seed: int, count: int = 64) -> float:
-    """Mean log det information at the end of an episode, on plants that are not those of any evaluation [nat]."""
-    env = ExcitationDesignVector(count, constraint=network.constraint)
-    observation, _ = env.reset(seed=TUNING + seed)
-    for _ in range(env.steps_per_episode):
-        observation = env.step(network.predict(observation)[0])[0]
-    return float(env.knowledge.log_det.mean())
+def make_env(config: Config) -> BatchedVecEnv:
+    """Pendulums to learn on."""
+    design = ExcitationDesignVector(
+        config.pendulums, constraint=config.constraint, criterion=config.criterion, autoreset_mode="SameStep"
+    )
+    env: VectorEnv[Any, Any, Any] = FinalWorth(design, config.head_start)
+    if design.constraint.rms is not None:
+        env = PriceTorque(env, design.constraint, config.price_rate)
+    env = Forwards(env)
+    return BatchedVecEnv(Levels(env, config.levels) if config.algorithm == "ppo" else env)
 
 
-def export(model: PPO, config: Config) -> Network:
+def make_model(config: Config) -> Learner:
+    """What learns, before it has."""
+    env = make_env(config)
+    usual: dict[str, Any] = {
+        "policy": "MlpPolicy",
+        "env": env,
+        "seed": config.seed,
+        "device": "cpu",
+        "batch_size": config.batch,
+        "learning_rate": lambda left: config.learning_rate * left,
+        "gamma": config.gamma,
+    }
+    layers = {"net_arch": [config.hidden, config.hidden], "activation_fn": torch.nn.Tanh}
+    model: Learner
+    if config.algorithm == "ppo":
+        model = PPO(
+            n_steps=config.rollout, n_epochs=config.epochs, ent_coef=config.entropy, policy_kwargs=layers, **usual
+        )
+    else:
+        model = SAC(
+            buffer_size=config.replay,
+            learning_starts=config.pendulums * 100,  # decisions by chance
+            train_freq=1,
+            gradient_steps=config.updates,
+            policy_kwargs=layers,
+            **usual,
+        )
+    env.seed(config.seed)
+    return model
+
+
+def export(model: Learner, config: Config) -> Network:
     """What a policy needs to act, without what it needs to learn."""
-    policy = model.policy
-    modules = [*policy.mlp_extractor.policy_net, policy.action_net]
+    if isinstance(model, PPO):
+        modules = [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
+    else:
+        modules = [*model.actor.latent_pi, model.actor.mu]
     layers = [layer for layer in modules if isinstance(layer, torch.nn.Linear)]
     weights, biases = zip(
         *((layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in layers), strict=True
     )
-    return Network(weights, biases, np.array(config.levels), config.constraint)
+    levels = np.array(config.levels) if isinstance(model, PPO) else None
+    return Network(weights, biases, levels, config.constraint)
 
 
-class Levels(VectorWrapper):
-    """Torque in levels instead of a share, seen and commanded as if the arm turned forwards, as a `Network` does."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], levels: Sequence[float]) -> None:
-        """Take the environment and the levels."""
-        super().__init__(env)
-        self._levels = np.array(levels)
-        self.single_action_space = gym.spaces.Discrete(len(self._levels))
-        self.action_space = batch_space(self.single_action_space, env.num_envs)
-
-    def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Reset, and see it forwards."""
-        observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # lists are passed on
-        return self._see(observation), info
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Play levels (B,)."""
-        torque = self._sign * self._levels[actions]
-        observation, reward, terminated, truncated, info = self.env.step(torque[:, None])
-        if "final_obs" in info:
-            info["final_obs"] = mirrored(info["final_obs"])[0].astype(np.float32)
-        return self._see(observation), reward, terminated, truncated, info
-
-    def _see(self, observation: Any) -> Any:
-        turned, self._sign = mirrored(observation)
-        return turned.astype(np.float32)
+def stretched(network: Network, config: Config) -> Network:
+    """Policy with its levels as far apart as it learns most with: without chance, it may not spend the whole budget."""
+    assert network.levels is not None, "only levels can be stretched"
+    stretches = [replace(network, levels=network.levels * factor) for factor in STRETCHES]
+    return max(stretches, key=lambda candidate: learnt(candidate, config))
 
 
-class FinalWorth(VectorWrapper):
-    """Rewards that grow with t: as log det grows like log t, a row is then worth what it adds to log det in the end."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], head_start: int) -> None:
-        """Take the environment, and what is added to t [decisions]."""
-        super().__init__(env)
-        self._head_start, self._tick = head_start, 0
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step, and weigh the reward."""
-        observation, reward, terminated, truncated, info = self.env.step(actions)
-        reward = reward * (self._head_start + self._tick) / SCALE
-        self._tick = 0 if truncated.all() else self._tick + 1
-        return observation, reward, terminated, truncated, info
+def learnt(network: Network, config: Config, count: int = 64) -> float:
+    """Mean of what the criterion counts at the end of an episode, on plants of no training and no evaluation [nat]."""
+    env = ExcitationDesignVector(count, constraint=network.constraint)
+    observation, _ = env.reset(seed=TUNING + config.seed)
+    for _ in range(env.steps_per_episode):
+        observation = env.step(network.predict(observation)[0])[0]
+    return float(CRITERIA[config.criterion](env.knowledge.information).mean())
 
 
-class PriceTorque(VectorWrapper):
-    """A price on the square of the commanded torque, that rises until the mean command keeps the budget.
+# ------------------------------------------------------------------------------------------------------- checkpoints
 
-    The environment enforces the budget anyway, but an agent that spends it at once learns little of what came later.
+
+def _keep(path: Path, model: Learner, config: Config) -> None:
+    """Write a checkpoint, whole or not at all."""
+    logger, model._logger = model._logger, None  # type: ignore[assignment]  # open files, opened anew when resumed
+    try:
+        state = {
+            "config": asdict(config),
+            "model": model,  # with its pendulums
+            "random": (random.getstate(), np.random.get_state(), torch.get_rng_state()),  # noqa: NPY002  (of SB3)
+        }
+        packed = cloudpickle.dumps(state)
+    finally:
+        model._logger = logger
+    write_whole(path, packed)
+
+
+def _restore(path: Path, config: Config) -> Learner:
+    """What `_keep` wrote; like every pickle, only to be read where nobody else can write.
+
+    Raises:
+        CheckpointError: if it is of another configuration, or no checkpoint.
     """
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], constraint: Constraint, rate: float) -> None:
-        """Take the environment, its constraint, and by how much the price follows a relative excess, per decision."""
-        super().__init__(env)
-        assert constraint.rms is not None, "only a budget needs a price"
-        self._scale, self._rate = constraint.peak / constraint.rms, rate
-        self.price = 0.0  # [nat], of a torque of the budget's size over a decision
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step, charge for the command, and adjust the price."""
-        observation, reward, terminated, truncated, info = self.env.step(actions)
-        excess = (self._scale * np.asarray(actions)[:, 0]) ** 2 - 1.0
-        reward = reward - self.price * excess
-        self.price = max(0.0, self.price + self._rate * float(excess.mean()))
-        return observation, reward, terminated, truncated, info
+    try:
+        state = cloudpickle.loads(path.read_bytes())
+        before, model, (python, numpy, torched) = state["config"], state["model"], state["random"]
+    except Exception as error:  # whatever a broken or foreign pickle may raise
+        raise CheckpointError(f"{path}: is no checkpoint of this version ({type(error).__name__})") from None
+    for name, value in asdict(config).items():
+        if before.get(name) != value:
+            raise CheckpointError(
+                f"{path}: was begun with {name} = {before.get(name)}, not {value}: a resumed training keeps it"
+            )
+    random.setstate(python)
+    np.random.set_state(numpy)  # noqa: NPY002
+    torch.set_rng_state(torched)
+    return model
 
 
 class _Watch(BaseCallback):
-    """Tells the progress and keeps policies on the way."""
+    """Tells the progress and keeps checkpoints and policies on the way."""
 
-    def __init__(self, config: Config, tell: Tell | None, checkpoints: Path | None) -> None:
+    def __init__(self, config: Config, tell: Tell | None, folder: Path | None) -> None:
         super().__init__()
-        self._config, self._tell, self._folder = config, tell, checkpoints
+        self._config, self._tell, self._folder = config, tell, folder
         self._gained: list[float] = []
-        self._saved = 0
+
+    def _on_training_start(self) -> None:
+        self._kept = self._told = self.num_timesteps
 
     def _on_step(self) -> bool:
         self._gained.append(float(self.locals["rewards"].mean()))
         return True
 
-    def _on_rollout_end(self) -> None:
-        done = self.num_timesteps
-        if self._tell is not None:
-            self._tell(f"{done:,} decisions, reward {np.mean(self._gained):.4f} each", done / self._config.steps)
+    def _on_rollout_start(self) -> None:  # what was learnt from the rollout before is in the model now
+        done, every = self.num_timesteps, self._config.checkpoint
+        if done - self._told >= self._config.pendulums * self._config.rollout:
+            self._report()
+        if self._folder is not None and done // every > self._kept // every:
+            self._keep_policy()
+            _keep(self._folder / CHECKPOINT, self._learner, self._config)
+
+    def _on_training_end(self) -> None:
+        self._report()
+        if self._folder is not None:
+            self._keep_policy()
+            _keep(self._folder / CHECKPOINT, self._learner, self._config)
+
+    @property
+    def _learner(self) -> Learner:
+        assert isinstance(self.model, PPO | SAC)
+        return self.model
+
+    def _report(self) -> None:
+        mean = float(np.mean(self._gained)) if self._gained else 0.0
+        self._told = self.num_timesteps
         self._gained.clear()
-        if self._folder is not None and done // self._config.checkpoint > self._saved:
-            self._saved = done // self._config.checkpoint
-            assert isinstance(self.model, PPO)
-            export(self.model, self._config).save(self._folder / f"steps-{done}.npz")
+        self.logger.record("rollout/reward", mean)
+        if self._tell is not None:
+            self._tell(f"{self._told:,} decisions, reward {mean:.4f} each", min(1.0, self._told / self._config.steps))
+
+    def _keep_policy(self) -> None:
+        assert self._folder is not None
+        self._kept = self.num_timesteps
+        export(self._learner, self._config).save(self._folder / f"steps-{self._kept}.npz")

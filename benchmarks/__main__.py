@@ -13,7 +13,8 @@ SHORT = (  # about two minutes on two cores
     ("hidden_effects", ("--n", "24")),
 )
 COMMANDS = (
-    "environments", "schemes", "diagnosis_time", "hidden_effects", "known_truth", "cramer_rao", "independent_plant",
+    "environments", "schemes", "diagnosis_time", "hidden_effects", "known_truth", "cramer_rao", "ambiguity",
+    "independent_plant",
 )  # fmt: skip
 
 

@@ -22,27 +22,28 @@ def check_output(path: str | Path) -> Path:
     return path
 
 
-def write_whole(path: str | Path, text: str) -> None:
-    """Write a text file so that a reader sees the old one or the new one, never half of it.
+def write_whole(path: str | Path, content: str | bytes) -> None:
+    """Write a file so that a reader sees the old one or the new one, never half of it.
 
     Links are followed; a device or pipe, such as /dev/null, is written to rather than replaced.
 
     Raises:
         OSError: if it cannot be written; it names the file.
     """
+    data = content.encode() if isinstance(content, str) else content
     try:
         if Path(path).exists() and not Path(path).is_file():
-            Path(path).write_text(text, encoding="utf-8")
+            Path(path).write_bytes(data)
         else:
-            _replace(Path(path).resolve(), text)
+            _replace(Path(path).resolve(), data)
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-def _replace(path: Path, text: str) -> None:
+def _replace(path: Path, data: bytes) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_bytes(data)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, runtime_checkable
 
 import gymnasium as gym
 import numpy as np
@@ -29,6 +29,14 @@ class Policy(Protocol):
         """Actions for observations, and the state to come back with; one pendulum, or a batch (B, ...)."""
 
 
+@runtime_checkable
+class Controller(Protocol):
+    """What chooses the torque of one pendulum from its measurement, which an observation does not hold all of."""
+
+    def torque(self, info: Mapping[str, Any]) -> float:
+        """Torque for the period that begins now [N m]; `info` is the environment's, its time 0 where a run begins."""
+
+
 class OpenLoop:
     """A signal as a policy: the torque of each step, whatever is observed; it begins anew with each episode."""
 
@@ -50,14 +58,14 @@ class OpenLoop:
 
 def rollout(
     env: gym.Env[Any, Any],
-    policy: Policy,
+    policy: Policy | Controller,
     steps: int,
     *,
     seed: int | None = None,
     name: str = "rollout",
     watch: Callable[[dict[str, Any]], None] | None = None,
 ) -> Recording:
-    """Run a policy in an environment and keep the measurement.
+    """Run a policy or a controller in an environment and keep the measurement.
 
     Args:
         env: whose `info` carries `time`, `position` and `torque`.
@@ -68,19 +76,22 @@ def rollout(
         watch: called with each step's `info`.
 
     Raises:
-        ValueError: if the policy is a signal for another rate than the environment's.
+        ValueError: if the policy is laid out for another rate than the environment's.
 
     Returns:
         One sample for each step; its torque acts from its time on.
     """
     rates = [getattr(part, "rate", None) for part in (policy, env.unwrapped)]
     if None not in rates and not math.isclose(*rates):  # type: ignore[arg-type]
-        raise ValueError(f"the signal is laid out for {rates[0]:g} Hz, the environment runs at {rates[1]:g} Hz")
+        raise ValueError(f"the policy is laid out for {rates[0]:g} Hz, the environment runs at {rates[1]:g} Hz")
     observation, info = env.reset(seed=seed)
     state: State = None
     rows = np.empty((steps, 3))
     for k in range(steps):
-        action, state = policy.predict(observation, state, np.array(k == 0))
+        if isinstance(policy, Controller):
+            action: Any = np.array([policy.torque(info)])
+        else:
+            action, state = policy.predict(observation, state, np.array(k == 0))
         time, position = info["time"], info["position"]
         observation, _, terminated, truncated, info = env.step(action)
         rows[k] = time, position, info["torque"]

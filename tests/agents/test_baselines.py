@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
-from agents.baselines import BASELINES, LookAhead, baseline
-from agents.design_env import CONSTRAINTS, ExcitationDesignVector
-from agents.knowledge import log_det
+from agents import multisine
+from agents.baselines import BASELINES, baseline
+from agents.design_env import ExcitationDesignVector
+from agents.foresight import foresee
+from agents.knowledge import NOMINAL, log_det
+from agents.observer import CONSTRAINTS
 
 
 def play(name: str, constraint: str, count: int = 3, steps: int = 60):
@@ -43,7 +46,7 @@ def test_looking_ahead_foresees_what_will_be_learnt():
     env.reset(seed=0)
     torque = np.concatenate([np.full((10, 4, 1), 6.0), np.full((10, 4, 1), -6.0)])
     theta = env.pendulums.theta.T
-    rows, usable = LookAhead._foresee(torque, theta, np.zeros(4), np.zeros(4))
+    rows, usable = foresee(torque, theta, np.zeros(4), np.zeros(4))
     rows = (rows * usable[..., None])[:, :, 0]
     before, compared = 0.1 * np.eye(4), 0
     for k in range(20):
@@ -60,6 +63,32 @@ def test_looking_ahead_foresees_what_will_be_learnt():
 def test_looking_ahead_learns_more_than_the_papers_signal():
     ahead, paper = (log_det(play(name, "peak", steps=100)[1]["information"]) for name in ("look-ahead", "two-tone"))
     assert np.exp((ahead - paper).mean() / 4) > 1.5
+
+
+@pytest.mark.parametrize("constraint", CONSTRAINTS)
+def test_a_multisine_found_in_advance_teaches_more_than_the_papers_tones(constraint):
+    theta = NOMINAL * (1 + np.random.default_rng(99).uniform(-0.3, 0.3, (20, 4)))  # other plants than it was found on
+    paper = np.zeros(2 * len(multisine.FREQUENCIES))
+    paper[list(multisine.PAPER)] = 1.0
+    signals = np.column_stack([paper, multisine.shipped(constraint)])
+    first, better = multisine.taught(signals, theta, CONSTRAINTS[constraint])
+    assert better > first + 0.3
+    torque = multisine.signal(signals, CONSTRAINTS[constraint])
+    assert np.abs(torque).max() <= CONSTRAINTS[constraint].peak + 1e-9
+    if constraint == "rms":
+        assert np.sqrt(np.mean(torque**2, axis=0)) == pytest.approx(3.0)
+
+
+def test_optimising_repeats_and_climbs():
+    reached = []
+    found = [
+        multisine.optimise(
+            CONSTRAINTS["rms"], generations=8, plants=2, tell=lambda text, share: reached.append(float(text.split()[0]))
+        )
+        for _ in range(2)
+    ]
+    np.testing.assert_array_equal(*found)
+    assert reached[7] > reached[0]
 
 
 def test_an_unknown_baseline_is_named():

@@ -10,9 +10,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
-from agents.design_env import CONSTRAINTS, HELD, TICK, ExcitationDesignVector, read
+from agents.design_env import ExcitationDesignVector
 from agents.knowledge import NOMINAL, PRIOR
+from agents.observer import TICK, read
 from pendulum_env.registration import DESIGN
+
+HELD = 20  # samples in a tick
 
 
 def tones(step: int, count: int) -> np.ndarray:
@@ -32,12 +35,12 @@ def run(env, steps: int, seed: int = 0, action=tones) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in rows.items()} | {"info": info}
 
 
-@pytest.mark.parametrize("constraint", CONSTRAINTS)
-def test_the_checkers_have_nothing_to_say(constraint):
+@pytest.mark.parametrize("arguments", [{"constraint": "peak"}, {"constraint": "rms"}, {"max_turns": 1.0}])
+def test_the_checkers_have_nothing_to_say(arguments):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gym.make(DESIGN, constraint=constraint).unwrapped)
-        check_env_for_sb3(gym.make(DESIGN, constraint=constraint))
+        check_env(gym.make(DESIGN, **arguments).unwrapped)
+        check_env_for_sb3(gym.make(DESIGN, **arguments))
 
 
 def test_gymnasium_knows_it_without_agents_or_torch_being_imported():
@@ -161,3 +164,25 @@ def test_what_makes_no_sense_is_refused():
         env.step(np.full((2, 1), np.nan))
     with pytest.raises(ValueError, match="2 pendulums need one each"):
         env.step(np.zeros(2))
+
+
+def test_limits_take_away_the_torque_that_drives_the_arm_on():
+    free, bound = (
+        run(ExcitationDesignVector(2, **limits), 150, action=lambda k, count: np.ones((count, 1)))
+        for limits in ({}, {"max_speed": 5.0, "max_turns": 0.5})
+    )
+    assert np.abs(free["positions"]).max() > 10 * np.pi
+    assert np.abs(bound["positions"]).max() < 2 * np.pi
+    speed = 1000 * np.abs(np.diff(np.concatenate(list(bound["positions"]), axis=1))).max()
+    assert 5.0 < speed < 7.0  # no torque acts from the tick on that begins beyond the limit
+    share = bound["observation"][..., -1]
+    np.testing.assert_allclose(share[1:], bound["positions"][..., -1] / np.pi, atol=1e-6)
+    assert (bound["torque"][share[:-1] >= 1] == 0).all()
+
+
+def test_the_a_criterion_counts_the_summed_relative_variance():
+    first, second = (run(ExcitationDesignVector(3, criterion=name), 100) for name in "AD")
+    np.testing.assert_array_equal(first["observation"], second["observation"])
+    variance = np.trace(np.linalg.inv(first["info"]["information"]), axis1=1, axis2=2)
+    np.testing.assert_allclose(first["reward"].sum(axis=0), 4 * np.log(4 / PRIOR / variance), rtol=1e-9)
+    assert (first["reward"].sum(axis=0) < second["reward"].sum(axis=0)).all()

@@ -1,10 +1,13 @@
 """The comparison of policies: its statistics, and that the estimator in its loop is the real one."""
 
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
 import numpy as np
 import pytest
 
 from agents.baselines import baseline
-from agents.evaluation import improvement, information_ratio, interval, observe, stays_within
+from agents.evaluation import compare, cramer_rao, improvement, information_ratio, interval, observe, stays_within
 
 
 def test_time_from_which_errors_stay_within_a_bound():
@@ -29,10 +32,41 @@ def test_every_policy_meets_the_same_plants_and_the_estimator_finds_them():
     )
     np.testing.assert_array_equal(first.errors, again.errors)
     assert first.errors[-1].max() < 0.005
-    assert np.isfinite(first.close).all() and first.close.max() < 3.0
+    assert np.isfinite(first.close).all() and first.close.max() < 4.0
+    assert (first.close[0] <= first.close[1]).all()
     assert (first.peak <= 6.0).all() and (other.rms == pytest.approx(6.0))
-    assert information_ratio(other.log_det, first.log_det) > 1.3
+    assert information_ratio(other.log_det[-1], first.log_det[-1]) > 1.3
     assert (np.diff(first.errors, axis=0).mean(axis=1) < 0).all()
+
+
+def test_no_estimate_beats_the_cramer_rao_bound_and_online_ones_come_near():
+    outcome = observe(baseline("two-tone", "peak", 1), "peak", 60, seed=5)
+    ratio = np.sqrt(np.mean((outcome.errors / outcome.bound) ** 2, axis=1))
+    assert (ratio > 0.8).all() and (ratio < 1.4).all()
+
+
+def test_the_bound_is_that_of_least_squares_with_known_motion():
+    """It falls with time, is the same in a mirror, and large where the arm only spins."""
+    truth = np.array([[0.0895, 2.01, 0.3638, 0.9163]])
+    time = np.arange(10_000) / 1000
+    torque = 3 * np.sin(12.07 * time) + 3 * np.sin(2.25 * time)
+    bound = cramer_rao(truth, torque[:, None])
+    assert (np.diff(bound, axis=0) < 0).all()
+    np.testing.assert_allclose(bound, cramer_rao(truth, -torque[:, None]), rtol=1e-6)  # in a mirror
+    assert (cramer_rao(truth, np.full((10_000, 1), 6.0)) > 20 * bound).all()
+    assert np.isinf(cramer_rao(truth, np.full((10_000, 1), 0.1))).all()  # it never moves
+
+
+def test_where_it_is_worked_out_changes_nothing(monkeypatch):
+    monkeypatch.setattr("agents.evaluation.PART", 2)
+    contenders = {name: partial(baseline, name, "peak") for name in ("two-tone",)}
+    here = compare(contenders, "peak", 3, seed=1)
+    with ThreadPoolExecutor(2) as pool:
+        there = compare(contenders, "peak", 3, seed=1, executor=pool)
+    for name, outcome in here.items():
+        assert outcome.errors.shape == (3, 3)
+        np.testing.assert_array_equal(outcome.error, there[name].error)
+        assert not np.allclose(outcome.torque[:, 0], outcome.torque[:, 2])  # signals differ between parts
 
 
 def test_hidden_effects_leave_errors():
@@ -40,3 +74,4 @@ def test_hidden_effects_leave_errors():
         observe(baseline("two-tone", "peak", 1), "peak", 4, effects=effects) for effects in ((), ("stribeck=0.4",))
     )
     assert np.median(hidden.errors[-1]) > 5 * np.median(plain.errors[-1])
+    assert np.isnan(hidden.bound).all()

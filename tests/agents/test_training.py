@@ -1,14 +1,19 @@
 """Training, what it leaves behind, and the two commands."""
 
 import json
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from agents import Network, load
 from agents.config import Config, read_settings
-from agents.design_env import CONSTRAINTS, ExcitationDesignVector
-from agents.training import PriceTorque, make_env, train
+from agents.design_env import ExcitationDesignVector
+from agents.observer import CONSTRAINTS
+from agents.tasks import PriceTorque
+from agents.training import export, make_model, train
 from workbench.cli import main
 
 SMALL = {"steps": 3000, "pendulums": 8, "rollout": 125, "batch": 500, "epochs": 2, "checkpoint": 1000}
@@ -23,28 +28,47 @@ def test_training_repeats_itself_and_keeps_policies_on_the_way(tmp_path):
     first = train(Config.of(SMALL), lambda text, share: told.append(share), tmp_path)
     np.testing.assert_array_equal(weights(first), weights(train(Config.of(SMALL))))
     assert told[-1] == 1.0 and told == sorted(told)
-    assert [path.name for path in sorted(tmp_path.iterdir())] == ["steps-1000.npz", "steps-2000.npz", "steps-3000.npz"]
+    policies = sorted(path.name for path in tmp_path.glob("*.npz"))
+    assert policies == ["steps-1000.npz", "steps-2000.npz", "steps-3000.npz"]
+    assert (tmp_path / "training.pkl").exists() and list(tmp_path.glob("tensorboard/*/events*"))
     np.testing.assert_allclose(weights(load(str(tmp_path / "steps-3000.npz"))), weights(first), rtol=1e-6)
     other = train(Config.of({**SMALL, "seed": 1}))
     assert (weights(other) != weights(first)).any()
 
 
-def test_a_policy_acts_as_the_one_that_was_trained():
-    """The network in NumPy scores as torch does."""
-    import torch
-    from stable_baselines3 import PPO
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_a_training_that_was_killed_goes_on_to_the_same_policy(algorithm, tmp_path):
+    settings = {**SMALL, "algorithm": algorithm, "replay": 2000, "updates": 1, "hidden": 16}
+    whole = train(Config.of(settings))
+    killed = (
+        "import os, signal; from pathlib import Path; from agents.config import Config\n"
+        "from agents.training import train\n"
+        f"train(Config.of({settings}), lambda text, share: share > 0.5 and os.kill(os.getpid(), signal.SIGKILL), "
+        f"Path({str(tmp_path)!r}))"
+    )
+    assert subprocess.run([sys.executable, "-c", killed]).returncode == -signal.SIGKILL
+    assert not (tmp_path / "steps-3000.npz").exists()
+    np.testing.assert_array_equal(weights(train(Config.of(settings), folder=tmp_path, resume=True)), weights(whole))
+    with pytest.raises(ValueError, match="holds a training already"):
+        train(Config.of(settings), folder=tmp_path)
+    with pytest.raises(ValueError, match="was begun with seed = 0, not 1"):
+        train(Config.of({**settings, "seed": 1}), folder=tmp_path, resume=True)
+    (tmp_path / "training.pkl").write_bytes(b"no checkpoint")
+    with pytest.raises(ValueError, match="is no checkpoint"):
+        train(Config.of(settings), folder=tmp_path, resume=True)
 
-    from agents.training import export
 
-    config = Config.of(SMALL)
-    env = make_env(config)
-    model = PPO("MlpPolicy", env, n_steps=16, device="cpu", seed=3, policy_kwargs={"net_arch": [64, 64]})
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_a_policy_acts_as_the_one_that_was_trained(algorithm):
+    """The network in NumPy answers as torch does."""
+    config = Config.of({**SMALL, "algorithm": algorithm})
+    model = make_model(config)
     network = export(model, config)
     observation = np.random.default_rng(0).uniform(-1, 1, (50, 20)).astype(np.float32)
     observation[:, 2] = np.abs(observation[:, 2])  # turning forwards
-    with torch.no_grad():
-        choice, _ = model.predict(observation, deterministic=True)
-    np.testing.assert_allclose(network.predict(observation)[0][:, 0], np.array(config.levels)[choice])
+    choice, _ = model.predict(observation, deterministic=True)
+    share = np.array(config.levels)[choice] if algorithm == "ppo" else choice[:, 0]
+    np.testing.assert_allclose(network.predict(observation)[0][:, 0], share, atol=1e-6)
 
 
 @pytest.mark.parametrize("constraint", CONSTRAINTS)
@@ -97,8 +121,13 @@ def test_what_makes_no_sense_is_one_line(tmp_path, capsys):
     text.write_text("no policy")
     config = tmp_path / "config.toml"
     config.write_text("step = 100\n")
+    other = tmp_path / "other.npz"
+    load("rms").save(other)
     for arguments, message in (
         (["evaluate", str(text)], "is no policy"),
+        (["evaluate", str(other)], "was trained under the constraint rms, not peak"),
+        (["train", "--resume", "-o", str(tmp_path / "new.npz")], "--resume needs --checkpoints"),
+        (["train", "--algorithm", "pop", "-o", str(tmp_path / "new.npz")], "did you mean ppo"),
         (["evaluate", "agnet"], "unknown baseline 'agnet'"),
         (["evaluate", "--constraint", "peek"], "did you mean peak"),
         (["train", "-o", "policy.zip"], "should end in .npz"),

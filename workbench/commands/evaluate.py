@@ -5,15 +5,20 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Sequence
-from pathlib import Path
+import multiprocessing
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from importlib.util import find_spec
 
 from agents.baselines import BASELINE, BASELINES, baseline
-from agents.design_env import CONSTRAINTS
-from agents.evaluation import evaluation_json, observe
-from agents.network import load
+from agents.evaluation import Contender, Outcome, compare, evaluation_json
+from agents.network import Network, load
+from agents.observer import CONSTRAINTS
 from estimators.schemes import SCHEMES
 from pendulum_env._typing import JSON
+from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import Policy
@@ -22,10 +27,7 @@ from workbench.inputs import InputError, argument, check_outputs, whole, wrote
 from workbench.terminal import Terminal
 
 SHIPPED = "agent"  # the policy that ships for the constraint
-HEADERS = (
-    "policy", "error at 2 s", "5 s", "10 s [%]", "to 1 % [s]", "gain: error 2 s", "error 10 s", "to 1 %", "information",
-    "RMS [N m]",
-)  # fmt: skip
+PLANNER = "look-ahead"  # with which the agent's information and time are compared
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -45,44 +47,84 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--effect", dest="effects", action="append", type=argument(_effect), default=[], metavar="ID[=VALUE,...]",
         help="hide an effect in the plants (may be repeated)",
     )  # fmt: skip
+    parser.add_argument("--workers", type=whole(1), default=1, help="processes (default 1)")
+    parser.add_argument(
+        "--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to work on instead, as tcp://host:8786"
+    )
+    parser.add_argument("--report", metavar="FILE.html", help="write a page with plots")
     parser.add_argument("--json", metavar="FILE", help="write all figures there")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Let every policy excite the same plants, and print what was learnt."""
-    check_outputs([arguments.json], [name for name in arguments.policies if name.endswith(".npz")])
+    """Let every policy excite the same plants, and tell what was learnt."""
+    files = [name for name in arguments.policies if name.endswith(".npz")]
+    outputs = [arguments.json, arguments.report]
+    check_outputs(outputs, files)
     names = list(dict.fromkeys([BASELINE, *(arguments.policies or [SHIPPED, *BASELINES])]))
-    policies = {name: _policy(name, arguments.constraint, arguments.seed) for name in names}
-    outcomes = {}
-    for name, policy in policies.items():
-        with terminal.progress(name) as tell:
-            outcomes[name] = observe(
-                policy,
-                arguments.constraint,
-                arguments.plants,
-                seed=arguments.seed,
-                effects=arguments.effects,
-                scheme_id=arguments.scheme,
-                tell=lambda share, tell=tell: tell("", share),  # type: ignore[misc]
-            )
+    contenders = {name: _contender(name, arguments.constraint) for name in names}
+    with _workers(arguments) as executor, terminal.progress("evaluating") as tell:
+        outcomes = compare(
+            contenders,
+            arguments.constraint,
+            arguments.plants,
+            seed=arguments.seed,
+            effects=arguments.effects,
+            scheme_id=arguments.scheme,
+            executor=executor,
+            tell=tell,
+        )
     setting = {name: getattr(arguments, name) for name in ("constraint", "plants", "seed", "scheme", "effects")}
-    told = evaluation_json(outcomes, BASELINE, **setting)
-    terminal.say(
-        f"{arguments.plants} plants within 30 %, 10 s, constraint {arguments.constraint}; medians; gains over "
-        f"{BASELINE} with bootstrap intervals of 95 %, above 1 is better"
-    )
-    terminal.table(HEADERS, [[name, *_row(figures)] for name, figures in told["policies"].items()])
+    told = evaluation_json(outcomes, BASELINE, trained=files, **setting)
+    show(told, terminal)
     if arguments.json is not None:
-        Path(arguments.json).write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-    wrote([arguments.json], terminal)
+        write_whole(arguments.json, json.dumps(told, indent=1) + "\n")
+    if arguments.report is not None:
+        _write_report(arguments.report, told, outcomes, terminal)
+    wrote(outputs, terminal)
 
 
-def _row(figures: JSON) -> Sequence[str]:
-    errors = [f"{100 * middle:.3f}" for _, middle, _ in figures["error"].values()]
-    _, close, _ = figures["time_to_1_percent"]
-    gain = figures["gain"]
-    gains = [_gain(gain[name]) for name in ("error 2 s", "error 10 s", "time to 1 %", "information")]
-    return *errors, _number(close), *gains, f"{figures['torque_rms'][1]:.2f}"
+def show(told: JSON, terminal: Terminal) -> None:
+    """Print what `evaluation_json` tells."""
+    policies = told["policies"]
+    terminal.say(f"{told['plants']} plants within 30 %, 10 s, constraint {told['constraint']}; medians over plants")
+    terminal.heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
+    first = policies[told["baseline"]]
+    rows = [[name, *_errors(figures), *map(_median, figures["time_to"].values())] for name, figures in policies.items()]
+    terminal.table(("policy", *(f"at {moment}" for moment in first["error"]), *first["time_to"]), rows)
+    terminal.heading(f"Gain over {told['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
+    rows = [[name, *(_gain(gain) for gain in figures["gain"].values())] for name, figures in policies.items()]
+    if "trainings" in told:
+        for which in ("median", "worst"):
+            gains = told["trainings"]["gain"].values()
+            rows.append([f"{which} of the trainings", *(f"{gain[which]:.2f}" for gain in gains)])
+    terminal.table(("policy", *first["gain"]), rows)
+    terminal.heading("What it takes")
+    terminal.table(
+        ("policy", "peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision [ms]"),
+        [[name, *_use(figures)] for name, figures in policies.items()],
+    )
+    if PLANNER in policies and SHIPPED in policies:
+        agent, planner = policies[SHIPPED], policies[PLANNER]
+        share = agent["gain"]["information"]["ratio"] / planner["gain"]["information"]["ratio"]
+        faster = planner["seconds_per_action"] / agent["seconds_per_action"]
+        terminal.say(
+            f"\nthe agent learns {share:.2f} times what looking ahead does, and decides {faster:.0f} times faster"
+        )
+
+
+def _errors(figures: JSON) -> Iterator[str]:
+    for error, bound in zip(figures["error"].values(), figures["cramer_rao"].values(), strict=True):
+        yield f"{100 * error[1]:.3f}" + ("" if bound[1] is None else f" ({100 * bound[1]:.3f})")
+
+
+def _use(figures: JSON) -> Iterator[str]:
+    yield f"{figures['torque_peak']:.2f}"
+    yield from (_median(figures[name]) for name in ("torque_rms", "speed", "turns"))
+    yield f"{1e3 * figures['seconds_per_action']:.3g}"
+
+
+def _median(quartiles: Sequence[float | None]) -> str:
+    return _number(quartiles[1])
 
 
 def _gain(gain: JSON) -> str:
@@ -93,13 +135,55 @@ def _number(value: float | None) -> str:
     return "-" if value is None or not math.isfinite(value) else f"{value:.2f}"
 
 
-def _policy(name: str, constraint: str, seed: int) -> Policy:
+@contextmanager
+def _workers(arguments: argparse.Namespace) -> Iterator[Executor | None]:
+    """Where the work is done: here, in processes, or on a cluster.
+
+    Raises:
+        InputError: if there is no such cluster.
+    """
+    if arguments.dask is None:
+        if arguments.workers == 1:
+            yield None
+            return
+        with ProcessPoolExecutor(arguments.workers, multiprocessing.get_context("spawn")) as pool:
+            yield pool
+        return
+    if find_spec("distributed") is None:
+        raise InputError("--dask needs the extra rl: pip install 'pendulum-ident[rl]'")
+    from distributed import Client
+
     try:
-        if name == SHIPPED:
-            return load(constraint)
-        return load(name) if name.endswith(".npz") else baseline(name, constraint, seed)
+        client = Client(arguments.dask, timeout=10)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise InputError(f"there is no Dask cluster at {arguments.dask}: {error}") from None
+    with client:
+        yield client.get_executor()  # type: ignore[no-untyped-call]
+
+
+def _write_report(path: str, told: JSON, outcomes: dict[str, Outcome], terminal: Terminal) -> None:
+    from workbench.report.excitation import write_excitation_report  # plotly takes a while to import
+
+    with terminal.progress("writing the report"):
+        write_excitation_report(path, told, outcomes)
+
+
+def _contender(name: str, constraint: str) -> Contender:
+    try:
+        if name == SHIPPED or name.endswith(".npz"):
+            network = load(constraint if name == SHIPPED else name)
+            if network.constraint != constraint:
+                raise ValueError(f"{name}: was trained under the constraint {network.constraint}, not {constraint}")
+            return partial(_always, network)
+        baseline(name, constraint)
+        return partial(baseline, name, constraint)
     except ValueError as error:
         raise InputError(str(error)) from None
+
+
+def _always(network: Network, seed: int) -> Policy:
+    """A network draws nothing."""
+    return network
 
 
 def _constraint(text: str) -> str:

@@ -7,6 +7,9 @@ import argparse
 import gymnasium as gym
 import numpy as np
 
+from agents.network import Network, load
+from agents.observer import CONSTRAINTS
+from agents.pilot import Pilot
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
 from pendulum_env.excitation import EXCITATIONS, Excitation, excitation
@@ -32,26 +35,39 @@ BACKENDS = {  # and whether it is available
 }
 SECONDS = 30.0  # length of a recording
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
+LEARNT = "rl"  # excitation that a policy chooses while the arm moves
+EPISODE = 10.0  # [s], for which policies are trained
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare plant, excitation, measurement and output."""
     parser.add_argument(
-        "--seconds", type=number(SHORTEST), help=f"length (default {SECONDS:g}, or what the diagnosis suggests)"
+        "--seconds",
+        type=number(SHORTEST),
+        help=f"length (default {SECONDS:g}, what the diagnosis suggests, or {EPISODE:g} with {LEARNT})",
     )
     parser.add_argument(
         "--excitation",
         type=argument(_excitation),
         default="paper",
         metavar="NAME",
-        help=f"{', '.join(EXCITATIONS)} (default paper), or {SUGGESTED}: the experiment that --diagnosis suggests",
+        help=f"{', '.join(EXCITATIONS)} (default paper); {SUGGESTED}: the experiment that --diagnosis suggests; "
+        f"{LEARNT}: by a policy that sees the motion and what it has taught so far",
+    )
+    parser.add_argument(
+        "--policy",
+        metavar="NAME",
+        help=f"{', '.join(CONSTRAINTS)} (default peak), or a file that `train` wrote, for --excitation {LEARNT}",
     )
     parser.add_argument(
         "--diagnosis", metavar="FILE", help=f"what `diagnose --json` wrote, for --excitation {SUGGESTED}"
     )
     parser.add_argument("--amplitude", type=number(0.0), help="bound of the torque [N m]; each excitation has its own")
     parser.add_argument(
-        "--backend", type=argument(_backend), default="simulated", metavar="NAME", help=", ".join(BACKENDS)
+        "--backend",
+        type=argument(_backend),
+        metavar="NAME",
+        help=f"{', '.join(BACKENDS)} (default simulated, which plays signals only; pymunk with {LEARNT})",
     )
     parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
     parser.add_argument(
@@ -105,12 +121,16 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     wrote([arguments.output], terminal)
 
 
-def experiment(arguments: argparse.Namespace, rng: np.random.Generator) -> tuple[Excitation, float]:
-    """Torque command and length [s]: drawn, or as a diagnosis suggests.
+def experiment(arguments: argparse.Namespace, rng: np.random.Generator) -> tuple[Excitation | Pilot, float]:
+    """Torque command and length [s]: drawn, as a diagnosis suggests, or by a policy.
 
     Raises:
-        InputError: if the arguments do not go together, or the diagnosis suggests nothing.
+        InputError: if the arguments do not go together, the diagnosis suggests nothing, or there is no such policy.
     """
+    if arguments.excitation == LEARNT:
+        return learnt(arguments)
+    if arguments.policy is not None:
+        raise InputError(f"--policy goes with --excitation {LEARNT} only")
     if arguments.excitation == SUGGESTED:
         if arguments.diagnosis is None:
             raise InputError(f"--excitation {SUGGESTED} needs --diagnosis FILE, which `diagnose --json FILE` writes")
@@ -129,10 +149,29 @@ def experiment(arguments: argparse.Namespace, rng: np.random.Generator) -> tuple
         raise InputError(str(error)) from None
 
 
+def learnt(arguments: argparse.Namespace) -> tuple[Pilot, float]:
+    """A policy and the length [s] of what it is to excite.
+
+    Raises:
+        InputError: if other arguments do not go with it, or there is no such policy.
+    """
+    for name in ("amplitude", "diagnosis", "replay"):
+        if getattr(arguments, name) is not None:
+            raise InputError(f"--{name} does not go with --excitation {LEARNT}: the policy decides as the arm moves")
+    if arguments.backend == "simulated":
+        raise InputError(f"--excitation {LEARNT} needs a backend that answers step by step: use --backend pymunk")
+    seconds = arguments.seconds or EPISODE
+    try:
+        network: Network = load(arguments.policy or "peak")
+        return Pilot(network, network.constraint, seconds, arguments.rate), seconds
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
 def _run(
     arguments: argparse.Namespace,
     plant: Model,
-    command: Excitation,
+    command: Excitation | Pilot,
     seconds: float,
     rng: np.random.Generator,
     terminal: Terminal,
@@ -142,13 +181,13 @@ def _run(
         raise InputError("--backend replay and --replay FILE belong together: give both or neither")
     if arguments.replay is not None and plant.effects:
         raise InputError("--effect does not go with a replay: it plays the plant that was recorded")
-    if arguments.backend == "simulated":
+    if not isinstance(command, Pilot) and arguments.backend in (None, "simulated"):
         with terminal.progress("simulating"):
             return record(plant, command, seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng)
     env = gym.make(
         PENDULUM,
         max_episode_steps=-1,
-        backend=arguments.backend,
+        backend=arguments.backend or "pymunk",
         model=None if arguments.replay is not None else plant,
         rate=arguments.rate,
         counts=arguments.counts,
@@ -161,7 +200,7 @@ def _run(
     with terminal.progress("running") as tell:
         return rollout(
             env,
-            OpenLoop(command, rate),
+            command if isinstance(command, Pilot) else OpenLoop(command, rate),
             steps,
             seed=int(rng.integers(2**31)),
             watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / seconds),
@@ -169,7 +208,7 @@ def _run(
 
 
 def _excitation(text: str) -> str:
-    if text != SUGGESTED:
+    if text not in (SUGGESTED, LEARNT):
         find("excitation", text, EXCITATIONS)
     return text
 

@@ -6,23 +6,29 @@ import argparse
 from importlib.util import find_spec
 from pathlib import Path
 
-from agents.config import Config, read_settings
-from agents.design_env import CONSTRAINTS
+from agents.config import USUAL, Config, read_settings
+from agents.observer import CONSTRAINTS
 from pendulum_env.lookup import find
 from workbench.command import Command
 from workbench.inputs import InputError, argument, check_outputs, whole, wrote
 from workbench.terminal import Terminal
 
-NEEDED = ("torch", "stable_baselines3")
+NEEDED = ("torch", "stable_baselines3", "cloudpickle")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what is trained and where it goes."""
     parser.add_argument("--config", metavar="FILE", help="TOML with settings of agents.config.Config that differ")
     parser.add_argument("--constraint", type=argument(_constraint), metavar="NAME", help="peak or rms (default peak)")
+    parser.add_argument("--algorithm", type=argument(_algorithm), metavar="NAME", help="ppo or sac (default ppo)")
     parser.add_argument("--seed", type=whole(0), help="of all random numbers (default 0)")
     parser.add_argument("--steps", type=whole(1), help="decisions of 20 ms in all")
-    parser.add_argument("--checkpoints", metavar="FOLDER", help="keep policies on the way there")
+    parser.add_argument(
+        "--checkpoints", metavar="FOLDER", help="keep the training, policies on the way and a log for TensorBoard there"
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="go on where the training in --checkpoints was ended, to the same policy"
+    )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="policy, NAME.npz")
 
 
@@ -35,12 +41,15 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError("training needs the extra rl: pip install 'pendulum-ident[rl]'")
     config = _config(arguments)
     folder = None if arguments.checkpoints is None else Path(arguments.checkpoints)
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-    from agents.training import train  # imports torch
+    if arguments.resume and folder is None:
+        raise InputError("--resume needs --checkpoints FOLDER, where the training was kept")
+    from agents.training import CheckpointError, train  # imports torch
 
-    with terminal.progress("training") as tell:
-        network = train(config, tell, folder)
+    try:
+        with terminal.progress("training") as tell:
+            network = train(config, tell, folder, arguments.resume)
+    except CheckpointError as error:
+        raise InputError(str(error)) from None
     network.save(arguments.output)
     terminal.say(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
     terminal.say(f"`pendulum-ident evaluate {arguments.output} --constraint {config.constraint}` compares it")
@@ -48,7 +57,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _config(arguments: argparse.Namespace) -> Config:
-    given = {name: getattr(arguments, name) for name in ("constraint", "seed", "steps")}
+    given = {name: getattr(arguments, name) for name in ("constraint", "algorithm", "seed", "steps")}
     given = {name: value for name, value in given.items() if value is not None}
     if arguments.config is None:
         return Config.of(given)
@@ -60,6 +69,11 @@ def _config(arguments: argparse.Namespace) -> Config:
 
 def _constraint(text: str) -> str:
     find("constraint", text, CONSTRAINTS)
+    return text
+
+
+def _algorithm(text: str) -> str:
+    find("algorithm", text, USUAL["algorithm"])
     return text
 
 

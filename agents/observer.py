@@ -1,0 +1,167 @@
+"""What an agent sees of pendulums, and what it may do to them: samples in, observations out, shares made torques.
+
+One definition serves the environment in which policies learn and the rig on which they act.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.knowledge import FEATURES, NOMINAL, SLOW, Knowledge, recall
+from pendulum_env._typing import Array
+from pendulum_env.interface import MAX_TORQUE, check_positive
+
+TICK = 0.02  # [s], over which a torque is held: decisions at 50 Hz
+FAST = 10.0  # [rad/s], by which velocity is divided in the observation
+BOUND = 5.0  # of the observation
+INPUTS = 3 + FEATURES + 3  # of the observation; with a limit on turns it has one more
+ODD = np.array([0, 2, INPUTS])  # places of an observation that change sign in a mirror
+
+Batch = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """What the torque must keep to.
+
+    Attributes:
+        peak: bound of |torque| [N m].
+        rms: bound of its root mean square over the episode [N m], enforced as a budget of energy; None for none.
+    """
+
+    peak: float
+    rms: float | None = None
+
+
+CONSTRAINTS = {
+    "peak": Constraint(6.0),  # what the paper's two tones reach
+    "rms": Constraint(MAX_TORQUE, 3.0),  # their root mean square; the drive bounds the peak
+}
+
+
+class Seen(NamedTuple):
+    """What an observation says, in SI units but for the shares; arrays (B, ...)."""
+
+    position: Array  # within a turn [rad]
+    velocity: Array  # [rad/s]
+    information: Array  # (B, P, P) in nominal units
+    estimates: Array  # shares of the nominal parameters (B, P)
+    time_left: Array  # share
+    budget_left: Array  # share; 1 where there is none to keep
+    stuck: Array  # 1 where the last tick was slower than what teaches
+
+
+def read(observation: Array | Batch) -> Seen:
+    """Meaning of observations (B, N)."""
+    o = np.asarray(observation, dtype=float)
+    information, estimates = recall(o[:, 3 : 3 + FEATURES])
+    time_left, budget_left, stuck = o[:, 3 + FEATURES : INPUTS].T
+    position = np.arctan2(o[:, 0], o[:, 1])
+    return Seen(position, FAST * o[:, 2], information, estimates, time_left, budget_left, stuck)
+
+
+def mirrored(observation: Any) -> tuple[Array, Array]:
+    """Observations (B, N) as if the arm turned in the positive direction, and the sign (B,) their torques then need.
+
+    Pendulum and information look the same in a mirror, so nobody has to learn both directions.
+    """
+    turned = np.array(observation, dtype=float)
+    sign = np.where(turned[..., 2] < 0, -1.0, 1.0)
+    turned[..., ODD[ODD < turned.shape[-1]]] *= sign[..., None]
+    return turned, sign
+
+
+class Observer:
+    """Sees B pendulums from their start on, tick by tick.
+
+    Attributes:
+        held: samples in a tick.
+        ticks: of an episode.
+        tick: that begins now.
+        knowledge: what has been learnt.
+    """
+
+    def __init__(
+        self,
+        constraint: Constraint,
+        seconds: float,
+        rate: float,
+        max_speed: float | None = None,
+        max_turns: float | None = None,
+    ) -> None:
+        """Take the constraint, the length of an episode [s], the samples per second [Hz], and limits if there are any.
+
+        Raises:
+            ValueError: if a number is out of its range, or ticks are not a whole number of samples, two or more.
+        """
+        limits = {"max_speed": max_speed, "max_turns": max_turns}
+        check_positive("a design", **{name: limit for name, limit in limits.items() if limit is not None})
+        if not TICK <= seconds < np.inf:
+            raise ValueError(f"an episode cannot last {seconds:g} s: give {TICK:g} s or more")
+        self.held = round(TICK * rate)
+        if self.held < 2 or abs(self.held - TICK * rate) > 1e-6:
+            raise ValueError(f"torque is chosen every {TICK:g} s, so {rate:g} Hz will not do: give a multiple of 50 Hz")
+        self.constraint, self.rate, self.ticks = constraint, rate, round(seconds / TICK)
+        self.inputs = INPUTS + (max_turns is not None)
+        self._max_speed = np.inf if max_speed is None else max_speed
+        self._max_angle = None if max_turns is None else 2 * np.pi * max_turns
+        self._budget = np.inf if constraint.rms is None else constraint.rms**2 * self.ticks  # [(N m)^2 ticks]
+
+    def start(self, position: Array, velocity: Array) -> None:
+        """Begin an episode at positions [rad] and velocities [rad/s] (B,)."""
+        batch = len(position)
+        self.tick = 0
+        self.knowledge = Knowledge.none(batch)
+        self._position, self._velocity, self._torque = position, velocity, np.zeros(batch)
+        self._stuck = np.ones(batch, dtype=bool)
+        self._left = np.full(batch, self._budget)
+
+    def allow(self, share: Array) -> Array:
+        """Torque (B,) that constraint and limits let act for a tick, of shares of the peak (B,) [N m]."""
+        torque = self.constraint.peak * np.clip(share, -1.0, 1.0)
+        too_fast = (np.abs(self._velocity) >= self._max_speed) & (torque * self._velocity > 0)
+        torque = np.where(too_fast | (self._outwards() * np.sign(torque) >= 1.0), 0.0, torque)
+        affordable = np.sqrt(np.maximum(self._left, 0.0))
+        torque = np.clip(torque, -affordable, affordable)
+        self._left = self._left - torque**2
+        return torque
+
+    def take(self, positions: Array, torques: Array) -> None:
+        """Take in a tick: positions [rad] and torques [N m] as measured after each sample (held, B).
+
+        What it teaches is its balance of impulses. Differences of positions are velocities half a sample earlier, so
+        the tick ends, and began, so much earlier.
+        """
+        way = np.concatenate([self._position[None], positions])
+        velocity = np.concatenate([self._velocity[None], self.rate * np.diff(way, axis=0)])
+        fast = (np.abs(velocity) >= SLOW).all(axis=0) & (np.ptp(np.sign(velocity), axis=0) == 0)
+        rows = [
+            (velocity[-1] - velocity[0]) / TICK,
+            np.sin(way).mean(axis=0),
+            (way[-1] - way[0]) / TICK,
+            np.sign(velocity[-1]),
+        ]
+        mean = torques.mean(axis=0) + 0.5 * (self._torque - torques[-1]) / self.held
+        self.knowledge.take(np.stack(rows, axis=1) * NOMINAL, mean, fast)
+        self._position, self._velocity, self._torque = positions[-1], velocity[-1], torques[-1]
+        self._stuck = (np.abs(velocity) < SLOW).all(axis=0)
+        self.tick += 1
+
+    def observe(self) -> Batch:
+        """Observations (B, inputs)."""
+        q, batch = self._position, len(self._position)
+        time_left = np.full(batch, max(0.0, 1.0 - self.tick / self.ticks))
+        budget_left = np.ones(batch) if np.isinf(self._budget) else self._left / self._budget
+        parts = np.stack([np.sin(q), np.cos(q), self._velocity / FAST]), self.knowledge.features().T
+        rest = np.stack([time_left, budget_left, self._stuck])
+        if self._max_angle is not None:
+            rest = np.concatenate([rest, self._outwards()[None]])
+        return np.clip(np.concatenate([*parts, rest]).T, -BOUND, BOUND).astype(np.float32)
+
+    def _outwards(self) -> Array:
+        """Share of the way to the limit on turns (B,), signed; 0 where there is none."""
+        return np.zeros_like(self._position) if self._max_angle is None else self._position / self._max_angle

@@ -1,0 +1,183 @@
+"""Whether the experiment that a diagnosis suggests settles what it left open, against experiments not chosen for it.
+
+python -m benchmarks.ambiguity --n 120
+
+Random plants, each with one effect of the library or none, are recorded briefly and poorly: weakly, in small swings, or
+turning one way only, so that diagnoses of them are often ambiguous. Those that are get a second recording of 20 s: more
+of the same, a signal drawn from the family from which suggestions are chosen, or the suggested one. Both recordings
+together are then diagnosed anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.excitation import filtered_noise
+from benchmarks.independent_plant import LIBRARY, Array, Case, random_case, simulate
+from benchmarks.parallel import each
+from benchmarks.scoring import Exact, compare, positive, rate, take_workers
+from estimators import Diagnosis, diagnose
+from estimators.design import SECONDS, USUAL
+from pendulum_env.excitation import family
+from pendulum_env.recording import Recording
+from workbench.terminal import Terminal
+
+BRIEF = 8.0  # [s]
+RATES = (500.0, 1000.0)  # [Hz]
+ARMS = ("more of the same", "drawn from the family", "suggested")
+Pair = frozenset[str]
+
+
+def weak(rng: np.random.Generator, time: Array) -> Array:
+    """Noise that just moves the arm [N m]."""
+    return filtered_noise(rng, time, float(rng.uniform(0.2, 0.4)))
+
+
+def small_swings(rng: np.random.Generator, time: Array) -> Array:
+    """Two fast tones: angles within some 0.3 rad [N m]."""
+    fast, slow = rng.uniform(11, 15), rng.uniform(8, 11)  # [rad/s]
+    return np.asarray(np.sin(fast * time) + 0.6 * np.sin(slow * time + rng.uniform(0, 2 * np.pi)))
+
+
+def one_way(rng: np.random.Generator, time: Array) -> Array:
+    """Two tones on a torque that never lets the arm turn round [N m]."""
+    fast, slow = rng.uniform(7, 11), rng.uniform(4, 6)  # [rad/s]
+    return np.asarray(4.6 + 0.6 * np.sin(fast * time + rng.uniform(0, 2 * np.pi)) + np.sin(slow * time))
+
+
+POOR = (weak, small_swings, one_way)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A plant, how it is recorded first, and the seed of both recordings."""
+
+    case: Case
+    poor: Callable[[np.random.Generator, Array], Array]
+    seed: int
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of one plant.
+
+    Attributes:
+        hidden: effects.
+        open: pairs of effects that the first recording leaves open.
+        right: whether it already names what is hidden and nothing else.
+        left: pairs open after the second recording, by arm.
+        settled: whether both recordings name what is hidden and nothing else, by arm.
+    """
+
+    hidden: tuple[str, ...]
+    open: frozenset[Pair]
+    right: bool
+    left: dict[str, frozenset[Pair]]
+    settled: dict[str, bool]
+    failure: str = ""
+
+    @property
+    def line(self) -> str:
+        """All of it on one line."""
+        arms = ", ".join(
+            f"{arm}: {'right' if self.settled[arm] else 'wrong'}{f', {len(left)} open' if left else ''}"
+            for arm, left in self.left.items()
+        )
+        open_pairs = "; ".join(" = ".join(sorted(pair)) for pair in sorted(self.open, key=sorted))
+        return f"{'+'.join(self.hidden) or 'nothing':28s} {self.failure or open_pairs or 'clear':60s} {arms}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.ambiguity", description=__doc__.splitlines()[0])
+    parser.add_argument("--n", type=positive, default=120, help="plants (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=1)
+    take_workers(parser)
+    arguments = parser.parse_args(argv)
+    terminal = Terminal()
+    rng = np.random.default_rng(arguments.seed)
+    studies = [poor_study(rng, k) for k in range(arguments.n)]
+
+    def show(row: Row) -> None:
+        terminal.say(row.line)
+
+    rows = each(examine, studies, workers=arguments.workers, title="diagnosing", terminal=terminal, show=show)
+    tell(rows, terminal)
+    return 0 if len(rows) == len(studies) else 130
+
+
+def poor_study(rng: np.random.Generator, k: int) -> Study:
+    """The k-th plant, every effect in turn and every tenth with none, of little friction."""
+    hidden = () if k % 10 == 9 else (LIBRARY[k % len(LIBRARY)],)
+    case = random_case(rng, hidden, rate=float(rng.choice(RATES)), coulomb=float(rng.uniform(0.2, 0.5)))
+    return Study(case, POOR[rng.integers(len(POOR))], int(rng.integers(2**31)))
+
+
+def examine(study: Study) -> Row:
+    """Diagnose a first recording and, if that leaves something open, each second one with it."""
+    hidden = tuple(study.case.plant.effects)
+    try:
+        first = record(study, BRIEF, study.poor, 0)
+        found = diagnose([first])
+        open_pairs = undecided(found)
+        if not open_pairs or found.suggestion is None:
+            return Row(hidden, frozenset(), is_right(hidden, found), {}, {})
+        suggested = found.suggestion.signal
+
+        def drawn(rng: np.random.Generator, time: Array) -> Array:
+            signals = family(rng, SECONDS, USUAL)
+            return signals[rng.integers(len(signals))].signal(time)
+
+        commands = (study.poor, drawn, lambda rng, time: suggested.signal(time))
+        left, settled = {}, {}
+        for arm, command in zip(ARMS, commands, strict=True):
+            both = diagnose([first, record(study, SECONDS, command, 1)])
+            left[arm], settled[arm] = undecided(both), is_right(hidden, both)
+        return Row(hidden, open_pairs, is_right(hidden, found), left, settled)
+    except Exception as error:  # the other cases still count
+        return Row(hidden, frozenset(), False, {}, {}, f"{type(error).__name__}: {error}")
+
+
+def record(
+    study: Study, seconds: float, command: Callable[[np.random.Generator, Array], Array], number: int
+) -> Recording:
+    """The plant under a command, the first time or the second."""
+    rate = study.case.train.rate
+    experiment = replace(study.case.train, seconds=seconds, seed=study.seed + number)
+    torque = command(np.random.default_rng([study.seed, number]), np.arange(round(seconds * rate)) / rate)
+    (run,) = simulate([(study.case.plant, experiment)], [torque])
+    return Recording(f"run {number}", run.time, run.position, run.torque)
+
+
+def undecided(found: Diagnosis) -> frozenset[Pair]:
+    """Pairs that a diagnosis cannot tell apart though some torque could."""
+    pairs = {frozenset((first, other)) for first, *others in found.ambiguous for other in others}
+    if found.suggestion is not None:
+        pairs |= {frozenset((aim.effect, aim.instead)) for aim in found.suggestion.settles if aim.instead}
+    return frozenset(pairs - {frozenset(pair) for pair in found.inseparable})
+
+
+def is_right(hidden: tuple[str, ...], found: Diagnosis) -> bool:
+    """Whether it names what is hidden, or what no torque tells from it."""
+    return compare(hidden, found.selected, found.inseparable, bool(found.unexplained)) is not Exact.NO
+
+
+def tell(rows: Sequence[Row], terminal: Terminal) -> None:
+    """Print the table."""
+    failed = [row for row in rows if row.failure]
+    ambiguous = [row for row in rows if row.open]
+    terminal.heading(f"{len(rows)} plants, {len(ambiguous)} ambiguous after the first recording, {len(failed)} failed")
+    count: Callable[[Sequence[bool]], str] = lambda hits: rate(sum(hits), len(hits))  # noqa: E731
+    table = [("first recording only", count([True for _ in ambiguous]), count([row.right for row in ambiguous]))]
+    for arm in ARMS:
+        still = count([bool(row.left[arm]) for row in ambiguous])
+        table.append((arm, still, count([row.settled[arm] for row in ambiguous])))
+    terminal.table(("second recording", "still ambiguous", "right"), table)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

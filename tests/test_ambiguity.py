@@ -1,0 +1,31 @@
+"""The benchmark of ambiguous diagnoses: what counts as undecided, and that its cases repeat and are poor indeed."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from benchmarks.ambiguity import BRIEF, POOR, poor_study, record, undecided
+from estimators.suggestion import Aim
+
+
+def test_undecided_is_what_some_torque_could_decide():
+    suggestion = SimpleNamespace(settles=(Aim("spring", "gravity"), Aim("stribeck")))
+    groups = (("torque_offset", "coulomb_asymmetry", "gravity_tilt"),)
+    found = SimpleNamespace(
+        ambiguous=groups, inseparable=(("torque_offset", "coulomb_asymmetry"),), suggestion=suggestion
+    )
+    assert undecided(found) == {frozenset(("torque_offset", "gravity_tilt")), frozenset(("spring", "gravity"))}
+    assert not undecided(SimpleNamespace(ambiguous=(), inseparable=(), suggestion=None))
+
+
+@pytest.mark.parametrize("poor", POOR, ids=lambda poor: poor.__name__)
+def test_poor_experiments_repeat_and_the_second_differs(poor):
+    study = next(s for s in (poor_study(np.random.default_rng(k), 9) for k in range(99)) if s.poor is poor)
+    first, again, second = (record(study, BRIEF, poor, number) for number in (0, 0, 1))
+    np.testing.assert_array_equal(first.position, again.position)
+    assert (first.torque != second.torque).any()
+    if poor.__name__ == "one_way":
+        assert (np.diff(first.position) > -1e-4).all()  # but for counts
+    else:
+        assert np.ptp(first.position) < np.pi

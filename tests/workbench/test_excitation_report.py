@@ -1,0 +1,86 @@
+"""`evaluate`: its page, its figures, and the same work on a Dask cluster."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from agents.evaluation import Outcome, evaluation_json
+from tests.workbench.pages import Page, values
+from workbench.cli import main
+from workbench.commands.evaluate import show
+from workbench.terminal import Terminal
+
+OPTIONS = ["evaluate", "agent", "--plants", "3", "--seed", "2"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Folder with `page.html` and `figures.json` of an evaluation."""
+    path = tmp_path_factory.mktemp("evaluation")
+    assert main([*OPTIONS, "--report", str(path / "page.html"), "--json", str(path / "figures.json")]) == 0
+    return path
+
+
+def test_the_page_is_complete_and_loads_nothing(folder):
+    text, told = (folder / "page.html").read_text(), json.loads((folder / "figures.json").read_text())
+    page = Page(text)
+    assert values(page, "src") == [] and all(href.startswith("#") for href in values(page, "href"))
+    assert len(values(page, "id")) == len(set(values(page, "id")))
+    assert len(page.figures) == 4
+    for name, figures in told["policies"].items():
+        assert f"{name} " in page.text
+        for moment, (_, middle, _) in figures["error"].items():
+            assert f"{100 * middle:.3f}" in page.text, moment
+        assert f"{figures['gain']['information']['ratio']:.2f}" in page.text
+    style = re.search(r"<style>(.*?)</style>", text, re.DOTALL)[1]
+    for color in set(re.findall(r'"(--[a-z0-9-]+)"', json.dumps(page.figures))):
+        assert style.count(f"{color}:") == 2, f"{color} in light and dark"
+
+
+def test_curves_end_where_the_table_says(folder):
+    page, told = Page((folder / "page.html").read_text()), json.loads((folder / "figures.json").read_text())
+    curves = {trace["name"]: trace for trace in page.figures[1]["data"]}
+    assert list(curves) == list(told["policies"])
+    for name, figures in told["policies"].items():
+        assert curves[name]["x"][-1] == pytest.approx(10.0)
+        assert curves[name]["y"][-1] == pytest.approx(100 * figures["error"]["10 s"][1], rel=1e-3)
+
+
+def test_a_cluster_gives_the_same_figures(folder, capsys):
+    distributed = pytest.importorskip("distributed")
+    quiet = {"dashboard_address": None, "processes": False, "protocol": "tcp://"}
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, **quiet) as cluster:
+        path = folder / "there.json"
+        assert main([*OPTIONS, "--dask", cluster.scheduler_address, "--json", str(path)]) == 0
+    here, there = (json.loads((folder / name).read_text()) for name in ("figures.json", "there.json"))
+    for name, figures in here["policies"].items():
+        assert {**figures, "seconds_per_action": 0} == {**there["policies"][name], "seconds_per_action": 0}
+
+
+def test_a_cluster_that_is_not_there_is_one_line(capsys, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+
+    def refuse(address: str, timeout: float) -> None:
+        raise OSError(f"timed out after {timeout:g} s")
+
+    monkeypatch.setattr(distributed, "Client", refuse)
+    assert main(["evaluate", "prbs", "--plants", "2", "--dask", "tcp://127.0.0.1:1"]) == 2
+    error = capsys.readouterr().err
+    assert "there is no Dask cluster at tcp://127.0.0.1:1" in error and error.count("\n") == 1
+
+
+def test_several_trainings_are_told_with_their_worst(capsys):
+    def outcome(log_det: float, error: float) -> Outcome:
+        course = np.full((500, 4), error)
+        none = np.zeros((500, 4))
+        return Outcome(course, course, none + log_det, np.full((3, 4), 1e-4), none, none, np.ones(4), 1e-3)
+
+    outcomes = {"two-tone": outcome(0, 2e-3), "a": outcome(4, 1e-3), "b": outcome(3, 4e-3), "c": outcome(2, 2e-2)}
+    told = evaluation_json(outcomes, "two-tone", ["a", "b", "c"], plants=4, constraint="peak")
+    assert told["trainings"]["gain"]["information"] == pytest.approx({"median": np.exp(3 / 4), "worst": np.exp(2 / 4)})
+    assert told["trainings"]["gain"]["error 2 s"] == pytest.approx({"median": 0.5, "worst": 0.1})
+    assert told["trainings"]["gain"]["time to 1 %"]["worst"] == 0.0  # never reached
+    show(told, Terminal())
+    assert "worst of the trainings" in capsys.readouterr().out
