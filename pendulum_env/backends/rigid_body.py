@@ -35,6 +35,16 @@ class RigidBody:
         self.model, self.sensor, self.period, self.substeps = setup.model, setup.sensor, setup.period, setup.substeps
         self._balance = Balance(self.model.terms, self.model.theta)
 
+    @property
+    def rate(self) -> float:
+        """Samples per second [Hz]."""
+        return 1.0 / self.period
+
+    @property
+    def counts(self) -> int:
+        """Of the encoder per turn."""
+        return self.sensor.counts
+
     def open(self) -> None:
         """Nothing is needed before a run."""
 
@@ -58,6 +68,11 @@ class RigidBody:
             self._step(command, duration)
         self._count += 1
         return self._sample(torque)
+
+    def move(self, torque: float, duration: float) -> float:
+        """Advance by any duration [s] under a torque that acts at once; returns the true angle [rad]."""
+        self._step(np.float64(torque), duration)
+        return float(self._x.position)
 
     def disable(self) -> None:
         """A simulated joint needs no care."""
