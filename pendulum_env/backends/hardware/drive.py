@@ -33,8 +33,8 @@ class Drive(Protocol):
     def enable(self) -> None:
         """Clear what faults can be cleared and give the motor power, at zero torque."""
 
-    def write(self, torque: float) -> None:
-        """Set the torque [N m] and feed the drive's watchdog; does not wait for an answer."""
+    def write(self, torque: float) -> float:
+        """Set the torque [N m] and feed the drive's watchdog; returns the torque as the drive resolves it."""
 
     def read(self) -> Reading:
         """Counts and faults now, powered or not."""

@@ -107,7 +107,7 @@ class Guard:
         self.note("enabled")
 
     def write(self, torque: float) -> float:
-        """Send as much of a torque [N m] as is allowed; returns what was sent.
+        """Send as much of a torque [N m] as is allowed; returns what acts.
 
         Raises:
             Fault: if there is one, or this would be one.
@@ -127,12 +127,13 @@ class Guard:
                 braking=True,
             )
         torque = self._allowed(torque, passed or 1.0 / self.config.rate)
+        sign = self.config.torque_sign
         try:
-            self.drive.write(self.config.torque_sign * torque)
+            self.torque = sign * self.drive.write(sign * torque)
         except DriveError as error:
             self.trip(str(error))
-        self._written, self.torque = now, torque
-        return torque
+        self._written = now
+        return self.torque
 
     def read(self) -> tuple[float, float]:
         """Time [s] and position [rad] of a reading that can be believed.

@@ -45,9 +45,11 @@ class SerialDrive:
         if not state.flags & frames.POWERED:
             raise DriveError(f"the drive does not switch on: {_fault(state) or 'check its emergency stop and supply'}")
 
-    def write(self, torque: float) -> None:
+    def write(self, torque: float) -> float:
         """Set the torque [N m]."""
-        self._send(frames.TORQUE, round(torque / frames.MICRO))
+        micro = round(torque / frames.MICRO)
+        self._send(frames.TORQUE, micro)
+        return frames.MICRO * micro
 
     def read(self) -> Reading:
         """Counts now."""
