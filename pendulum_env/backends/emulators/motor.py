@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 import time
 from collections import deque
 from pathlib import Path
@@ -31,6 +32,7 @@ class Motor:
         self._per_radian, self._first = counts / (2 * math.pi), first
         self._delay = sum(term.delay for term in model.terms)
         self._arriving: deque[tuple[float, float]] = deque()  # commands on a delayed way: when, and torque
+        self._turn = threading.RLock()  # a server may call from another thread
         self._now = time.monotonic()
         self._angle = 0.0
         self._acting = 0.0  # [N m]
@@ -52,47 +54,52 @@ class Motor:
 
     def advance(self) -> None:
         """Let the plant move on to now."""
-        now = time.monotonic()
-        while self._deadline <= now:
-            self._run(self._deadline)
-            self.expired = True
-            self._tell(self._deadline, "expired", self._deadline)
-            self._off(self._deadline)
-        self._run(now)
+        with self._turn:
+            now = time.monotonic()
+            if self._deadline <= now:
+                self._run(self._deadline)
+                self.expired = True
+                self._tell(self._now, "expired", self.watchdog)
+                self._off(self._now)
+            self._run(now)
 
     def switch(self, on: bool) -> None:
         """Power, at zero torque, or none."""
-        self.advance()
-        if not on:
-            self._off(self._now)
-            return
-        self.expired = False
-        if not self.powered:
-            self.powered = True
-            self._tell(self._now, "power", 1.0)
-        self.feed()
+        with self._turn:
+            self.advance()
+            if not on:
+                self._off(self._now)
+                return
+            self.expired = False
+            if not self.powered:
+                self.powered = True
+                self._tell(self._now, "power", 1.0)
+            self.feed()
 
     def feed(self) -> None:
         """Restart the watchdog."""
-        self.advance()
-        if self.powered:
-            self._deadline = self._now + self.watchdog
+        with self._turn:
+            self.advance()
+            if self.powered:
+                self._deadline = self._now + self.watchdog
 
     def command(self, torque: float) -> None:
         """Set the torque [N m], if there is power."""
-        self.advance()
-        self._tell(self._now, "command", torque)
-        if not self.powered:
-            return
-        if self._delay:
-            self._arriving.append((self._now + self._delay, torque))
-        else:
-            self._act(self._now, torque)
+        with self._turn:
+            self.advance()
+            self._tell(self._now, "command", torque)
+            if not self.powered:
+                return
+            if self._delay:
+                self._arriving.append((self._now + self._delay, torque))
+            else:
+                self._act(self._now, torque)
 
     def counts(self) -> int:
         """Of the encoder, not wrapped."""
-        self.advance()
-        return self._first + round(self._angle * self._per_radian)
+        with self._turn:
+            self.advance()
+            return self._first + round(self._angle * self._per_radian)
 
     def _run(self, until: float) -> None:
         while self._arriving and self._arriving[0][0] <= until:

@@ -176,4 +176,3 @@ def make_rig(setup: Setup) -> Rig:
     if setup.config is None:
         raise ValueError("backend 'dm1015b' needs a configuration: pass config='rig.toml', see docs/hardware.md")
     return Rig(load(setup.config))
-

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 
-KEPT = 64  # readings
+KEPT = 16  # readings before the tick
 
 
 class Ticks:
@@ -20,7 +20,7 @@ class Ticks:
     def __init__(self, tick: float, position: float) -> None:
         """The arm rests at a position [rad] at the first tick [s], without torque."""
         self._tick = tick
-        self._readings = deque([(tick, position)], maxlen=KEPT)
+        self._readings = deque([(tick, position)])
         self._commands = deque([(tick, 0.0)])  # each acts until the next; the first acts at the last tick
 
     def commanded(self, time: float, torque: float) -> None:
@@ -44,6 +44,8 @@ class Ticks:
         The older one is as far away as these two are from each other, or the noise of the three would grow.
         """
         readings = self._readings
+        while len(readings) > KEPT and readings[KEPT][0] < tick:
+            readings.popleft()
         if len(readings) == 1:
             return readings[0][1]
         k = len(readings) - 1
