@@ -32,8 +32,8 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
 
     `info` carries the measurement that estimators and recordings use: `time` [s] since the reset, `position` [rad]
     unwrapped as the encoder reads it, `velocity` [rad/s], `torque` [N m] as it was applied over the period that ends at
-    `time` (0 after a reset), and `follows`: False where the action is ignored, as in a replay. On the rig it also has
-    `jitter` [s], how late after its tick a sample was taken, `overruns`, ticks missed so far, and after a fault `fault`,
+    `time` (0 after a reset), and `follows`: False where the action is ignored, as in a replay. A rig adds `jitter` [s],
+    how late after its tick a sample was taken, `overruns`, how many ticks were missed so far, and on a fault `fault`,
     what happened and what to do.
 
     The environment is a plant, not a task: its reward is 0 and it never terminates by itself, except on a fault of the

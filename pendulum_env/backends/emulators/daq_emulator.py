@@ -68,44 +68,44 @@ class DaqEmulator(NiDAQmxServicer):  # type: ignore[misc]
 
     # calls, under NI's names
 
-    def GetSystemInfoAttributeUInt32(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def GetSystemInfoAttributeUInt32(self, request: Any, context: Any) -> Any:  # noqa: D102
         return messages.GetSystemInfoAttributeUInt32Response(value=VERSION)
 
-    def CreateTask(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def CreateTask(self, request: Any, context: Any) -> Any:  # noqa: D102
         response = messages.CreateTaskResponse(new_session_initialized=True)
         response.task.name = self._new()
         return response
 
-    def CreateWatchdogTimerTaskEx(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def CreateWatchdogTimerTaskEx(self, request: Any, context: Any) -> Any:  # noqa: D102
         self._watchdog = request.timeout
         response = messages.CreateWatchdogTimerTaskExResponse(new_session_initialized=True)
         response.task.name = self._new()
         self._tasks[response.task.name] = "watchdog"
         return response
 
-    def GetTaskAttributeString(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def GetTaskAttributeString(self, request: Any, context: Any) -> Any:  # noqa: D102
         return messages.GetTaskAttributeStringResponse(value=request.task.name)
 
-    def CreateAOVoltageChan(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def CreateAOVoltageChan(self, request: Any, context: Any) -> Any:  # noqa: D102
         self._add(request.task, request.physical_channel, TORQUE, context)
         return messages.CreateAOVoltageChanResponse()
 
-    def CreateCIAngEncoderChan(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def CreateCIAngEncoderChan(self, request: Any, context: Any) -> Any:  # noqa: D102
         self._add(request.task, request.counter, ENCODER, context)
         return messages.CreateCIAngEncoderChanResponse()
 
-    def CreateDOChan(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def CreateDOChan(self, request: Any, context: Any) -> Any:  # noqa: D102
         self._add(request.task, request.lines, ENABLE, context)
         return messages.CreateDOChanResponse()
 
-    def CreateDIChan(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def CreateDIChan(self, request: Any, context: Any) -> Any:  # noqa: D102
         self._add(request.task, request.lines, FAULT, context)
         return messages.CreateDIChanResponse()
 
-    def CfgWatchdogDOExpirStates(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def CfgWatchdogDOExpirStates(self, request: Any, context: Any) -> Any:  # noqa: D102
         return messages.CfgWatchdogDOExpirStatesResponse()
 
-    def StartTask(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def StartTask(self, request: Any, context: Any) -> Any:  # noqa: D102
         channel = self._tasks[request.task.name]
         if any(self._tasks[task] == channel for task in self._started - {request.task.name}):
             self._refuse(context, RESERVED, f"the resource {channel} is reserved by another task")
@@ -115,37 +115,37 @@ class DaqEmulator(NiDAQmxServicer):  # type: ignore[misc]
             self.motor.feed()
         return messages.StartTaskResponse()
 
-    def StopTask(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def StopTask(self, request: Any, context: Any) -> Any:  # noqa: D102
         self._stop(request.task.name)
         return messages.StopTaskResponse()
 
-    def ClearTask(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def ClearTask(self, request: Any, context: Any) -> Any:  # noqa: D102
         self._stop(request.task.name)
         self._tasks.pop(request.task.name, None)
         return messages.ClearTaskResponse()
 
-    def ControlWatchdogTask(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def ControlWatchdogTask(self, request: Any, context: Any) -> Any:  # noqa: D102
         if request.action_raw == RESET_TIMER:
             self.motor.feed()
         else:
             self.motor.expired = False
         return messages.ControlWatchdogTaskResponse()
 
-    def WriteAnalogScalarF64(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def WriteAnalogScalarF64(self, request: Any, context: Any) -> Any:  # noqa: D102
         self.motor.command(NEWTON_METRES_PER_VOLT * request.value)
         return messages.WriteAnalogScalarF64Response()
 
-    def WriteDigitalLines(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def WriteDigitalLines(self, request: Any, context: Any) -> Any:  # noqa: D102
         motor = self.motor
         motor.advance()
         if not motor.expired:  # else the card holds the line
             motor.switch(request.write_array != b"\0" and not self._faulty)
         return messages.WriteDigitalLinesResponse(samps_per_chan_written=1)
 
-    def ReadCounterScalarU32(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def ReadCounterScalarU32(self, request: Any, context: Any) -> Any:  # noqa: D102
         return messages.ReadCounterScalarU32Response(value=self.motor.counts() % 2**32)
 
-    def ReadDigitalLines(self, request: Any, context: Any) -> Any:  # noqa: N802, D102
+    def ReadDigitalLines(self, request: Any, context: Any) -> Any:  # noqa: D102
         level = struct.pack("?", not self._faulty)
         return messages.ReadDigitalLinesResponse(read_array=level, samps_per_chan_read=1, num_bytes_per_samp=1)
 

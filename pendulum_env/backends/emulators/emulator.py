@@ -1,9 +1,10 @@
-"""Emulated rigs by name: each is a process of its own that listens, and writes the rig.toml with which it is reached."""
+"""Emulated rigs by name: each is a process that listens, and writes the rig.toml by which it is reached."""
 
 from __future__ import annotations
 
 import importlib
-import selectors
+import os
+import select
 import sys
 import time
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from typing import Any, Protocol
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.hardware.adapters import need
 from pendulum_env.backends.hardware.config import load, mark_checked
+from pendulum_env.backends.hardware.pacing import realtime
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
@@ -65,6 +67,7 @@ class Emulation:
         config: where to write the rig.toml.
         rate: of the loop in it [Hz].
         settings: keys that differ in it, by table.
+        realtime: whether emulator and loop ask for real-time priority.
         first: first reading of the counter.
         log: where to write what the motor did, or None.
     """
@@ -75,6 +78,7 @@ class Emulation:
     rate: float
     settings: dict[str, dict[str, Any]]
     first: int = 0
+    realtime: bool = False
     log: Path | None = None
 
 
@@ -92,6 +96,8 @@ def emulate(emulation: Emulation, said: Callable[[str], None]) -> None:
     find("emulator", emulation.kind, EMULATORS)
     need(emulation.kind)
     module = importlib.import_module(f"pendulum_env.backends.emulators.{EMULATORS[emulation.kind]}")
+    if emulation.realtime:
+        realtime()
     motor = Motor(emulation.plant, first=emulation.first, log=emulation.log)
     link: Link = module.make(motor)
     try:
@@ -104,39 +110,30 @@ def emulate(emulation: Emulation, said: Callable[[str], None]) -> None:
 
 
 def _serve(link: Link, motor: Motor, said: Callable[[str], None]) -> None:
-    watched = selectors.DefaultSelector()
-    for source, call in link.sources().items():
-        watched.register(source, selectors.EVENT_READ, call)
-    quitting = False
-
-    def told() -> None:
-        nonlocal quitting
-        line = sys.stdin.readline()
-        if not line:
-            watched.unregister(sys.stdin)  # nobody is there; go on until interrupted
-        elif line.strip() == "quit":
-            quitting = True
-        elif line.strip():
-            said(_mishap(line.split(), link, motor))
-
-    try:
-        watched.register(sys.stdin, selectors.EVENT_READ, told)
-    except (PermissionError, ValueError):
-        pass  # a file, or closed: it tells nothing
-    while not quitting:
-        for key, _ in watched.select(TICK):
-            key.data()
-            if key.fileobj is not sys.stdin and key.fileobj not in link.sources():
-                watched.unregister(key.fileobj)
-        for source in [s for s in watched.get_map() if s != sys.stdin.fileno() and s not in link.sources()]:
-            watched.unregister(source)
+    told = sys.stdin.fileno() if sys.stdin is not None else -1
+    while True:
+        sources = link.sources()
+        ready, _, _ = select.select([*sources, *([told] if told >= 0 else [])], [], [], TICK)
+        for source in ready:
+            if source in sources:
+                sources[source]()
+        if told in ready:
+            line = os.read(told, 1000).decode(errors="replace")
+            if not line:
+                told = -1  # nobody is there: go on until interrupted
+            for words in filter(None, map(str.split, line.splitlines())):
+                if words == ["quit"]:
+                    return
+                said(_mishap(words, link, motor))
         motor.advance()
 
 
 def _mishap(words: list[str], link: Link, motor: Motor) -> str:
     """Let something go wrong; returns what to say."""
+    name, *rest = words
     try:
-        name, amount = find("mishap", words[0], MISHAPS) and words[0], float(words[1]) if len(words) > 1 else 0.0
+        find("mishap", name, MISHAPS)
+        amount = float(rest[0]) if rest else 0.0
     except ValueError as error:
         return str(error)
     if name == "fault":
@@ -150,7 +147,7 @@ def _mishap(words: list[str], link: Link, motor: Motor) -> str:
         motor.push = amount
     else:
         time.sleep(amount)
-    return f"{name} {amount:g}" if len(words) > 1 else name
+    return " ".join(words)
 
 
 def _rig_toml(emulation: Emulation, link: Link) -> str:
@@ -158,7 +155,7 @@ def _rig_toml(emulation: Emulation, link: Link) -> str:
     tables: dict[str, dict[str, Any]] = {emulation.kind: link.settings()}
     for name, values in emulation.settings.items():
         tables[name] = {**tables.get(name, {}), **values}
-    lines = [f'adapter = "{emulation.kind}"', f"rate = {emulation.rate!r}"]
+    lines = [f'adapter = "{emulation.kind}"', f"rate = {emulation.rate!r}", f"realtime = {_toml(emulation.realtime)}"]
     for name, values in tables.items():
         lines += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
     return "\n".join(lines) + "\n"

@@ -8,11 +8,12 @@ import time
 
 import can
 import canopen
+from canopen.sdo.exceptions import SdoError
 
 from pendulum_env.backends.hardware import cia402
 from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import CanSettings, RigConfig
-from pendulum_env.backends.hardware.drive import DriveError, Reading
+from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent
 
 POLL = 0.002  # [s] between looks whether the bus has died
 SWITCHING = 2.0  # [s] that a drive may take to switch on
@@ -63,7 +64,7 @@ class Canopen402:
         self._network, self._clock = network, DriveClock()
         try:
             self._lay_out(network)
-        except (canopen.SdoError, can.CanError, OSError, struct.error) as error:
+        except (SdoError, can.CanError, OSError, struct.error) as error:
             raise DriveError(
                 f"node {link.node} on {link.channel} does not take its settings ({error}): check its supply, the bus's "
                 "cable and termination, and canopen402.node"
@@ -71,31 +72,35 @@ class Canopen402:
 
     def _lay_out(self, network: _Network) -> None:
         link = self._link
-        node = network.add_node(canopen.RemoteNode(link.node, canopen.ObjectDictionary()))
+        objects = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
+        node = network.add_node(canopen.RemoteNode(link.node, objects))
         node.sdo.RESPONSE_TIMEOUT = self._reply
         self._sdo = node.sdo
         for base in (cia402.TPDO1, cia402.TPDO2):
-            network.subscribe(base + link.node, lambda id, data, _: self._come.put((id, data, time.monotonic())))
+            network.subscribe(base + link.node, self._received)
         network.send_message(cia402.NMT, bytes([cia402.PRE_OPERATIONAL, link.node]))
 
         def put(index: int, subindex: int, layout: str, value: int) -> None:
             self._sdo.download(index, subindex, struct.pack(layout, value))
 
-        for base, ((parameters, mapping), objects) in cia402.PDOS.items():
+        for base, ((parameters, mapping), entries) in cia402.PDOS.items():
             if base == cia402.TPDO2 and not link.timestamp:
                 continue
             put(parameters, 1, "<I", cia402.INVALID | (base + link.node))
             put(parameters, 2, "<B", cia402.AT_ONCE if base == cia402.RPDO1 else cia402.AT_SYNC)
             put(mapping, 0, "<B", 0)
-            for k, entry in enumerate(objects, start=1):
+            for k, entry in enumerate(entries, start=1):
                 put(mapping, k, "<I", entry)
-            put(mapping, 0, "<B", len(objects))
+            put(mapping, 0, "<B", len(entries))
             put(parameters, 1, "<I", base + link.node)
         put(*cia402.MODE, "<b", cia402.TORQUE_MODE)
         put(*cia402.ON_LOST_HOST, "<h", 1)
         put(*cia402.ON_FAULT, "<h", 0)
         put(*cia402.CONSUMER_HEARTBEAT, "<I", link.host << 16 | round(1e3 * self._watchdog))
         network.send_message(cia402.NMT, bytes([cia402.START, link.node]))
+
+    def _received(self, id: int, data: bytearray, timestamp: float) -> None:
+        self._come.put((id, bytes(data), time.monotonic()))
 
     def enable(self) -> None:
         """Go through the states of CiA 402 up to operation."""
@@ -113,12 +118,11 @@ class Canopen402:
             self._send(control, 0)
             last = control
 
-    def write(self, torque: float) -> float:
+    def write(self, torque: float) -> Sent:
         """Set the torque [N m], in thousandths of the rated one."""
         unit = PER_MILLE * self._link.rated_torque
         steps = min(max(round(torque / unit), -32767), 32767)
-        self._send(cia402.ENABLE, steps)
-        return unit * steps
+        return Sent(self._send(cia402.ENABLE, steps) + self._clock.delay, unit * steps)
 
     def read(self) -> Reading:
         """Counts now."""
@@ -140,29 +144,30 @@ class Canopen402:
             except Exception:
                 pass  # the bus is gone
 
-    def _send(self, control: int, torque: int) -> None:
-        """Controlword and torque, and a heartbeat when it is due."""
+    def _send(self, control: int, torque: int) -> float:
+        """Controlword and torque, and a heartbeat when it is due; returns when they were sent [s]."""
         now = time.monotonic()
         self._post(cia402.RPDO1 + self._link.node, cia402.COMMAND.pack(control, torque))
         if now - self._beat > self._watchdog / 8:
             self._post(cia402.HEARTBEAT + self._link.host, bytes([cia402.OPERATIONAL]))
             self._beat = now
+        return now
 
     def _post(self, id: int, data: bytes) -> None:
         if self._network is None:
             raise DriveError("the CAN bus is not open")
         try:
             self._network.send_message(id, data)
-            self._network.check()
-        except Exception as error:  # the bus's own thread hands on whatever ended it
-            raise DriveError(f"the CAN bus {self._link.channel} was lost ({error}): check its plug") from None
+        except Exception as error:  # python-can lets through what its many buses raise
+            raise self._lost(error) from None
+        self._alive()
 
     def _sync(self) -> tuple[int, Reading]:
         """Statusword and counts at a SYNC."""
         while not self._come.empty():
             self._come.get_nowait()
-        self._post(cia402.SYNC, b"")
         sent = time.monotonic()
+        self._post(cia402.SYNC, b"")
         state = stamp = None
         while state is None or (stamp is None and self._link.timestamp):
             try:
@@ -180,21 +185,25 @@ class Canopen402:
             elif id == cia402.TPDO2 + self._link.node and len(data) == cia402.STAMP.size:
                 stamp = cia402.STAMP.unpack(data)
         status, counts, _ = state
-        when = sent if stamp is None else self._clock.take(stamp[0], arrived)
+        when = sent if stamp is None else self._clock.take(stamp[0], sent, arrived)
         return status, Reading(when, counts)
 
     def _alive(self) -> None:
+        """Notice that the thread which receives has ended: it keeps what ended it."""
+        assert self._network is not None
         try:
-            assert self._network is not None
             self._network.check()
         except Exception as error:
-            raise DriveError(f"the CAN bus {self._link.channel} was lost ({error}): check its plug") from None
+            raise self._lost(error) from None
+
+    def _lost(self, error: Exception) -> DriveError:
+        return DriveError(f"the CAN bus {self._link.channel} was lost ({error}): check its plug")
 
     def _error(self) -> str:
         """What the drive says is wrong."""
         try:
             (code,) = struct.unpack("<H", self._sdo.upload(*cia402.ERROR_CODE))
-        except (canopen.SdoError, can.CanError, OSError, struct.error):
+        except (SdoError, can.CanError, OSError, struct.error):
             return "it does not say why"
         return cia402.ERRORS.get(code, f"error code 0x{code:04x}")
 

@@ -1,4 +1,7 @@
-"""What drive and host have in common in CANopen: objects, identifiers, states. Sources: CiA 301 and CiA 402 (IEC 61800-7)."""
+"""What drive and host have in common in CANopen: objects, identifiers, states.
+
+Sources: CiA 301 and CiA 402 (IEC 61800-7-201).
+"""
 
 from __future__ import annotations
 

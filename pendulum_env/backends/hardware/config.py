@@ -10,7 +10,8 @@ import hashlib
 import json
 import math
 import tomllib
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -128,8 +129,13 @@ class DaqSettings:
     server: str | None = text(None)  # host:port of an NI gRPC device server; without it, the driver here
 
 
-ADAPTERS = MappingProxyType({"serial": SerialSettings, "canopen402": CanSettings, "nidaq": DaqSettings})
-TABLES = MappingProxyType({"encoder": EncoderSettings, "limits": Limits, "fault": Fault, "rest": Rest})
+Link = SerialSettings | CanSettings | DaqSettings
+ADAPTERS: Mapping[str, type[Any]] = MappingProxyType(
+    {"serial": SerialSettings, "canopen402": CanSettings, "nidaq": DaqSettings}
+)
+TABLES: Mapping[str, type[Any]] = MappingProxyType(
+    {"encoder": EncoderSettings, "limits": Limits, "fault": Fault, "rest": Rest}
+)
 
 
 @dataclass(frozen=True)
@@ -143,11 +149,12 @@ class RigConfig:
         torque_sign: of the torque that turns the arm counter-clockwise.
         checked: whether `hardware check` has passed with this wiring.
         path: of the file.
+        realtime: whether the loop asks for real-time priority.
         log: file for what happens to the rig, or None.
     """
 
     adapter: str
-    link: SerialSettings | CanSettings | DaqSettings
+    link: Link
     rate: float
     torque_sign: int
     encoder: EncoderSettings
@@ -155,6 +162,7 @@ class RigConfig:
     fault: Fault
     rest: Rest
     checked: bool
+    realtime: bool
     path: Path
     log: Path | None
 
@@ -179,6 +187,7 @@ class _Top:
     adapter: str = choice(*ADAPTERS)
     rate: float = number(10.0, 20_000.0, 1000.0)
     torque_sign: int = choice(1, -1, default=1)
+    realtime: bool = choice(True, False, default=False)
     log: str | None = text(None)
 
 
@@ -219,8 +228,9 @@ def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
         find("table", name, {**TABLES, **ADAPTERS})
     if top.adapter not in tables:
         raise ValueError(f"adapter is '{top.adapter}' but there is no table [{top.adapter}]: add it")
-    encoder, limits, fault, rest = (_read(kind, name, tables.get(name, {})) for name, kind in TABLES.items())
-    link = _read(ADAPTERS[top.adapter], top.adapter, tables[top.adapter])
+    encoder = _read(EncoderSettings, "encoder", tables.get("encoder", {}))
+    limits = _read(Limits, "limits", tables.get("limits", {}))
+    link: Link = _read(ADAPTERS[top.adapter], top.adapter, tables[top.adapter])
     if not limits.soft_velocity <= limits.hard_velocity:
         raise ValueError("limits.soft_velocity is above limits.hard_velocity: torque has to fade out before the fault")
     if limits.gap * top.rate < 2:
@@ -229,11 +239,22 @@ def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
         raise ValueError("limits.gap is above limits.watchdog: the drive would let go before the guard says why")
     log = None if top.log is None else path.parent / top.log
     config = RigConfig(
-        top.adapter, link, top.rate, top.torque_sign, encoder, limits, fault, rest, False, path.resolve(), log
+        top.adapter,
+        link,
+        top.rate,
+        top.torque_sign,
+        encoder,
+        limits,
+        _read(Fault, "fault", tables.get("fault", {})),
+        _read(Rest, "rest", tables.get("rest", {})),
+        checked=False,
+        realtime=top.realtime,
+        path=path.resolve(),
+        log=log,
     )
     note = _note(config.path)
     checked = note.is_file() and note.read_text(encoding="utf-8", errors="replace").strip() == _wiring(config)
-    return RigConfig(**{**vars(config), "checked": checked})
+    return replace(config, checked=checked)
 
 
 def _read(kind: type[S], table: str, given: dict[str, Any]) -> S:

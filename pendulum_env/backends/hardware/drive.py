@@ -20,6 +20,13 @@ class Reading(NamedTuple):
     fault: str | None = None  # what the drive says is wrong, in words
 
 
+class Sent(NamedTuple):
+    """A torque that was sent."""
+
+    time: float  # from which it acts, on this computer's monotonic clock [s]
+    torque: float  # as the drive resolves it [N m]
+
+
 class Drive(Protocol):
     """A drive in torque mode: `open, enable, (write, read) ..., disable, close`. All but `close` raise DriveError."""
 
@@ -33,8 +40,8 @@ class Drive(Protocol):
     def enable(self) -> None:
         """Clear what faults can be cleared and give the motor power, at zero torque."""
 
-    def write(self, torque: float) -> float:
-        """Set the torque [N m] and feed the drive's watchdog; returns the torque as the drive resolves it."""
+    def write(self, torque: float) -> Sent:
+        """Set the torque [N m] and feed the drive's watchdog."""
 
     def read(self) -> Reading:
         """Counts and faults now, powered or not."""

@@ -13,7 +13,7 @@ from datetime import datetime
 from typing import NamedTuple
 
 from pendulum_env.backends.hardware.config import RigConfig
-from pendulum_env.backends.hardware.drive import Drive, DriveError, Reading
+from pendulum_env.backends.hardware.drive import Drive, DriveError, Reading, Sent
 from pendulum_env.backends.hardware.encoder import Encoder
 
 log = logging.getLogger("pendulum_env.rig")
@@ -106,7 +106,7 @@ class Guard:
             self.trip(str(error))
         self.note("enabled")
 
-    def write(self, torque: float) -> float:
+    def write(self, torque: float) -> Sent:
         """Send as much of a torque [N m] as is allowed; returns what acts.
 
         Raises:
@@ -129,11 +129,11 @@ class Guard:
         torque = self._allowed(torque, passed or 1.0 / self.config.rate)
         sign = self.config.torque_sign
         try:
-            self.torque = sign * self.drive.write(sign * torque)
+            sent = self.drive.write(sign * torque)
         except DriveError as error:
             self.trip(str(error))
-        self._written = now
-        return self.torque
+        self._written, self.torque = now, sign * sent.torque
+        return Sent(sent.time, self.torque)
 
     def read(self) -> tuple[float, float]:
         """Time [s] and position [rad] of a reading that can be believed.

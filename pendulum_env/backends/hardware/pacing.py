@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import time
 from typing import NamedTuple
 
 NAP = 150e-6  # [s] before a tick from which the loop waits awake: a sleep may end that late
+
+
+PRIORITY = 20  # of SCHED_FIFO: above all that is not real-time, below the kernel's own threads
+
+
+def realtime() -> bool:
+    """Ask the system to run this thread, and those it starts, as soon as they are ready; False if it does not."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except (AttributeError, OSError):  # not Linux, or not permitted
+        return False
+    return True
 
 
 class Timing(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 import weakref
@@ -12,7 +13,7 @@ from pendulum_env.backends.hardware.config import RigConfig, load
 from pendulum_env.backends.hardware.drive import Drive, DriveError
 from pendulum_env.backends.hardware.guard import Fault, Guard
 from pendulum_env.backends.hardware.owner import Ownership
-from pendulum_env.backends.hardware.pacing import Pacer, Timing
+from pendulum_env.backends.hardware.pacing import Pacer, Timing, realtime
 from pendulum_env.backends.hardware.signals import Signals
 from pendulum_env.backends.hardware.ticks import Ticks
 from pendulum_env.backends.port import Sample, Setup, Start, Status
@@ -69,6 +70,8 @@ class Rig:
         try:
             self._signals.install()
             with self._signals:
+                if self.config.realtime and not realtime():
+                    self.guard.note("no real-time priority: the system does not allow it to this user", logging.WARNING)
                 self.guard.open()
         except BaseException:
             self.close()
@@ -110,7 +113,6 @@ class Rig:
         try:
             with self._signals:
                 sent = self.guard.write(torque)
-                self._ticks.commanded(time.monotonic(), sent)
             self._pacer.wait()
             with self._signals:
                 now, position = self.guard.read()
@@ -120,6 +122,7 @@ class Rig:
         except BaseException:  # an interrupt, or a mistake in an adapter
             self.guard.disable("disabled by an exception")
             raise
+        self._ticks.commanded(*sent)
         self._ticks.measured(now, position)
         position, mean = self._ticks.advance(self._pacer.tick)
         timing = Timing(now - self._pacer.tick, self._pacer.overruns)

@@ -10,7 +10,7 @@ import serial
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
-from pendulum_env.backends.hardware.drive import DriveError, Reading
+from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent
 
 TRIES = 4  # requests in the time allowed for a reply: a damaged frame alone ends no run
 
@@ -41,20 +41,21 @@ class SerialDrive:
 
     def enable(self) -> None:
         """Power."""
-        state, _ = self._ask(frames.POWER, 1)
+        state, *_ = self._ask(frames.POWER, 1)
         if not state.flags & frames.POWERED:
             raise DriveError(f"the drive does not switch on: {_fault(state) or 'check its emergency stop and supply'}")
 
-    def write(self, torque: float) -> float:
+    def write(self, torque: float) -> Sent:
         """Set the torque [N m]."""
         micro = round(torque / frames.MICRO)
+        now = time.monotonic()
         self._send(frames.TORQUE, micro)
-        return frames.MICRO * micro
+        return Sent(now + self._clock.delay, frames.MICRO * micro)
 
     def read(self) -> Reading:
         """Counts now."""
-        state, arrived = self._ask(frames.READ)
-        return Reading(self._clock.take(state.microseconds, arrived), state.counts, _fault(state))
+        state, *between = self._ask(frames.READ)
+        return Reading(self._clock.take(state.microseconds, *between), state.counts, _fault(state))
 
     def disable(self) -> None:
         """No torque, no power."""
@@ -69,15 +70,15 @@ class SerialDrive:
             except OSError:
                 pass  # it is gone
 
-    def _ask(self, kind: int, *values: int) -> tuple[frames.State, float]:
-        """Send a request until it is answered: the answer, and when it came [s]."""
+    def _ask(self, kind: int, *values: int) -> tuple[frames.State, float, float]:
+        """Send a request until it is answered: the answer, when it was asked for, and when it came [s]."""
         until = time.monotonic() + self._reply
         for left in range(TRIES, 0, -1):
             now = time.monotonic()
             sequence = self._send(kind, *values)
             for state in self._answers(now + max(0.0, until - now) / left):
                 if state.sequence == sequence:
-                    return state, time.monotonic()
+                    return state, now, time.monotonic()
         damaged = self._splitter.damaged
         why = f"{damaged} damaged frames came, check cable and baud rate" if damaged else "check its supply and cable"
         raise DriveError(f"the drive on {self._link.port} did not answer within {1e3 * self._reply:.0f} ms: {why}")
