@@ -3,33 +3,46 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
+from pendulum_env.backends.hardware.config import ConfigError, RigConfig, load
+from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
 from pendulum_env.excitation import EXCITATIONS, Excitation, excitation
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
-from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.policy import OpenLoop, rollout
-from pendulum_env.recording import Recording, write_recording
+from pendulum_env.recording import Recording, RecordingError, write_recording
 from pendulum_env.recording.checks import FEWEST, SHORTEST, SLOWEST
 from pendulum_env.recording.storage import WRITERS
 from pendulum_env.registration import PENDULUM
+from pendulum_env.wrappers import RecordMeasurements
 from workbench.command import Command
-from workbench.inputs import InputError, argument, check_outputs, number, read_suggestion, whole, wrote
+from workbench.inputs import (
+    InputError,
+    argument,
+    check_outputs,
+    number,
+    plant_of,
+    read_suggestion,
+    take_plant,
+    whole,
+    wrote,
+)
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
-BACKENDS = {  # and whether it is available
-    "simulated": True,  # the batched simulator
-    "pymunk": True,  # a rigid body in the environment
-    "replay": True,  # a recording again
-    "dm1015b": False,
-}
+BACKENDS = (
+    "simulated",  # the batched simulator
+    "pymunk",  # a rigid body in the environment
+    "replay",  # a recording again
+    "dm1015b",  # the rig
+)
 SECONDS = 30.0  # length of a recording
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
 
@@ -54,23 +67,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--backend", type=argument(_backend), default="simulated", metavar="NAME", help=", ".join(BACKENDS)
     )
     parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
-    parser.add_argument(
-        "--effect",
-        dest="effects",
-        action="append",
-        type=argument(_effect),
-        default=[],
-        metavar="ID[=VALUE,...]",
-        help="hide an effect: ID alone, ID=VALUE,... in the order that `effects` lists, or ID:name=value,... "
-        "(may be repeated)",
-    )
-    parser.add_argument(
-        "--theta",
-        type=argument(_theta),
-        default=paper_plant(),
-        metavar="NAME=VALUE,...",
-        help="inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
-    )
+    parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
+    take_plant(parser)
     parser.add_argument("--rate", type=number(SLOWEST, 1e5), default=1000.0, help="samples per second (default 1000)")
     parser.add_argument("--counts", type=whole(0), default=COUNTS, help=f"of the encoder per turn (default {COUNTS})")
     parser.add_argument(
@@ -81,28 +79,35 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Simulate a run and write it."""
+    """Run a pendulum and write what it did."""
     check_outputs([arguments.output], [path for path in (arguments.diagnosis, arguments.replay) if path])
     if not arguments.output.lower().endswith(tuple(WRITERS)):
         raise InputError(f"{arguments.output}: the name should end in {', '.join(WRITERS)}")
     rng = np.random.default_rng(arguments.seed)
     command, seconds = experiment(arguments, rng)
-    samples = seconds * arguments.rate
+    rig = _rig(arguments)
+    samples = seconds * (arguments.rate if rig is None else rig.rate)
     if not FEWEST <= samples <= MOST:
         raise InputError(f"{samples:.0f} samples are asked for, between {FEWEST} and {MOST} are possible")
-    plant: Model = arguments.theta
-    for text in arguments.effects:
-        plant = hide(plant, text)
+    plant = plant_of(arguments)
+    if rig is not None:
+        _run_rig(arguments, rig, command, round(samples), terminal)
+        return
     recording = _run(arguments, plant, command, seconds, rng, terminal)
     if np.ptp(recording.position) == 0:
         raise InputError(f"the arm never moves: {command.amplitude:g} N m do not overcome its friction")
     write_recording(recording, arguments.output)
-    turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
-    terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
-    terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
+    _told(recording, terminal)
     if plant.effects:
         terminal.say(f"hidden: {', '.join(plant.effects)}")
     wrote([arguments.output], terminal)
+
+
+def _told(recording: Recording, terminal: Terminal) -> None:
+    """Say what was recorded."""
+    turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
+    terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
+    terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
 
 
 def experiment(arguments: argparse.Namespace, rng: np.random.Generator) -> tuple[Excitation, float]:
@@ -168,6 +173,68 @@ def _run(
         )
 
 
+def _rig(arguments: argparse.Namespace) -> RigConfig | None:
+    """Configuration of the rig, if one is to be recorded.
+
+    Raises:
+        InputError: if the arguments do not go together, or the configuration cannot be used.
+    """
+    if (arguments.backend == "dm1015b") != (arguments.config is not None):
+        raise InputError("--backend dm1015b and --config FILE belong together: give both or neither")
+    if arguments.config is None:
+        return None
+    if arguments.effects or arguments.theta is not None:
+        raise InputError("--effect and --theta do not go with a rig: it has the plant that it has")
+    if not arguments.output.lower().endswith(".csv"):
+        raise InputError(f"{arguments.output}: a rig is recorded row by row as it runs: let the name end in .csv")
+    try:
+        return load(arguments.config)
+    except ConfigError as error:
+        raise InputError(str(error)) from None
+
+
+def _run_rig(
+    arguments: argparse.Namespace, rig: RigConfig, command: Excitation, steps: int, terminal: Terminal
+) -> None:
+    """Record the rig, row by row: what was measured up to a fault or an interrupt is kept.
+
+    Raises:
+        InputError: if there is a fault.
+    """
+    last: dict[str, Any] = {}
+    late: list[float] = []
+
+    def watch(info: dict[str, Any]) -> None:
+        last.update(info)
+        late.append(info["jitter"])
+        if len(late) % rig.rate < 1:
+            tell(f"{info['time']:.0f} s", len(late) / steps)
+
+    try:
+        env = gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(rig.path))
+    except (DriveError, ModuleNotFoundError) as error:
+        raise InputError(str(error)) from None
+    env = RecordMeasurements(env, arguments.output, overwrite=True)
+    try:
+        if command.amplitude > rig.max_torque:
+            until = "limits.torque" if rig.checked else "until `hardware check` has passed"
+            terminal.say(f"torque is cut at {rig.max_torque:g} N m ({until}), {command.amplitude:g} were asked for")
+        with terminal.progress("running") as tell:
+            recording = rollout(env, OpenLoop(command, rig.rate), steps, watch=watch)
+    except (DriveError, RecordingError) as error:
+        raise InputError(last.get("fault") or str(error)) from None
+    finally:
+        env.close()
+    jitter = 1e3 * np.percentile(late, (50, 99))
+    terminal.say(
+        f"samples {jitter[0]:.2g} ms after their tick, 99 % within {jitter[1]:.2g} ms; {last['overruns']} ticks missed"
+    )
+    _told(recording, terminal)
+    if "fault" in last:
+        raise InputError(f"{last['fault']}; what was measured until then is in {arguments.output}")
+    wrote([arguments.output], terminal)
+
+
 def _excitation(text: str) -> str:
     if text != SUGGESTED:
         find("excitation", text, EXCITATIONS)
@@ -175,18 +242,10 @@ def _excitation(text: str) -> str:
 
 
 def _backend(text: str) -> str:
-    if not find("backend", text, BACKENDS):
-        raise ValueError(f"backend '{text}' is not available yet: use simulated")
+    find("backend", text, dict.fromkeys(BACKENDS))
     return text
 
 
-def _effect(text: str) -> str:
-    hide(paper_plant(), text)
-    return text
-
-
-def _theta(text: str) -> Model:
-    return paper_plant(read_parameters(text))
-
-
-COMMAND = Command("record a simulated pendulum, with effects hidden in it if asked for", configure, run)
+COMMAND = Command(
+    "record a pendulum: the rig, or a simulated one with effects hidden in it if asked for", configure, run
+)

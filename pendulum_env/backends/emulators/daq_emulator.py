@@ -131,6 +131,10 @@ class DaqEmulator(NiDAQmxServicer):  # type: ignore[misc]
             self.motor.expired = False
         return messages.ControlWatchdogTaskResponse()
 
+    def GetWatchdogAttributeBool(self, request: Any, context: Any) -> Any:  # noqa: D102
+        self.motor.advance()
+        return messages.GetWatchdogAttributeBoolResponse(value=self.motor.expired)  # the only one that is asked for
+
     def WriteAnalogScalarF64(self, request: Any, context: Any) -> Any:  # noqa: D102
         self.motor.command(NEWTON_METRES_PER_VOLT * request.value)
         return messages.WriteAnalogScalarF64Response()

@@ -48,7 +48,7 @@ class NiDaq:
         self.noise = LOCAL if link.server is None else REMOTE
         self._tasks: list[Any] = []
         self._channel: grpc.Channel | None = None
-        self._fed = 0.0  # when the watchdog was
+        self._fed = math.inf  # when the watchdog was; never, as long as it does not run
         self._usual = math.inf  # time that reading the counter takes [s]
 
     def open(self) -> None:
@@ -103,6 +103,7 @@ class NiDaq:
             with suppress(nidaqmx.errors.DaqError):
                 self._watchdog.stop()
             self._watchdog.start()
+            self._fed = time.monotonic()
             with suppress(nidaqmx.errors.DaqError):  # there may be none
                 self._watchdog.clear_expiration()
             self._enable.write_one_sample_one_line(True, self._reply)
@@ -155,6 +156,7 @@ class NiDaq:
             self._set(0.0)
             self._enable.write_one_sample_one_line(False, self._reply)
             self._watchdog.stop()
+            self._fed = math.inf
 
         self._try(rest)
 
