@@ -11,6 +11,7 @@ from workbench.command import Command
 from workbench.inputs import InputError, check_outputs, number, plant_of, take_plant, whole
 from workbench.terminal import Terminal
 
+GAP = 0.75  # of the watchdog's time, from which the guard stops the rig: it can say why
 RATES = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 250.0}  # [Hz], that each holds
 
 
@@ -38,6 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Run until interrupted."""
     check_outputs([arguments.output, arguments.log])
+    rate = arguments.rate or RATES[arguments.kind]
 
     def said(text: str) -> None:
         terminal.say(text)
@@ -47,12 +49,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
                 f"type a mishap to let it happen ({', '.join(MISHAPS)}), or quit"
             )
 
-    limits = {"watchdog": arguments.watchdog, "reply": arguments.reply, "overruns": 1_000_000}
+    patience = max(GAP * arguments.watchdog, 2.0 / rate)
+    limits = {"watchdog": arguments.watchdog, "gap": patience, "reply": arguments.reply, "overruns": 1_000_000}
     emulation = Emulation(
         arguments.kind,
         plant_of(arguments),
         Path(arguments.output),
-        arguments.rate or RATES[arguments.kind],
+        rate,
         {"limits": limits},
         first=arguments.first_count,
         realtime=arguments.realtime,
