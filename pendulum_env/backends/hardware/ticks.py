@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 
-KEPT = 16  # readings before the tick
+KEPT = 64  # readings before the tick
 
 
 class Ticks:
