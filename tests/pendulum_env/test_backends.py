@@ -11,7 +11,7 @@ from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import read_recording, write_recording
 from pendulum_env.registration import PENDULUM
 from pendulum_env.wrappers import RecordMeasurements
-from tests.pendulum_env.hardware.conftest import KINDS, PATIENT, emulated  # noqa: F401  (a fixture)
+from tests.pendulum_env.rigs import KINDS, PATIENT
 
 PUSH = np.array([2.0], dtype=np.float32)  # [N m], enough to move the arm
 
@@ -45,9 +45,7 @@ def test_an_environment_keeps_its_contract(settings, tmp_path):
             assert env.observation_space.contains(observation)
             assert info["time"] == pytest.approx(k / rate, abs=1e-9)
             assert info["velocity"] == pytest.approx((info["position"] - before["position"]) * rate, abs=1e-6)
-            np.testing.assert_allclose(
-                observation[:2], [np.cos(info["position"]), np.sin(info["position"])], atol=1e-6
-            )
+            np.testing.assert_allclose(observation[:2], [np.cos(info["position"]), np.sin(info["position"])], atol=1e-6)
             spent += info["torque"] / rate
         if info["follows"]:
             assert 0.05 < info["position"] - start < 3.0  # the way it was pushed, also where the counter rolls over

@@ -135,10 +135,12 @@ class NiDaq:
                 took, when, counts = min((took, when, counts), self._count())
             self._usual = min(1.01 * self._usual, took)
             level = self._fault.read_one_sample_one_line(self._reply) if self._fault is not None else None
-            fault = level is not None and level == (self._link.fault_active == "high")
-            return Reading(
-                when, counts, f"a fault, on {self._link.fault}: read the code on its front" if fault else None
-            )
+            why = None
+            if level is not None and level == (self._link.fault_active == "high"):
+                why = f"a fault, on {self._link.fault}: read the code on its front"
+            elif when - self._fed > self._timeout and self._watchdog.expired:
+                why = "the card's watchdog ran out and took servo-enable away: commands came too late"
+            return Reading(when, counts, why)
 
         return self._try(look)
 

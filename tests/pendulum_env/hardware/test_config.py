@@ -40,7 +40,7 @@ def written(tmp_path):
         (PLAIN + "[limits]\nslew = true\n", "limits.slew is True: it has to be a number"),
         (PLAIN + "[encoder]\ncounts = 1.5\n", "encoder.counts is 1.5: it has to be a whole number"),
         (PLAIN + "[encoder]\nsign = 0\n", "encoder.sign is 0: it has to be one of 1, -1"),
-        (PLAIN + '[encoder]\nzero = "there"\n', 'encoder.zero is \'there\': .* or "start"'),
+        (PLAIN + '[encoder]\nzero = "there"\n', "encoder.zero is 'there': .* or \"start\""),
         (PLAIN + '[fault]\naction = "stop"\n', "fault.action is 'stop': it has to be one of zero, brake"),
         (PLAIN + "[limits]\nsoft_velocity = 40\n", "limits.soft_velocity is above limits.hard_velocity"),
         (PLAIN + "[limits]\ngap = 0.001\n", "limits.gap is below two periods of 0.001 s"),
@@ -53,7 +53,7 @@ def test_a_mistake_is_named_with_its_file_and_key(written, text, said):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(ConfigError, match="nowhere.toml: cannot be read"):
+    with pytest.raises(ConfigError, match=r"nowhere\.toml: cannot be read"):
         load(tmp_path / "nowhere.toml")
 
 

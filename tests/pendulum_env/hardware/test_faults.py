@@ -12,6 +12,8 @@ import time
 import numpy as np
 import pytest
 
+from tests.pendulum_env.rigs import KINDS
+
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals of Unix")
 
 IN_TIME = 0.1  # [s]
@@ -102,7 +104,6 @@ class Scene:
         assert np.isfinite(table).all() and np.ptp(table[:, 1]) > 0.1
 
 
-KINDS = ("serial", "canopen402", "nidaq")
 each = pytest.mark.parametrize("kind", KINDS)
 one = pytest.mark.parametrize("kind", KINDS[:1])  # what does not depend on the adapter
 

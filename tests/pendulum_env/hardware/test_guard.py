@@ -167,7 +167,7 @@ def test_counts_that_stand_still_under_torque_are_a_fault(make, clock):
     guard, _ = make(stall_torque=4.0, stall_time=0.2)
     for _ in range(100):
         step(guard, clock, 3.9)  # friction and gravity may hold that
-    with pytest.raises(Fault, match="the counts stand still under 5 N m for 0.2 s"):
+    with pytest.raises(Fault, match=r"the counts stand still under 5 N m for 0\.2 s"):
         for _ in range(100):
             step(guard, clock, 5.0)
     faulty(guard, "stand still")
@@ -264,7 +264,7 @@ def test_braking_pushes_against_the_motion_and_ends(make, clock):
 
 
 def test_signs_of_the_wiring_are_taken_out(make, clock):
-    guard, drive = make(torque_sign=-1)
+    guard, _ = make(torque_sign=-1)
     assert step(guard, clock, 2.0) == -2.0
     assert guard.torque == 2.0
 

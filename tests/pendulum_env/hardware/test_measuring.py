@@ -72,7 +72,7 @@ def test_a_loop_that_was_held_up_catches_up():
 
 
 def test_the_clock_of_a_drive_is_told_although_answers_are_late():
-    """Half of the way back and forth each, mostly; some answers far too late; the counter of microseconds rolls over."""
+    """Some answers come far too late, and the counter of microseconds rolls over."""
     rng = np.random.default_rng(1)
     clock, errors = DriveClock(), []
     asked = 1000.0

@@ -11,10 +11,6 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
-
-from pendulum_env.backends.hardware.adapters import need
-
 FIRST = """
 import contextlib, os
 with contextlib.suppress(OSError, AttributeError):
@@ -133,37 +129,3 @@ class Host:
         if self.process.poll() is None:
             self.process.kill()
         self.process.communicate()
-
-
-@pytest.fixture
-def emulated(tmp_path):
-    """Make emulated rigs, which end with the test."""
-    rigs = []
-
-    def make(kind, **options):
-        try:
-            need(kind)
-        except ModuleNotFoundError as error:
-            pytest.skip(str(error))
-        folder = tmp_path / f"rig{len(rigs)}"
-        folder.mkdir()
-        rigs.append(EmulatedRig(folder, kind, **options))
-        return rigs[-1]
-
-    yield make
-    for rig in rigs:
-        rig.close()
-
-
-@pytest.fixture
-def host():
-    """Start host programs, which end with the test."""
-    hosts = []
-
-    def start(code, *arguments):
-        hosts.append(Host(code, *arguments))
-        return hosts[-1]
-
-    yield start
-    for one in hosts:
-        one.close()
