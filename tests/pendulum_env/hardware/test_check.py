@@ -9,7 +9,7 @@ from pendulum_env.backends.hardware.config import load
 from tests.pendulum_env.rigs import KINDS
 
 THETA = {"viscous": 1.0, "coulomb": 0.3}  # moves as calmly as if it were held
-TO_A_QUARTER = 2.25  # [N m], holds the arm at about 80 degrees
+TO_A_QUARTER = 2.6  # [N m], takes the arm there in a second, and on slowly
 
 
 class Helper:
@@ -30,7 +30,7 @@ class Helper:
     def _push(self, torque):
         self.rig.tell(f"push {torque}")
         self.rig.heard(b"push")
-        time.sleep(2.0)
+        time.sleep(1.2)
 
 
 def wired(emulated, kind, *, top="", **encoder):

@@ -38,7 +38,7 @@ def test_six_estimators_find_the_emulated_plant_while_it_runs(emulated, kind):
     env = EstimateParameters(make(rig))
     signal = excitation("paper", np.random.default_rng(0))
     info = {}
-    rollout(env, OpenLoop(signal, rig.rate), int(6.0 * rig.rate), watch=info.update)
+    rollout(env, OpenLoop(signal, rig.rate), int(4.0 * rig.rate), watch=info.update)
     env.close()
     assert "fault" not in info
     assert len(info["estimates"]) == 6
@@ -58,7 +58,7 @@ def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, tmp_path, m
     monkeypatch.setattr(estimators.search, "effects", lambda: known)
     rig = emulated("canopen402", effects=["cogging"], limits=PATIENT)
     path = tmp_path / "run.csv"
-    command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "12", "-o", str(path)]
+    command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "8", "-o", str(path)]
     assert main(command) == 0
     assert "after their tick" in capsys.readouterr().out
     assert main(["diagnose", str(path)]) == 0
@@ -105,8 +105,7 @@ def test_gymnasiums_checker_has_nothing_to_say(emulated):
     env = make(rig)
     assert env.action_space.high == pytest.approx(1.0)  # what the guard lets pass
     env.unwrapped.spec.nondeterministic = True  # Gymnasium's word for what measures: no two runs are late alike
-    env.unwrapped.spec.make = lambda: env.unwrapped  # in the end it makes another one, to close it; there is one owner
-    check_env(env.unwrapped, skip_render_check=True)
+    check_env(env.unwrapped, skip_render_check=True, skip_close_check=True)  # these make a second owner
 
 
 def test_a_fault_ends_the_episode_and_is_kept_until_it_is_cleared(emulated):
