@@ -41,7 +41,7 @@ class EmulatedRig:
     def __init__(self, folder: Path, kind: str, *, rate=None, theta=None, effects=(), first=0, limits=None, **tables):
         self.kind, self.folder, self.rate = kind, folder, rate or RATES[kind]
         self.config, self.log = folder / "rig.toml", folder / "motor.log"
-        settings = {"limits": {"reply": 0.25, "overruns": 10**9, "gap": 0.07, **(limits or {})}}
+        settings = {"limits": {"reply": 0.25, "overruns": 10**9, "behind": 60.0, "gap": 0.07, **(limits or {})}}
         settings |= {"rest": {"seconds": 0.1}, **tables}
         asked = {
             "kind": kind, "theta": theta, "effects": list(effects), "config": str(self.config), "rate": self.rate,

@@ -6,7 +6,6 @@ import importlib
 import os
 import select
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -146,7 +145,7 @@ def _mishap(words: list[str], link: Link, motor: Motor) -> str:
         motor.advance()
         motor.push = amount
     else:
-        time.sleep(amount)
+        motor.hang(amount)
     return " ".join(words)
 
 

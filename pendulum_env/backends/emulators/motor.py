@@ -95,6 +95,11 @@ class Motor:
             else:
                 self._act(self._now, torque)
 
+    def hang(self, seconds: float) -> None:
+        """Answer nobody for a while."""
+        with self._turn:
+            time.sleep(seconds)
+
     def counts(self) -> int:
         """Of the encoder, not wrapped."""
         with self._turn:

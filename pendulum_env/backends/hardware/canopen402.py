@@ -98,6 +98,7 @@ class Canopen402:
         put(*cia402.ON_FAULT, "<h", 0)
         put(*cia402.CONSUMER_HEARTBEAT, "<I", link.host << 16 | round(1e3 * self._watchdog))
         network.send_message(cia402.NMT, bytes([cia402.START, link.node]))
+        network.send_message(cia402.RPDO1 + link.node, cia402.COMMAND.pack(cia402.DISABLE_VOLTAGE, 0))
 
     def _received(self, id: int, data: bytearray, timestamp: float) -> None:
         self._come.put((id, bytes(data), time.monotonic()))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields, replace
@@ -68,6 +69,7 @@ class Limits:
     soft_velocity: float = number(0.0, default=25.0)  # [rad/s], from which torque that speeds up fades out
     hard_velocity: float = number(0.0, default=35.0)  # [rad/s], a fault
     gap: float = number(0.0, default=0.05)  # [s], longest between two commands
+    behind: float = number(0.0, default=0.2)  # [s] that the loop may be behind its ticks
     overruns: int = whole(0, 2**31, 1000)  # ticks that an episode may miss
     stall_torque: float = number(0.0, default=4.0)  # [N m], more than gravity and dry friction together
     stall_time: float = number(0.0, default=0.5)  # [s] for which the counts may stand still under stall_torque
@@ -81,7 +83,7 @@ class Fault:
 
     action: str = choice("zero", "brake", default="zero")
     gain: float = number(0.0, default=0.5)  # [N m s/rad] of the braking torque
-    seconds: float = number(0.0, 10.0, 1.0)  # of braking, at most
+    seconds: float = number(0.0, 2.0, 1.0)  # of braking, at most
 
 
 @dataclass(frozen=True)
@@ -176,9 +178,10 @@ class RigConfig:
         """What is owned by one process at a time."""
         link = self.link
         if isinstance(link, SerialSettings):
-            return f"serial {link.port}"
+            return f"serial {os.path.realpath(link.port)}"
         if isinstance(link, CanSettings):
-            return f"{link.interface} {link.channel} node {link.node}"
+            channel = os.path.realpath(link.channel) if os.path.exists(link.channel) else link.channel
+            return f"{link.interface} {channel} node {link.node}"
         return f"nidaq {link.server or 'local'} {link.torque}"
 
 

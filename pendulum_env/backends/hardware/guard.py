@@ -79,15 +79,17 @@ class Guard:
     def clear(self) -> None:
         """Forget the fault, on somebody's word that its cause is gone; the drive is connected anew.
 
+        Zero stays where the counter has it: after its supply was off, close and open the rig instead.
+
         Raises:
             DriveError: if it cannot be reached.
         """
         if self.fault is None:
             return
-        self.note("fault cleared")
         self.drive.close()
         self.drive.open()
         self.fault = None
+        self.note("fault cleared")
 
     def enable(self) -> None:
         """Power, at zero torque.
@@ -152,12 +154,18 @@ class Guard:
         self._plausible(reading)
         return reading.time, self.encoder.position
 
-    def overran(self, overruns: int) -> None:
-        """Tell how many ticks have been missed since the start of the run.
+    def late(self, behind: float, overruns: int) -> None:
+        """Tell how far the loop is behind its ticks [s], and how many of them it has missed in this run.
 
         Raises:
-            Fault: if they are too many.
+            Fault: if it is too late, or they are too many.
         """
+        if behind > self.limits.behind:
+            self.trip(
+                f"the loop is {1e3 * behind:.0f} ms behind, {1e3 * self.limits.behind:.0f} ms are allowed "
+                "(limits.behind): the program was held up or is too slow for its rate",
+                braking=True,
+            )
         if overruns > self.limits.overruns:
             self.trip(
                 f"{overruns} ticks were missed, {self.limits.overruns} are allowed (limits.overruns): lower the rate, "
@@ -171,17 +179,20 @@ class Guard:
             return
         self.powered = False
         self.torque = 0.0
-        try:
-            self.drive.write(0.0)
-            self.drive.disable()
-        except Exception as error:
-            self.note(f"could not be told to let go, its watchdog will: {error}")
+        for tell in (lambda: self.drive.write(0.0), self.drive.disable):  # the one even if the other fails
+            try:
+                tell()
+            except Exception as error:
+                self.note(f"could not be told to let go, its watchdog will: {error}")
         self.note(why)
 
     def close(self) -> None:
         """Let go of all; never raises and may be called again."""
         self.disable()
-        self.drive.close()
+        try:
+            self.drive.close()
+        except Exception as error:
+            self.note(f"closing failed: {error}")
         if self._open:
             self._open = False
             self.note("closed")

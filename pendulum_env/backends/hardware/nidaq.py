@@ -25,6 +25,7 @@ from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent
 T = TypeVar("T")
 FULL_SCALE = 10.0  # [V]
 LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of when a count is taken: by the driver here, over gRPC
+RESERVED = -50103  # error code of NI-DAQmx
 TRIES = 3  # at a reading that takes twice as long as usual: nobody knows when in that time it was taken
 EDGES = {"X_1": 1, "X_2": 2, "X_4": 4}  # counts per pulse, by decoding
 
@@ -194,6 +195,12 @@ class NiDaq:
                 f"the device server {self._link.server} did not answer within {1e3 * self._reply:.0f} ms "
                 f"({_line(error)}): check that it runs, and the network"
             ) from None
+        except nidaqmx.errors.DaqError as error:
+            if error.error_code == RESERVED:
+                raise DriveError(
+                    "the card is reserved by another program, or by one that was killed: end it, or reset the device"
+                ) from None
+            raise DriveError(f"the card refuses ({_line(error)}): check the channels in [nidaq]") from None
         except (nidaqmx.errors.Error, ValueError) as error:  # ValueError: a channel that was closed
             raise DriveError(f"the card refuses ({_line(error)}): check the channels in [nidaq]") from None
 

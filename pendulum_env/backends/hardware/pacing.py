@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from typing import NamedTuple
 
 NAP = 150e-6  # [s] before a tick from which the loop waits awake: a sleep may end that late
@@ -19,6 +20,12 @@ def realtime() -> bool:
     except (AttributeError, OSError):  # not Linux, or not permitted
         return False
     return True
+
+
+def ordinary() -> None:
+    """Give real-time priority back."""
+    with suppress(AttributeError, OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 class Timing(NamedTuple):

@@ -13,7 +13,7 @@ from pendulum_env.backends.hardware.config import RigConfig, load
 from pendulum_env.backends.hardware.drive import Drive, DriveError
 from pendulum_env.backends.hardware.guard import Fault, Guard
 from pendulum_env.backends.hardware.owner import Ownership
-from pendulum_env.backends.hardware.pacing import Pacer, Timing, realtime
+from pendulum_env.backends.hardware.pacing import Pacer, Timing, ordinary, realtime
 from pendulum_env.backends.hardware.signals import Signals
 from pendulum_env.backends.hardware.ticks import Ticks
 from pendulum_env.backends.port import Sample, Setup, Start, Status
@@ -26,8 +26,9 @@ class Rig:
     """The motor with the arm, over one of the adapters.
 
     A step sends its torque at once, waits for the next tick and reads the encoder there. Time is that of the ticks, and
-    position and torque are referred to them. After a fault every sample tells it, until the backend is cleared; between
-    runs the motor has no power.
+    position and torque are referred to them. After a fault every sample tells it, until the backend is cleared. The
+    motor has power from the first step of a run to its end, so whoever thinks before the first step may take as long
+    as they like; after the last one the drive's watchdog lets go if nobody else does.
     """
 
     follows = True
@@ -43,6 +44,7 @@ class Rig:
         self._signals = Signals(lambda name: guard.disable(f"disabled by {name}"))
         self._finalizer = weakref.finalize(self, _let_go, guard, owner, self._signals)
         self._last = Sample(0.0, 0.0, None, 0.0)
+        self._waiting = False  # for the first torque of a run
 
     @property
     def rate(self) -> float:
@@ -87,36 +89,43 @@ class Rig:
             self.guard.clear()
 
     def enable(self, start: Start) -> Sample:
-        """Wait until the arm rests, then give power: the first measurement, at time 0.
+        """Wait until the arm rests: the first measurement, at time 0; power comes with the first torque.
 
         Raises:
             DriveError: if a fault is kept, or the arm does not come to rest.
         """
+        self.disable()
         try:
-            self._wait_for_rest()
-            with self._signals:
-                self.guard.enable()
-                self.guard.write(0.0)
-                now, position = self.guard.read()
+            position = self._wait_for_rest()
         except Fault as fault:
             raise DriveError(
                 f"{fault}. The rig stays off until it is told that this is mended: "
                 "env.reset(options={'clear_fault': True})"
             ) from None
-        self._pacer.start(now)
-        self._ticks = Ticks(now, position)
+        self._waiting = True
         self._last = Sample(0.0, position, None, 0.0, timing=Timing(0.0, 0))
         return self._last
+
+    def _begin(self) -> None:
+        """Give power, at zero torque; time begins."""
+        self._waiting = False
+        self.guard.enable()
+        self.guard.write(0.0)
+        now, position = self.guard.read()
+        self._pacer.start(now)
+        self._ticks = Ticks(now, position)
 
     def exchange(self, torque: float) -> Sample:
         """Apply a torque [N m], wait for the next tick, measure. A fault is told by the sample, not raised."""
         try:
             with self._signals:
+                if self._waiting:
+                    self._begin()
                 sent = self.guard.write(torque)
             self._pacer.wait()
             with self._signals:
                 now, position = self.guard.read()
-                self.guard.overran(self._pacer.overruns)
+                self.guard.late(now - self._pacer.tick, self._pacer.overruns)
         except Fault as fault:
             return self._last._replace(torque=0.0, status=Status.FAULT, fault=str(fault))
         except BaseException:  # an interrupt, or a mistake in an adapter
@@ -131,6 +140,7 @@ class Rig:
 
     def disable(self) -> None:
         """End a run: no torque, no power; never raises."""
+        self._waiting = False
         with self._signals:
             self.guard.disable()
 
@@ -138,8 +148,8 @@ class Rig:
         """Let go of everything; may be called at any time, and twice; never raises."""
         _let_go(self.guard, self._owner, self._signals)
 
-    def _wait_for_rest(self) -> None:
-        """Wait, without power, until the arm has been at rest for a while.
+    def _wait_for_rest(self) -> float:
+        """Wait, without power, until the arm has been at rest for a while; returns where [rad].
 
         Raises:
             Fault: if one is kept, or the drive does not answer.
@@ -160,13 +170,16 @@ class Rig:
                     f"the arm does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, and look for "
                     "what moves it"
                 )
+        return anchor
 
 
 def _let_go(guard: Guard, owner: Ownership, signals: Signals) -> None:
     with signals:
         guard.close()
         owner.release()
-        signals.restore()
+        if guard.config.realtime:
+            ordinary()
+    signals.restore()
 
 
 def make_rig(setup: Setup) -> Rig:

@@ -35,13 +35,13 @@ class Signals:
             self._before[number] = signal.signal(number, self._handle)
 
     def restore(self) -> None:
-        """Stop listening; a handler that somebody set since then stays."""
+        """Stop listening; a handler that somebody set since then stays, and may go on to call this one."""
         if threading.current_thread() is not threading.main_thread():
             return
-        for number, before in self._before.items():
+        for number, before in list(self._before.items()):
             if signal.getsignal(number) == self._handle:
                 signal.signal(number, before)
-        self._before.clear()
+                del self._before[number]
 
     def __enter__(self) -> None:
         """A signal waits until what is being sent to the drive has been sent: half a frame would be lost."""

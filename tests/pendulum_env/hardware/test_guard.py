@@ -203,10 +203,29 @@ def test_a_program_that_is_held_up_is_a_fault(make, clock):
 
 def test_too_many_missed_ticks_are_a_fault(make):
     guard, _ = make(overruns=10)
-    guard.overran(10)
+    guard.late(0.0, 10)
     with pytest.raises(Fault, match="11 ticks were missed, 10 are allowed"):
-        guard.overran(11)
+        guard.late(0.0, 11)
     faulty(guard, "ticks")
+
+
+def test_a_loop_that_falls_behind_is_a_fault(make):
+    guard, _ = make(behind=0.1)
+    guard.late(0.09, 0)
+    with pytest.raises(Fault, match="the loop is 110 ms behind, 100 ms are allowed"):
+        guard.late(0.11, 0)
+    faulty(guard, "behind")
+
+
+def test_power_goes_even_if_zero_torque_cannot_be_sent(make):
+    guard, drive = make()
+
+    def broken(torque):
+        raise OSError("half a plug")
+
+    drive.write = broken
+    guard.disable()
+    assert not drive.powered
 
 
 def test_what_the_drive_reports_is_a_fault(make, clock):
@@ -222,7 +241,7 @@ def test_a_fault_is_kept_until_it_is_cleared_and_the_first_one_counts(make, cloc
     drive.dead = True
     with pytest.raises(Fault, match="check its cable"):
         guard.read()
-    assert "disable" not in drive.calls[-1:]  # it could not be told
+    assert drive.calls[-2:] == ["write", "disable"]  # at least it was tried
     guard.disable()
     guard.close()
     with pytest.raises(DriveError):
