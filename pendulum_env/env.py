@@ -142,7 +142,6 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             raise ValueError(f"the {type(self.backend).__name__} backend starts as it is: reset it without options")
         if self._running:
             self.backend.disable()
-            self._running = False
         if clear and isinstance(self.backend, Rig):
             self.backend.clear()
         if "theta" in options:

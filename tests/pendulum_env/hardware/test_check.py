@@ -1,12 +1,13 @@
 """What a person goes through with a new rig, with somebody who does as told beside an emulated one."""
 
+import io
 import time
 
 import pytest
 
 from pendulum_env.backends.hardware.check import STEPS, CheckFailed, check
 from pendulum_env.backends.hardware.config import load
-from tests.pendulum_env.rigs import KINDS
+from workbench.cli import main
 
 THETA = {"viscous": 1.0, "coulomb": 0.3}  # moves as calmly as if it were held
 TO_A_QUARTER = 2.6  # [N m], takes the arm there in a second, and on slowly
@@ -42,7 +43,7 @@ def wired(emulated, kind, *, top="", **encoder):
     return rig
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["serial", "nidaq"])
 def test_a_rig_that_is_wired_right_passes_and_may_use_its_torque(emulated, kind):
     rig = wired(emulated, kind)
     helper = Helper(rig)
@@ -70,6 +71,17 @@ def test_a_rig_that_is_wired_wrong_is_told_what_to_change(emulated, wrong, remed
         check(load(rig.config), Helper(rig))
     assert load(rig.config).max_torque == 2.0
     assert [0.0, *(value for _, event, value in rig.events() if event == "power")][-1] == 0
+
+
+def test_the_check_on_the_command_line(emulated, monkeypatch, capsys):
+    rig = wired(emulated, "serial")
+    for answers, said in ((["n"], "software is never the emergency stop"), ([], "needs somebody at a terminal")):
+        monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(answers)))
+        assert main(["hardware", "check", str(rig.config)]) == 2
+        out = capsys.readouterr()
+        assert "1 of 6: wiring" in out.out and said in out.err
+    assert main(["hardware", "check", "nowhere.toml"]) == 2
+    assert "nowhere.toml: cannot be read" in capsys.readouterr().err
 
 
 def test_somebody_who_is_not_ready_is_not_pushed(emulated):

@@ -195,7 +195,7 @@ def test_a_drive_that_is_frozen(scene, kind):
     once_in_time(attempt)
 
 
-@each
+@pytest.mark.parametrize("kind", ["serial", "nidaq"])  # a pseudo-terminal, and a network
 def test_a_cable_that_is_pulled(scene, kind):
     def attempt():
         s = scene(kind)
