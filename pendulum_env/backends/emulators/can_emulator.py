@@ -32,9 +32,14 @@ class CanEmulator:
         self._status, self._control, self._error, self._kept = 0x40, 0, 0, False
         self._operational = False
 
+    @property
+    def place(self) -> str:
+        """Path of the other end."""
+        return self._wire.path
+
     def settings(self) -> dict[str, Any]:
-        """Where the other end is."""
-        return {"interface": "slcan", "channel": self._wire.path, "timestamp": True}
+        """Keys of its table in rig.toml."""
+        return {"interface": "slcan", "channel": self.place, "timestamp": True}
 
     def sources(self) -> dict[int, Callable[[], None]]:
         """The pseudo-terminal."""

@@ -37,13 +37,18 @@ class DaqEmulator(NiDAQmxServicer):  # type: ignore[misc]
         self._port = self._server.add_insecure_port("127.0.0.1:0")
         self._server.start()
 
+    @property
+    def place(self) -> str:
+        """Host and port."""
+        return f"127.0.0.1:{self._port}"
+
     def settings(self) -> dict[str, Any]:
-        """Where it listens, and its channels."""
+        """Keys of its table in rig.toml."""
         channels = {"torque": TORQUE, "encoder": ENCODER, "enable": ENABLE, "fault": FAULT}
         return {
             **{name: f"{DEVICE}/{channel}" for name, channel in channels.items()},
             "newton_metres_per_volt": NEWTON_METRES_PER_VOLT,
-            "server": f"127.0.0.1:{self._port}",
+            "server": self.place,
         }
 
     def sources(self) -> dict[int, Callable[[], None]]:

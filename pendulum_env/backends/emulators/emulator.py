@@ -37,6 +37,10 @@ MISHAPS = {
 class Link(Protocol):
     """One side of a protocol: what a drive does with what it is sent."""
 
+    @property
+    def place(self) -> str:
+        """Where it listens."""
+
     def settings(self) -> dict[str, Any]:
         """Keys of its table in rig.toml, by which it is reached."""
 
@@ -102,7 +106,7 @@ def emulate(emulation: Emulation, said: Callable[[str], None]) -> None:
     try:
         write_whole(emulation.config, _rig_toml(emulation, link))
         mark_checked(load(emulation.config))  # nobody gets hurt
-        said(f"ready: an emulated {emulation.kind} rig, described by {emulation.config}")
+        said(f"ready: an emulated {emulation.kind} rig at {link.place}, described by {emulation.config}")
         _serve(link, motor, said)
     finally:
         link.close()
@@ -112,7 +116,8 @@ def _serve(link: Link, motor: Motor, said: Callable[[str], None]) -> None:
     told = sys.stdin.fileno() if sys.stdin is not None else -1
     while True:
         sources = link.sources()
-        ready, _, _ = select.select([*sources, *([told] if told >= 0 else [])], [], [], TICK)
+        listening = [told] if told >= 0 and _in_front(told) else []
+        ready, _, _ = select.select([*sources, *listening], [], [], TICK)
         for source in ready:
             if source in sources:
                 sources[source]()
@@ -125,6 +130,11 @@ def _serve(link: Link, motor: Motor, said: Callable[[str], None]) -> None:
                     return
                 said(_mishap(words, link, motor))
         motor.advance()
+
+
+def _in_front(terminal: int) -> bool:
+    """Whether what is typed there is meant for this process: one in the background is stopped when it reads."""
+    return not os.isatty(terminal) or os.tcgetpgrp(terminal) == os.getpgrp()
 
 
 def _mishap(words: list[str], link: Link, motor: Motor) -> str:

@@ -20,9 +20,14 @@ class SerialEmulator:
         """Take the motor."""
         self.motor, self._wire, self._splitter, self._faults = motor, Wire(), frames.Splitter(), 0
 
+    @property
+    def place(self) -> str:
+        """Path of the other end."""
+        return self._wire.path
+
     def settings(self) -> dict[str, Any]:
-        """Where the other end is."""
-        return {"port": self._wire.path}
+        """Keys of its table in rig.toml."""
+        return {"port": self.place}
 
     def sources(self) -> dict[int, Callable[[], None]]:
         """The pseudo-terminal."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import queue
 import struct
 import time
@@ -20,12 +21,27 @@ SWITCHING = 2.0  # [s] that a drive may take to switch on
 PER_MILLE = 1e-3
 
 
+for library in ("can", "canopen"):  # what they find wrong comes as an exception, too, and is told once
+    logging.getLogger(library).addHandler(logging.NullHandler())
+
+
+class _Listener(can.Listener):
+    """Lets the thread that receives end in silence: `Network.check` hands on what ended it."""
+
+    def on_message_received(self, msg: can.Message) -> None:
+        """Others listen to messages."""
+
+    def on_error(self, exc: Exception) -> None:
+        """It is kept."""
+
+
 class _Network(canopen.Network):
     """A network that never waits forever for a bus that takes nothing."""
 
     def __init__(self, timeout: float) -> None:
         super().__init__()
         self._timeout = timeout
+        self.listeners.append(_Listener())  # type: ignore[arg-type]  # any listener of python-can will do
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         message = can.Message(arbitration_id=can_id, is_extended_id=False, data=data, is_remote_frame=remote)

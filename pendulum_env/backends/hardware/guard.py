@@ -17,6 +17,7 @@ from pendulum_env.backends.hardware.drive import Drive, DriveError, Reading, Sen
 from pendulum_env.backends.hardware.encoder import Encoder
 
 log = logging.getLogger("pendulum_env.rig")
+log.addHandler(logging.NullHandler())  # whoever wants to see it sets a handler
 
 SPAN = 2e-3  # [s], at least, between the readings whose difference is the velocity
 JUMP = 2.0  # times the hard velocity and more is no motion

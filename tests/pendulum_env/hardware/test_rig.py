@@ -21,12 +21,21 @@ from pendulum_env.plant import PAPER
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import read_recording
 from pendulum_env.registration import PENDULUM
-from tests.pendulum_env.rigs import KINDS, PATIENT
+from tests.pendulum_env.rigs import KINDS, PATIENT, TooSlow, once_in_time
 from workbench.cli import main
 
 ONLINE = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 200.0}  # [Hz]
 TRUTH = np.array(list(PAPER.values()))
+STILL = 0.03  # [s]
+HANGING = {"zero": 0}  # a second attempt may begin wherever the first one came to rest
 PUSH = np.array([2.0], dtype=np.float32)
+
+
+def in_time(jitter):
+    """What was measured while the machine stood still is interpolated, and no measurement."""
+    worst = max(jitter)
+    if worst > STILL:
+        raise TooSlow(f"a sample was {worst:.3g} s late")
 
 
 def make(rig, **options):
@@ -35,16 +44,21 @@ def make(rig, **options):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_six_estimators_find_the_emulated_plant_while_it_runs(emulated, kind):
-    rig = emulated(kind, rate=ONLINE[kind], limits=PATIENT)
-    env = EstimateParameters(make(rig))
+    rig = emulated(kind, rate=ONLINE[kind], limits=PATIENT, encoder=HANGING)
     signal = excitation("paper", np.random.default_rng(0))
-    info = {}
-    rollout(env, OpenLoop(signal, rig.rate), int(4.0 * rig.rate), watch=info.update)
-    env.close()
-    assert "fault" not in info
-    assert len(info["estimates"]) == 6
-    for scheme, estimate in info["estimates"].items():
-        np.testing.assert_allclose(estimate["theta"], TRUTH, rtol=0.02, err_msg=scheme)
+
+    def attempt():
+        env = EstimateParameters(make(rig))
+        infos = []
+        rollout(env, OpenLoop(signal, rig.rate), int(4.0 * rig.rate), watch=infos.append)
+        env.close()
+        in_time(info["jitter"] for info in infos)
+        assert "fault" not in infos[-1]
+        assert len(infos[-1]["estimates"]) == 6
+        for scheme, estimate in infos[-1]["estimates"].items():
+            np.testing.assert_allclose(estimate["theta"], TRUTH, rtol=0.02, err_msg=scheme)
+
+    once_in_time(attempt)
 
 
 def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, tmp_path, monkeypatch, capsys):
@@ -57,13 +71,18 @@ def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, tmp_path, m
     )  # a search among them is quick
     known = {id: effects()[id] for id in few}
     monkeypatch.setattr(estimators.search, "effects", lambda: known)
-    rig = emulated("canopen402", effects=["cogging"], limits=PATIENT)
+    rig = emulated("canopen402", effects=["cogging"], limits=PATIENT, encoder=HANGING)
     path = tmp_path / "run.csv"
     command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "8", "-o", str(path)]
-    assert main(command) == 0
-    assert "after their tick" in capsys.readouterr().out
-    assert main(["diagnose", str(path)]) == 0
-    assert "What is missing\n- cogging: " in capsys.readouterr().out
+
+    def attempt():
+        assert main(command) == 0
+        assert "after their tick" in capsys.readouterr().out
+        in_time(np.loadtxt(path, delimiter=",", skiprows=1)[:, 3])
+        assert main(["diagnose", str(path)]) == 0
+        assert "What is missing\n- cogging: " in capsys.readouterr().out
+
+    once_in_time(attempt)
 
 
 def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(emulated, tmp_path, capsys, monkeypatch):
@@ -78,7 +97,7 @@ def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(em
     monkeypatch.setattr(OpenLoop, "predict", trouble)
     path = tmp_path / "run.csv"
     assert main(["record", "--backend", "dm1015b", "--config", str(rig.config), "-o", str(path)]) == 2
-    said = capsys.readouterr().err.splitlines()[-1]
+    (said,) = capsys.readouterr().err.splitlines()
     assert "over-temperature" in said and f"what was measured until then is in {path}" in said
     assert len(read_recording(path)) >= 700
 
