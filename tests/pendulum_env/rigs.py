@@ -67,7 +67,11 @@ class EmulatedRig:
         self.process = subprocess.Popen(
             [sys.executable, "-c", FIRST + EMULATOR, json.dumps(asked)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
-        self.heard(b"ready")
+        try:
+            self.heard(b"ready")
+        except BaseException:
+            self.close()
+            raise
 
     def heard(self, text: bytes) -> None:
         """Wait until the emulator says something."""
