@@ -104,8 +104,10 @@ def _effect_parameters(id: str, plant: Mapping[str, float], p: Mapping[str, Any]
             return {id: p["asym_c"]}
         case "viscous_asymmetry":
             return {id: p["asym_v"]}
-        case "stribeck" if p.get("strib_p", 2.0) == 2.0:
-            return {id: p["strib_d"], f"{id}.stribeck_velocity": p["strib_v"]}
+        case "stribeck":
+            law = p.get("strib_p", 2.0)
+            given = {f"{id}.exponent": law} if law != 2.0 else {}
+            return {id: p["strib_d"], f"{id}.stribeck_velocity": p["strib_v"], **given}
         case "quadratic_drag":
             return {id: p["drag"]}
         case "load_dependent_friction":

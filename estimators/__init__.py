@@ -1,7 +1,7 @@
 """What learns from measurements: six schemes, recursive least squares, comparison and diagnosis."""
 
 from estimators.compare import Comparison, compare
-from estimators.diagnose import add, diagnose
+from estimators.diagnose import Addition, add, diagnose, fit, gather
 from estimators.diagnosis import Diagnosis, Verdict
 from estimators.equations import IdentificationError
 from estimators.evidence import Errors, Evidence, fit_terms
@@ -10,6 +10,7 @@ from estimators.schemes import SCHEMES, scheme
 
 __all__ = [
     "SCHEMES",
+    "Addition",
     "Comparison",
     "Diagnosis",
     "Errors",
@@ -20,7 +21,9 @@ __all__ = [
     "add",
     "compare",
     "diagnose",
+    "fit",
     "fit_terms",
+    "gather",
     "identify",
     "scheme",
 ]

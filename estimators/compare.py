@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from estimators.dataset import dataset
 from estimators.evidence import Errors, Evidence
+from estimators.inputs import Recordings, chosen_recordings, model_that_moves
 from estimators.regions import Profile, Region, profiles, stand_out
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Model
-from pendulum_env.recording import Recording
 
 SCHEMA = "pendulum-ident/comparison@1"
 
@@ -34,7 +33,7 @@ class Distance:
         return {"name": self.name, "errors": self.errors.json(), "noise_floor": {"torque_rms": self.noise_floor}}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """A model against recordings.
 
@@ -51,6 +50,24 @@ class Comparison:
     joint: Distance
     profiles: tuple[Profile, ...]
     regions: tuple[Region, ...]
+
+    @property
+    def headline(self) -> str:
+        """The result in one sentence."""
+        torque, position = self.joint.errors.torque_rms, self.joint.errors.position_rms
+        times = torque / max(self.joint.noise_floor, 1e-300)
+        return (
+            f"the model is off by {torque:.3g} N m, {times:.2g} times what noise leaves, and by {position:.3g} rad in "
+            "free run"
+        )
+
+    def __repr__(self) -> str:
+        return f"<Comparison: {self.headline}>"
+
+    def _repr_html_(self) -> str:
+        from estimators.notebook import show_comparison  # only a notebook asks for it
+
+        return show_comparison(self)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -88,12 +105,15 @@ def distance(name: str, evidence: Evidence, model: Model) -> Distance:
     return Distance(name, evidence.errors(model), evidence.data.noise(abs(model.estimates["inertia"].value)))
 
 
-def compare(model: Model, recordings: Sequence[Recording]) -> Comparison:
+def compare(model: Model, recordings: Recordings) -> Comparison:
     """Compare a model with recordings, as it is: torque residual and free-running simulation.
 
     Raises:
         IdentificationError: if one of the recordings holds too little motion.
+        ModelError: if the model has no inertia.
+        TypeError: if something else is given than a model and recordings.
     """
+    model, recordings = model_that_moves(model), chosen_recordings(recordings)
     parts = [Evidence.of([recording]) for recording in recordings]
     windows = [window for part in parts for window in part.data.windows]
     together = Evidence(dataset(windows), tuple(flight for part in parts for flight in part.flights))

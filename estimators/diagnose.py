@@ -14,13 +14,14 @@ from estimators.diagnosis import Diagnosis, Step
 from estimators.equations import IdentificationError
 from estimators.evidence import Evidence
 from estimators.identifiability import identifiability
+from estimators.inputs import Recordings, Terms, chosen_recordings, chosen_terms, model_that_moves
 from estimators.measurements import measure
 from estimators.regions import Region, profiles, stand_out
 from estimators.search import (
     BETTER,
     Progress,
     Search,
-    has_transmission,
+    has_hidden_state,
     impossible,
     look,
     no_progress,
@@ -64,9 +65,9 @@ def gather(
 
 
 def diagnose(
-    recordings: Sequence[Recording],
-    holdout: Sequence[Recording] = (),
-    base: Sequence[Term] = BASE,
+    recordings: Recordings,
+    holdout: Recordings = (),
+    base: Terms = BASE,
     progress: Progress = no_progress,
     max_torque: float | None = None,
 ) -> Diagnosis:
@@ -77,14 +78,18 @@ def diagnose(
     Args:
         recordings: fitted jointly.
         holdout: recordings to confirm on; without them the last 30 % of each recording is held out.
-        base: terms of the model to start from, at least one; a loaded model's terms will do.
+        base: terms of the model to start from, at least one, as they are or by id; a loaded model's terms will do.
         progress: called with what is being done and the share that is done.
         max_torque: bound of the torque in the experiment that is suggested [N m]; without it the largest recorded,
             or the paper's 6 N m if that is more.
 
     Raises:
         IdentificationError: if the recordings hold too little motion.
+        ValueError: if a name is unknown.
+        TypeError: if something else is given than recordings and terms.
     """
+    recordings, holdout = chosen_recordings(recordings), chosen_recordings(holdout, empty=True)
+    base = chosen_terms(base)
     progress("reading the motion", 0.0)
     everything = gather(recordings, holdout)
     limit = max_torque or max(USUAL, *(float(np.abs(recording.torque).max()) for recording in recordings))
@@ -119,7 +124,7 @@ def _examine(
     """Find the effects that recordings of one plant call for."""
     search, steps = look(*evidence, base, progress)
     window_share = 1.0
-    if search.is_astray(steps[-1]) or has_transmission(steps[-1].model.terms):
+    if search.strays(steps[-1]) or has_hidden_state(steps[-1].model.terms):
         progress("fitting the flights", 0.9)
         steps = search.fly(steps)
     if search.hides(steps[-1]):
@@ -202,7 +207,7 @@ def is_structured(residual: Array, floor: float) -> bool:
     return excess > 2.0 or (excess > 1.3 and correlation > 0.3)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Addition:
     """One effect added to a model.
 
@@ -218,20 +223,60 @@ class Addition:
     noise_floor: float
     objection: str | None = None
 
+    @property
+    def text(self) -> str:
+        """Whether the effect earns its place, in a sentence: only data that it was not fitted to can tell."""
+        if self.objection is not None:
+            return f"{self.after.added} {self.objection}: these recordings give no reason to keep it"
+        old, new = self.before.errors["holdout"], self.after.errors["holdout"]
+        torque, position = new.torque_rms / old.torque_rms, new.position_rms / old.position_rms
+        falls = f"torque to {torque:.1%}, position to {position:.1%} of before"
+        return f"{self.after.added} lowers the held-out errors: {falls}"
 
-def add(model: Model, id: str, recordings: Sequence[Recording], holdout: Sequence[Recording] = ()) -> Addition:
+    @property
+    def model(self) -> Model:
+        """The model with the effect."""
+        return self.after.model
+
+    def __repr__(self) -> str:
+        return f"<Addition: {self.text}>"
+
+    def _repr_html_(self) -> str:
+        from estimators.notebook import show_addition  # only a notebook asks for it
+
+        return show_addition(self)
+
+
+def fit(train: Evidence, holdout: Evidence, terms: Sequence[Term] = BASE) -> Step:
+    """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
+    search = Search(train, holdout)
+    return search.report(None, search.settle(terms))
+
+
+def add(
+    model: Model, id: str, recordings: Recordings, holdout: Recordings = (), progress: Progress = no_progress
+) -> Addition:
     """Refit a model's terms, then with one more effect.
 
     Raises:
         ValueError: if the effect is unknown.
-        ModelError: if the model has it already.
+        ModelError: if the model has it already, or has no inertia.
         IdentificationError: if the recordings hold too little motion.
+        TypeError: if something else is given than a model, an id and recordings.
     """
+    model, recordings = model_that_moves(model), chosen_recordings(recordings)
+    holdout = chosen_recordings(holdout, empty=True)
+    if not isinstance(id, str):
+        raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     kind = find_effect(id)
     model.add(kind())  # raises if it is there already
-    search = Search(*gather(recordings, holdout))
+    progress("reading the motion", 0.0)
+    search = Search(*gather(recordings, holdout), progress)
+    progress("fitting without it", 0.1)
     before = search.report(None, search.settle(model.terms))
+    progress(f"searching {id}", 0.3)
     trial = search.screen.best(before.model.terms, kind)
+    progress(f"fitting with {id}", 0.8)
     terms = search.settle(trial.terms) if trial else (*before.model.terms, kind())
     after = search.report(id, terms)
     return Addition(before, after, search.floor, objection(after, before, search.train.samples))

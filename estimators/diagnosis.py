@@ -12,6 +12,7 @@ from estimators.regions import Region
 from estimators.suggestion import Suggestion
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Model
+from pendulum_env.words import listing, name, opening
 
 SCHEMA = "pendulum-ident/diagnosis@1"
 
@@ -71,7 +72,7 @@ class Step:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosis:
     """What a diagnosis found.
 
@@ -108,6 +109,28 @@ class Diagnosis:
     def selected(self) -> tuple[str, ...]:
         """Ids of the effects found to be missing, in the order in which they were added."""
         return tuple(step.added for step in self.steps if step.added is not None)
+
+    @property
+    def headline(self) -> str:
+        """The result in one sentence: `Stribeck friction is missing`."""
+        rivals = {group[0]: group for group in self.ambiguous}
+        found = [listing([name(id) for id in rivals.get(effect, (effect,))], "or") for effect in self.selected]
+        if found:
+            rest = ", and more that no known effect explains" if self.unexplained else ""
+            return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
+        if not self.candidates:  # nobody has looked yet
+            return "Something is missing in this model" if self.unexplained else "The model explains what was measured"
+        if self.unexplained:
+            return "Something is missing, and no known effect explains it"
+        return "Nothing is missing"
+
+    def __repr__(self) -> str:
+        return f"<Diagnosis: {self.headline}>"
+
+    def _repr_html_(self) -> str:
+        from estimators.notebook import show_diagnosis  # only a notebook asks for it
+
+        return show_diagnosis(self)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON, as the design of the command line fixes it."""

@@ -10,6 +10,7 @@ import numpy as np
 from estimators.dataset import Dataset, prepare
 from estimators.free_running import Flights, position_rms, take_off
 from estimators.least_squares import Fit, solve
+from estimators.shapes import continuous
 from estimators.windows import WHOLE, Part
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model, Samples, Term
@@ -107,9 +108,7 @@ def _shape_jacobian(data: Dataset, terms: Sequence[Term], theta: Array) -> tuple
     for term in terms:
         own = theta[first : first + len(term.columns)]
         first += len(term.columns)
-        for shape in term.shapes:
-            if shape.integer or shape.follows:
-                continue
+        for shape in continuous(term):
             value = term.shape[shape.name]
             # symmetric difference over a step that is small against the value and safe against rounding
             step = 1e-3 * max(abs(value), 1e-6)

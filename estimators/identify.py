@@ -9,14 +9,17 @@ import numpy as np
 
 from estimators.equations import Equations, IdentificationError
 from estimators.identifiability import Doubt, identifiability, is_driven
+from estimators.inputs import Recordings, Schemes, Terms, chosen_recordings, chosen_schemes, chosen_terms
 from estimators.least_squares import Fit, solve
 from estimators.measurements import Measurements, measure, remember
 from estimators.recursion import evenly, history
 from estimators.schemes import SCHEMES, FilteredDynamic, FilteredHamiltonian, FilteredPower, Scheme, give
 from pendulum_env._typing import JSON, Array, Index, Mask
+from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics.term import zero
 from pendulum_env.recording import Recording
+from pendulum_env.words import listing, plus_minus
 
 SCHEMA = "pendulum-ident/identification@1"
 POINTS = 200  # of the history
@@ -44,7 +47,7 @@ class Convergence:
         return {"time": self.time.tolist(), "theta": self.theta.tolist(), "std": self.std.tolist()}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identified:
     """What one scheme finds.
 
@@ -68,6 +71,18 @@ class Identified:
     used: tuple[int, int]
     withheld: frozenset[str] = frozenset()
 
+    def __repr__(self) -> str:
+        told = {
+            name: "unknown" if name in self.withheld else plus_minus(e.value, e.std)
+            for name, e in self.model.estimates.items()
+        }
+        return f"<Identified by {self.scheme}: {', '.join(f'{name} {value}' for name, value in told.items())}>"
+
+    def _repr_html_(self) -> str:
+        from estimators.notebook import show_identified  # only a notebook asks for it
+
+        return show_identified(self)
+
     def json(self) -> JSON:
         """Plain dictionary for JSON; withheld estimates are null."""
         theta = {
@@ -83,7 +98,7 @@ class Identified:
         }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identification:
     """What all schemes find in the same recordings.
 
@@ -98,7 +113,15 @@ class Identification:
     recordings: tuple[str, ...]
 
     def __getitem__(self, scheme: str) -> Identified:
-        return self.schemes[scheme]
+        return find("scheme", scheme, self.schemes)
+
+    def __repr__(self) -> str:
+        return f"<Identification of {listing(self.recordings)} by {listing(list(self.schemes))}>"
+
+    def _repr_html_(self) -> str:
+        from estimators.notebook import show_identification  # only a notebook asks for it
+
+        return show_identification(self)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -111,9 +134,9 @@ class Identification:
 
 
 def identify(
-    recordings: Sequence[Recording],
-    terms: Sequence[Term] = BASE,
-    schemes: Sequence[Scheme] = SCHEMES,
+    recordings: Recordings,
+    terms: Terms = BASE,
+    schemes: Schemes = SCHEMES,
     *,
     points: int = POINTS,
     measured: Callable[[Recording], Measurements] = measure,
@@ -122,15 +145,17 @@ def identify(
 
     Args:
         recordings: one or more; filters start anew with each, and noisier ones count less.
-        terms: of the model, with their shape parameters set.
-        schemes: which to use; one that borrows its inertia comes after the scheme that lends it.
+        terms: of the model, with their shape parameters set, or by id.
+        schemes: which to use, as they are or by id; one that borrows its inertia comes after the scheme that lends it.
         points: moments at which the convergence is recorded.
         measured: how motion and torque are taken from a recording.
 
     Raises:
         IdentificationError: if there is too little motion, or no torque at all.
-        ValueError: if a scheme borrows from one that was not used before.
+        ValueError: if a name is unknown, or a scheme borrows from one that was not used before.
+        TypeError: if something else is given than recordings, terms and schemes.
     """
+    recordings, terms, chosen = chosen_recordings(recordings), chosen_terms(terms), chosen_schemes(schemes)
     measurements = [remember(measured(recording), terms) for recording in recordings]
     names = ", ".join(recording.name for recording in recordings)
     if not any(is_driven(m) for m in measurements):
@@ -140,11 +165,11 @@ def identify(
     doubts = identifiability(measurements, terms)
     withheld = frozenset(name for doubt in doubts for name in doubt.withheld)
     rate = min(m.rate for m in measurements)
-    if any(_slowed(scheme, rate) != scheme for scheme in schemes):
+    if any(_slowed(scheme, rate) != scheme for scheme in chosen):
         text = f"at {rate:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate:.4g} rad/s"
-        doubts, schemes = (*doubts, Doubt(text)), [_slowed(scheme, rate) for scheme in schemes]
+        doubts, chosen = (*doubts, Doubt(text)), tuple(_slowed(scheme, rate) for scheme in chosen)
     results: dict[str, Identified] = {}
-    for scheme in schemes:
+    for scheme in chosen:
         data = _stack(scheme, measurements, terms)
         if len(np.unique(data.clusters[data.usable])) < FEWEST:
             raise IdentificationError(

@@ -140,6 +140,29 @@ def rms(flights: Sequence[Flights], point: Point, weights: Sequence[Array] | Non
     return float(np.sqrt(total / sum(float(w.sum()) * part.shape[1] for w, part in zip(weights, parts, strict=True))))
 
 
+def noise(flights: Sequence[Flights], point: Point) -> float:
+    """Root mean square error that the noise of the torque channel alone gives, the state at the start being free [rad].
+
+    The simulated motion stands for the measured one.
+    """
+    rng = np.random.default_rng(0)
+    paths = fly_all(flights, [(point.terms, point.theta)])
+    shaken = [
+        replace(
+            flight,
+            torque=flight.torque + flight.windows.raw_torque_noise * rng.standard_normal(flight.torque.shape),
+            position=path[:, 0],
+        )
+        for flight, path in zip(flights, paths, strict=True)
+    ]
+    return rms(shaken, point, evenly(flights))
+
+
+def evenly(flights: Sequence[Flights]) -> list[Array]:
+    """Weights by which every flight counts the same, as `weigh` has them."""
+    return [np.ones((len(flight.first), 1, 1)) for flight in flights]
+
+
 def sizes(flights: Sequence[Flights], point: Point) -> Array:
     """Root mean square error of each flight, of all recordings in a row [rad]."""
     parts = residuals(flights, [point])

@@ -61,8 +61,11 @@ def spectrum(time: Array, residual: Array, noise: float) -> Profile:
     span = float(np.ptp(time)) or 1.0
     step = float(np.median(np.diff(np.unique(time))))
     frequency = np.arange(1, max(2, min(400, int(0.4 * span / step)))) / span
-    phase = np.exp(-2j * np.pi * frequency[:, None] * time[None, :])
-    amplitude = 2 * np.abs(phase @ residual) / len(residual)
+    turn, turned, sums = np.exp(-2j * np.pi * time / span), residual.astype(complex), []
+    for _ in frequency:  # multiples of the lowest: one more turn each
+        turned = turned * turn
+        sums.append(turned.sum())
+    amplitude = 2 * np.abs(np.array(sums)) / len(residual)
     edges = np.r_[frequency - 0.5 / span, frequency[-1] + 0.5 / span]
     return Profile("frequency", "Hz", edges, amplitude, np.full(len(frequency), noise * np.sqrt(2 / len(residual))))
 

@@ -13,12 +13,13 @@ import numpy as np
 
 from estimators.dataset import Dataset
 from estimators.least_squares import block_grams, cross_validate
-from estimators.shapes import Residuals, continuous, cross_entropy, gauss_newton, scan
+from estimators.shapes import Residuals, cross_entropy, freed, gauss_newton, scan
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
 REACH = 0.03  # of the recording, within which an instant is scanned for
 STARTS = 2  # variants of the grid from which a search over shape parameters starts
+CALL = 10.0  # nats by which data have to call for an unusual value of a shape parameter
 FOLLOWS = 3  # turns in which a shape parameter is set to the parameter that it follows
 
 Columns = tuple[Array, Array]  # windowed linear columns (R, P) and the sum of fixed columns (R,)
@@ -142,7 +143,7 @@ class Screen:
             refined = self.trial((*terms, gauss_newton(best.terms[-1], residuals)))
             return min(best, refined, key=lambda trial: trial.fitted_rms)
         ranked = sorted(self.trials(terms, variants), key=lambda trial: trial.fitted_rms)
-        if not effect.shapes or not (continuous(effect) or any(shape.follows for shape in effect.shapes)):
+        if all(shape.integer for shape in effect.shapes):
             return ranked[0]
         return min((self.refine(trial, effect.id) for trial in ranked[:STARTS]), key=lambda trial: trial.fitted_rms)
 
@@ -160,10 +161,20 @@ class Screen:
             _, theta = self.project(np.column_stack([phi, own]), y - fixed)
             known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
             term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
-        time = self.data.samples.time
-        term = scan(gauss_newton(term, self._residuals(others)), self._residuals(others), REACH * float(np.ptp(time)))
-        refined = self.trial((*trial.terms[:place], term, *trial.terms[place + 1 :]))
-        return refined if following or refined.fitted_rms <= trial.fitted_rms else trial
+        residuals, time = self._residuals(others), self.data.samples.time
+
+        def with_its(term: Term) -> Trial:
+            return self.trial((*trial.terms[:place], term, *trial.terms[place + 1 :]))
+
+        refined = with_its(scan(gauss_newton(term, residuals), residuals, REACH * float(np.ptp(time))))
+        if not following and refined.fitted_rms > trial.fitted_rms:
+            refined = trial
+        unusual = freed(refined.terms[place])
+        if unusual is not None:
+            other = with_its(gauss_newton(unusual, residuals))
+            gain = len(self.data.weights) * np.log(max(refined.predicted_rms, 1e-12) / max(other.predicted_rms, 1e-12))
+            return other if gain > CALL else refined
+        return refined
 
     def _residuals(self, terms: Sequence[Term]) -> Residuals:
         """Function that gives the weighted residual (R,) of the best fit of the terms with each of several variants.

@@ -17,6 +17,7 @@ TURNS = 20  # of Gauss-Newton at most
 SCANNED = 21  # instants at a time
 STEPS = (1.0, 0.4, 0.1, 0.02)  # shares of a Gauss-Newton step that are tried
 DIFFERENCE = 1e-3  # relative, for derivatives
+OFF = 0.7  # times its usual value, where the search for an unusual one starts
 ROUNDS, DRAWS, ELITE = 6, 48, 8  # of the cross-entropy search
 
 Residuals = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
@@ -27,9 +28,15 @@ def moved(term: Term, shapes: Sequence[Shape], values: Sequence[float] | Array) 
     return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(shapes, values, strict=True)})
 
 
-def continuous(term: Term | type[Term]) -> list[Shape]:
-    """Shape parameters that a search may move: those that are no integers and follow no other parameter."""
-    return [shape for shape in term.shapes if not shape.integer and not shape.follows]
+def continuous(term: Term) -> list[Shape]:
+    """Shape parameters that a search may move: free ones that are no integers and follow no other parameter."""
+    return [shape for shape in term.free if not shape.integer and not shape.follows]
+
+
+def freed(term: Term) -> Term | None:
+    """The term with the shape parameters that are at their usual values off them; None if there are none."""
+    usual = {shape.name: OFF * shape.usual for shape in term.shapes if shape.usual and shape not in term.free}
+    return replace(term, **usual) if usual else None
 
 
 def gauss_newton(term: Term, residuals: Residuals) -> Term:

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.diagnosis import Candidate, Step, Verdict
 from estimators.screen import Trial
-from estimators.search import HELD_OUT, LOOSE, SURPRISE, TEMPER, Search, complexity, objection
+from estimators.search import HELD_OUT, SURPRISE, TEMPER, Search, complexity, objection
 from estimators.unnamed import IMITATORS
 from pendulum_env.physics import Term
 
@@ -17,6 +17,7 @@ from pendulum_env.physics import Term
 # of 140 cases, whatever their odds: what is wrong then is no near rival but something else.
 MOST_SURE = 0.98
 EXTRA = 2.0  # nats against each parameter more
+CERTAIN = 50.0  # nats beyond which odds are no more telling, and numbers end
 
 
 def judge(search: Search, steps: Sequence[Step]) -> tuple[list[Candidate], list[tuple[str, ...]]]:
@@ -43,20 +44,21 @@ def judge(search: Search, steps: Sequence[Step]) -> tuple[list[Candidate], list[
 def _judge_selected(search: Search, final: Trial, before: Step, after: Step, last: Step) -> list[Candidate]:
     """The effect added from `before` to `after`, followed by those that would do as well in its place."""
     term = next(t for t in final.terms if t.id == after.added)
-    others = tuple(t for t in final.terms if t is not term)
-    # near the noise floor nothing as large as a transmission is in question
-    near_floor = final.predicted_rms < LOOSE * search.floor
-    out_of_question = [id for id, kind in search.library.items() if kind.kind == "transmission" and near_floor]
-    rivals = search.alternatives(others, barred=[term.id, *out_of_question])
+    rivals = search.rivals(final, term)
     odds = {rival.terms[-1].id: _odds(search, rival, final, term) for rival in rivals}
     total = 1.0 + sum(odds.values())
 
     def looks_the_same(rival: Trial) -> bool:
         simple = complexity(rival.terms[-1]) <= complexity(term)
-        level = search.nats(final, rival) < search.margin(final, rival)
-        return simple and level and search.is_as_good(search.step(None, rival.terms), last)
+        return simple and search.is_as_good(search.step(None, rival.terms), last)
 
-    alike = [rival.terms[-1].id for rival in rivals if looks_the_same(rival)]
+    level = [rival for rival in rivals if search.nats(final, rival) < search.margin(final, rival)]
+    alike = {r.terms[-1].id: f"fits as well as {term.id} in these data" for r in level if looks_the_same(r)}
+    for rival in level:
+        if search.fits(last) and search.is_called_for(rival, final):
+            alike[rival.terms[-1].id] = (
+                f"fits as well as {term.id} in the data that are fitted, and those held out call for it: fit both"
+            )
     ratio = after.errors["holdout"].torque_rms / before.errors["holdout"].torque_rms
     reason = (
         f"lowers the held-out errors: torque {_fall(before, after, 'torque_rms')} N m, "
@@ -65,17 +67,14 @@ def _judge_selected(search: Search, final: Trial, before: Step, after: Step, las
     share = MOST_SURE * (1.0 + sum(odds[id] for id in alike)) / total
     return [
         Candidate(term.id, share, Verdict.SELECTED, ratio, reason),
-        *(
-            Candidate(id, odds[id] / total, Verdict.AMBIGUOUS, ratio, f"fits as well as {term.id} in these data")
-            for id in alike
-        ),
+        *(Candidate(id, odds[id] / total, Verdict.AMBIGUOUS, ratio, why) for id, why in alike.items()),
     ]
 
 
 def _odds(search: Search, rival: Trial, final: Trial, term: Term) -> float:
     """Odds of a rival against the term in its place; a more complex one that merely contains it has small ones."""
     extra = max(0, complexity(rival.terms[-1]) - complexity(term))
-    return float(np.exp(-search.nats(final, rival) / TEMPER - EXTRA * extra))
+    return float(np.exp(min(-search.nats(final, rival) / TEMPER - EXTRA * extra, CERTAIN)))
 
 
 def _judge_left_out(search: Search, trial: Trial, steps: Sequence[Step]) -> Candidate:

@@ -20,6 +20,8 @@ from pendulum_env.physics import Model
 from pendulum_env.plant import make_plant
 from pendulum_env.rendering import MODES, Renderer
 
+OWN_PLANT = {"replay": "a replay plays the plant it was recorded with", "dm1015b": "the rig is the plant"}
+
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
 
@@ -46,7 +48,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self,
         backend: str = "pymunk",
         *,
-        effects: Sequence[str] = (),
+        effects: str | Sequence[str] | None = (),
         theta: Mapping[str, float] | Sequence[float] | None = None,
         model: Model | str | Path | None = None,
         rate: float = 1000.0,
@@ -90,9 +92,8 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             raise ValueError(f"a recording is played by backend='replay', not by '{backend}'")
         if backend != "dm1015b" and config is not None:
             raise ValueError(f"a configuration is for backend='dm1015b', not for '{backend}'")
-        if backend != "pymunk" and (effects or theta is not None or model is not None):
-            what = "a replay plays the plant it was recorded with" if backend == "replay" else "the rig is the plant"
-            raise ValueError(f"{what}: leave out effects, theta and model")
+        if backend in OWN_PLANT and (effects or theta is not None or model is not None):
+            raise ValueError(f"{OWN_PLANT[backend]}: leave out effects, theta and model")
         ideal = find("velocity", velocity, VELOCITIES)
         self.model = make_plant(theta, effects, model)
         self.max_torque, self.render_mode = float(max_torque), render_mode
@@ -105,7 +106,9 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self.backend.open()
         # what a wrapper may want to know of the measurement
         self.recording = self.backend.recording if isinstance(self.backend, Replay) else None
-        self.rate, self.counts = self.backend.rate, self.backend.counts
+        own = self.backend if isinstance(self.backend, (Replay, Rig)) else None  # with rate and encoder of its own
+        self.rate = float(rate) if own is None else own.rate
+        self.counts = counts if own is None else own.counts
         if isinstance(self.backend, Rig):
             self.max_torque = min(self.max_torque, self.backend.max_torque)
         self.metadata = {**self.metadata, "render_fps": max(1, round(self.rate))}

@@ -178,13 +178,13 @@ EXCITATIONS: dict[str, Drawn] = {
 
 
 def excitation(
-    name: str, rng: np.random.Generator, seconds: float = 30.0, amplitude: float | None = None
+    name: str, rng: np.random.Generator | int, seconds: float = 30.0, amplitude: float | None = None
 ) -> Excitation:
     """Draw an excitation signal.
 
     Args:
         name: one of `EXCITATIONS`.
-        rng: where its random numbers come from.
+        rng: where its random numbers come from, or a seed.
         seconds: length of the recording it is meant for; it goes on beyond.
         amplitude: bound of |torque| [N m]; each kind has its usual one.
 
@@ -196,7 +196,7 @@ def excitation(
     for what, value in (("seconds", seconds), ("amplitude", amplitude)):
         if not 0 < value < np.inf:
             raise ValueError(f"an excitation needs {what} above zero, got {value:g}")
-    return kind.draw(rng, seconds, amplitude)
+    return kind.draw(np.random.default_rng(rng), seconds, amplitude)
 
 
 def family(rng: np.random.Generator, seconds: float, amplitude: float) -> list[Excitation]:

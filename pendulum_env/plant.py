@@ -135,7 +135,7 @@ def _number(part: str, text: str) -> float:
 
 def make_plant(
     theta: Mapping[str, float] | Sequence[float] | None = None,
-    effects: str | Sequence[str] = (),
+    effects: str | Sequence[str] | None = (),
     model: Model | str | Path | None = None,
 ) -> Model:
     """Plant of an environment.
@@ -143,16 +143,17 @@ def make_plant(
     Args:
         theta: parameters that differ from the paper's, by name, or all four in the order inertia, gravity, viscous,
             coulomb.
-        effects: hidden in it, each as a text such as `stribeck=0.4`, see `hide`.
+        effects: hidden in it, each as a text such as `stribeck=0.4`, see `hide`; None hides none.
         model: an identified model or its file, instead of the paper's plant.
 
     Raises:
         ValueError: if a parameter or an effect is unknown or impossible, or if both theta and a model are given.
+        TypeError: if theta or an effect is of another kind.
         ModelError: if the model cannot be read.
     """
     if model is None:
         if theta is not None and not isinstance(theta, Mapping):
-            values = [float(value) for value in theta]
+            values = _values(theta)
             if len(values) != len(PAPER):
                 raise ValueError(f"theta has {len(values)} values, it needs {len(PAPER)}: {', '.join(PAPER)}")
             theta = dict(zip(PAPER, values, strict=True))
@@ -161,6 +162,17 @@ def make_plant(
         raise ValueError("a plant is given by its theta or by a model, not by both")
     else:
         plant = model if isinstance(model, Model) else Model.load(model)
-    for text in [effects] if isinstance(effects, str) else effects:
+    for text in [effects] if isinstance(effects, str) else effects or ():
+        if not isinstance(text, str):
+            raise TypeError(f"an effect is given as a text such as 'stribeck=0.4', got {text!r}")
         plant = hide(plant, text)
     return plant
+
+
+def _values(theta: Sequence[float]) -> list[float]:
+    try:
+        return [float(value) for value in theta]
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"theta is given by name or as {len(PAPER)} numbers ({', '.join(PAPER)}), got {theta!r}"
+        ) from None

@@ -38,7 +38,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         self,
         num_envs: int = 1,
         *,
-        effects: Sequence[str] = (),
+        effects: str | Sequence[str] | None = (),
         theta: Mapping[str, float] | Sequence[float] | None = None,
         model: Model | str | Path | None = None,
         rate: float = 1000.0,
@@ -50,11 +50,10 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
-        """Make the pendulums; the arguments are those of `DirectDrivePendulum`, but for two.
+        """Make the pendulums; the arguments are those of `DirectDrivePendulum`, and three more.
 
         Args:
             num_envs: number B of pendulums.
-            effects, theta, model, rate, substeps, max_torque, counts, torque_noise, velocity: as there.
             max_episode_steps: after which a pendulum's episode is truncated; None, or -1, never does.
             autoreset_mode: when a pendulum whose episode has ended starts anew: with the next step, as Gymnasium's own
                 environments do, or within the same step, `info["final_obs"]` keeping the last observation.

@@ -8,12 +8,9 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from estimators.equations import IdentificationError
 from pendulum_env.lookup import find
-from pendulum_env.physics import ModelError
-from pendulum_env.recording import RecordingError
 from workbench.commands import COMMANDS
-from workbench.inputs import InputError
+from workbench.inputs import MISTAKES, InputError, sentence
 from workbench.terminal import Terminal
 
 SUCCESS, BAD_INPUT, INTERRUPTED = 0, 2, 130
@@ -67,21 +64,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of a pipe has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return SUCCESS
-    except (InputError, RecordingError, IdentificationError, ModelError) as error:
-        return _complain(str(error), BAD_INPUT)
-    except OSError as error:
-        return _complain(_reason(error), BAD_INPUT)
+    except MISTAKES as mistake:
+        return _complain(sentence(mistake), BAD_INPUT)
     return SUCCESS
 
 
-def _reason(error: OSError) -> str:
-    if error.strerror is None:
-        return str(error)
-    return f"{error.filename}: {error.strerror}" if error.filename is not None else error.strerror
-
-
 def _complain(message: str, code: int) -> int:
-    print(f"{PROGRAM}: {' '.join(message.split())}", file=sys.stderr)
+    print(f"{PROGRAM}: {message}", file=sys.stderr)
     return code
 
 

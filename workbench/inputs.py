@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import TypeVar
 
 from estimators.diagnosis import SCHEMA
+from estimators.equations import IdentificationError
+from estimators.inputs import model_that_moves
 from estimators.suggestion import Suggestion
 from pendulum_env.files import check_output
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.plant import hide, paper_plant, read_parameters
-from pendulum_env.recording import Recording, read_recording
+from pendulum_env.recording import Recording, RecordingError, read_recording
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
@@ -23,6 +25,17 @@ T = TypeVar("T")
 
 class InputError(ValueError):
     """A command was asked for something that cannot be; the message is one sentence that says what and why."""
+
+
+MISTAKES = (InputError, RecordingError, IdentificationError, ModelError, OSError)  # of a user, not of the program
+
+
+def sentence(mistake: Exception) -> str:
+    """A user's mistake in one line."""
+    if isinstance(mistake, OSError) and mistake.strerror is not None:
+        where = f"{mistake.filename}: " if mistake.filename is not None else ""
+        return f"{where}{mistake.strerror}"
+    return " ".join(str(mistake).split())
 
 
 def argument(convert: Callable[[str], T]) -> Callable[[str], T]:
@@ -130,7 +143,7 @@ def read_recordings(paths: Sequence[str], unwrap: bool, terminal: Terminal) -> l
     recordings = []
     for path in paths:
         recording = read_recording(path, unwrap=unwrap)
-        terminal.say(f"{path}: {recording.duration:.3g} s at {recording.rate:.6g} Hz, {len(recording)} samples")
+        terminal.say(f"{path}: {recording.summary}")
         for note in recording.notes:
             terminal.say(f"  {note}")
         recordings.append(recording)
@@ -156,9 +169,10 @@ def read_model(path: str) -> Model:
         ModelError: if there is none in the file.
     """
     model = Model.load(path)
-    if "inertia" not in model.estimates:
-        raise ModelError(f"{path}: the model lacks the term inertia, without which nothing moves")
-    return model
+    try:
+        return model_that_moves(model)
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from None
 
 
 def read_suggestion(path: str) -> Suggestion:

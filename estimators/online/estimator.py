@@ -63,13 +63,13 @@ class SchemeEstimate(Mapping[str, Any]):
     theta (P,), covariance (P, P) and prediction_error of one pendulum, or with a first axis over all.
     """
 
-    __slots__ = ("_now", "_pendulum", "_scheme")
+    __slots__ = ("_now", "_pendulum", "_scheme", "units")
 
     _parts: ClassVar[dict[str, str]] = {"theta": "theta", "covariance": "covariance", "prediction_error": "error"}
 
-    def __init__(self, now: Estimates, scheme: int, pendulum: int | slice = slice(None)) -> None:
-        """Take all estimates, and which of them are meant."""
-        self._now, self._scheme, self._pendulum = now, scheme, pendulum
+    def __init__(self, now: Estimates, scheme: int, pendulum: int | slice, units: Mapping[str, str]) -> None:
+        """Take all estimates, which of them are meant, and the units of the parameters by name, in order."""
+        self._now, self._scheme, self._pendulum, self.units = now, scheme, pendulum, units
 
     def __getitem__(self, name: str) -> Any:
         return getattr(self._now, self._parts[name])[self._pendulum, self._scheme]
@@ -87,6 +87,15 @@ class SchemeEstimate(Mapping[str, Any]):
         return isinstance(other, SchemeEstimate) and all(np.array_equal(self[name], other[name]) for name in self)
 
     __hash__ = None  # type: ignore[assignment]  # as of any mapping
+
+
+class SchemeEstimates(dict[str, SchemeEstimate]):
+    """What several schemes know, by id; a notebook shows it as a table."""
+
+    def _repr_html_(self) -> str:
+        from estimators.notebook import show_estimates  # only a notebook asks for it
+
+        return show_estimates(self)
 
 
 class OnlineEstimator:
@@ -136,7 +145,9 @@ class OnlineEstimator:
                 raise ValueError(f"{what} cannot be {values}: give zero or a positive number")
         if not 0 < rate < np.inf or (reset_every is not None and not reset_every > 0):
             raise ValueError(f"rate ({rate:g}) and reset_every ({reset_every}) have to be positive")
-        self.names = tuple(column.name for term in terms for column in term.columns)
+        columns = [column for term in terms for column in term.columns]
+        self.names = tuple(column.name for column in columns)
+        self.units = {column.name: column.unit for column in columns}
         if not self.names or not schemes:
             raise ValueError("nothing to estimate: name terms with linear parameters, and schemes")
         if len(set(self.names)) < len(self.names):

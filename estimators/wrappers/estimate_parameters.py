@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from estimators.online import Estimates, OnlineEstimator, SchemeEstimate
+from estimators.online import Estimates, OnlineEstimator, SchemeEstimate, SchemeEstimates
 from estimators.schemes import OnlineScheme
 from estimators.wrappers.options import Names, check_rate, make, measured
 from pendulum_env._typing import Array
@@ -23,13 +23,14 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     """Estimate the parameters online, by recursive least squares, from the measurement in `info`.
 
     Adds to `info`:
-        estimates: by scheme, each with `theta` (P,), `covariance` (P, P), honest under correlated errors, and
-            `prediction_error`, a priori and 0 where the sample was not used, as in stick.
-        estimates_time: time of the newest sample used [s]: smoothing and stick need to see both sides of a sample.
-        regressor: (P,), the torque balance's row at that sample, 0 in stick.
-        parameters: their names in order.
 
-    Example:
+    - `estimates`: by scheme, each with `theta` (P,), `covariance` (P, P), honest under correlated errors, and
+      `prediction_error`, a priori and 0 where the sample was not used, as in stick. A notebook shows them as a table.
+    - `estimates_time`: time of the newest sample used [s]: smoothing and stick need to see both sides of a sample.
+    - `regressor`: (P,), the torque balance's row at that sample, 0 in stick.
+    - `parameters`: their names in order.
+
+    Examples:
         >>> import gymnasium as gym
         >>> from estimators.wrappers import EstimateParameters
         >>> env = EstimateParameters(gym.make("pendulum_env/DirectDrivePendulum-v0"), schemes=["dynamic"])
@@ -118,8 +119,8 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 
 def tell(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendulum: int | slice) -> None:
     """Put what is known of one pendulum, or of several, into an info, beside what a wrapper inside has found."""
-    found = {scheme.id: SchemeEstimate(now, s, pendulum) for s, scheme in enumerate(estimator.schemes)}
-    info["estimates"] = {**info.get("estimates", {}), **found}
+    found = {scheme.id: SchemeEstimate(now, s, pendulum, estimator.units) for s, scheme in enumerate(estimator.schemes)}
+    info["estimates"] = SchemeEstimates({**info.get("estimates", {}), **found})
     info["estimates_time"] = now.time[pendulum]
     info["regressor"] = now.regressor[pendulum]
     info["parameters"] = estimator.names

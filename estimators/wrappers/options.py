@@ -4,47 +4,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 
+from estimators.inputs import chosen_schemes, chosen_terms
 from estimators.measurements import Smoothing, choose_smoothing
 from estimators.online import OnlineEstimator
-from estimators.schemes import SCHEMES, OnlineScheme, scheme
+from estimators.schemes import OnlineScheme
 from pendulum_env.backends.sensing import COUNTS
-from pendulum_env.physics import BASE, Term
-from pendulum_env.physics.library import term
+from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 
 Names = str | Sequence[str | OnlineScheme]
 AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]
 
 
-def chosen_schemes(names: Names) -> tuple[OnlineScheme, ...]:
+def chosen_online(names: Names) -> tuple[OnlineScheme, ...]:
     """Schemes by id, or as they are; "all" are the six.
 
     Raises:
-        ValueError: if there is no scheme of a name.
+        ValueError: if there is no scheme of a name, or one that only works on whole recordings.
+        TypeError: if something is no scheme.
     """
-    if isinstance(names, str):
-        names = [item.id for item in SCHEMES] if names == "all" else [names]
-    chosen = tuple(scheme(item) if isinstance(item, str) else item for item in names)
-    ids = [item.id for item in chosen]
-    if len(set(ids)) < len(ids):  # they could not be told apart in info
-        raise ValueError(f"a scheme is named twice in {', '.join(ids)}: give each its own wrapper")
-    return chosen
-
-
-def chosen_terms(names: str | Sequence[str | Term] | None) -> tuple[Term, ...]:
-    """Terms by id, with their default shape parameters, or as they are; None are the paper's four.
-
-    Raises:
-        ValueError: if there is no term of a name.
-    """
-    if names is None:
-        return BASE
-    names = [names] if isinstance(names, str) else names
-    return tuple(term(item)() if isinstance(item, str) else item for item in names)
+    chosen = chosen_schemes(names)
+    for item in chosen:
+        if not hasattr(item, "view"):
+            raise ValueError(
+                f"{item.id} only works on whole recordings: it does not say which view it takes of a column"
+            )
+    return cast("tuple[OnlineScheme, ...]", chosen)
 
 
 def rate_of(env: AnyEnv, rate: float | None) -> float:
@@ -88,7 +77,7 @@ def make(
     rate = rate_of(env, rate)
     if options.get("smoothing") is None:
         options = {**options, "smoothing": smoothing_of(env, rate)}
-    return OnlineEstimator(rate, chosen_terms(terms), chosen_schemes(schemes), batch=batch, **options)
+    return OnlineEstimator(rate, chosen_terms(terms), chosen_online(schemes), batch=batch, **options)
 
 
 def check_rate(passed: float, rate: float) -> None:

@@ -50,14 +50,6 @@ class Backend(Protocol):
     def follows(self) -> bool:
         """Whether the torque moves the joint; a recording plays what it holds."""
 
-    @property
-    def rate(self) -> float:
-        """Samples per second [Hz]."""
-
-    @property
-    def counts(self) -> int | None:
-        """Of the encoder per turn, 0 for an exact one; None where the measurement itself has to tell."""
-
     def open(self) -> None:
         """Get hold of what is needed; the joint stays without power."""
 

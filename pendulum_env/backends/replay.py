@@ -29,7 +29,7 @@ class Replay:
 
     @property
     def counts(self) -> None:
-        """A recording does not tell of its encoder."""
+        """Of the encoder per turn: the measurement itself has to tell."""
         return None
 
     def open(self) -> None:

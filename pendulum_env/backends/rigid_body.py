@@ -35,16 +35,6 @@ class RigidBody:
         self.model, self.sensor, self.period, self.substeps = setup.model, setup.sensor, setup.period, setup.substeps
         self._balance = Balance(self.model.terms, self.model.theta)
 
-    @property
-    def rate(self) -> float:
-        """Samples per second [Hz]."""
-        return 1.0 / self.period
-
-    @property
-    def counts(self) -> int:
-        """Of the encoder per turn."""
-        return self.sensor.counts
-
     def open(self) -> None:
         """Nothing is needed before a run."""
 

@@ -22,7 +22,7 @@ def record(
     counts: int = COUNTS,
     torque_noise: float = TORQUE_NOISE,
     *,
-    rng: np.random.Generator,
+    rng: np.random.Generator | int,
     name: str = "simulated",
 ) -> Recording:
     """Record a run of a simulated pendulum that starts at rest, hanging down.
@@ -34,7 +34,7 @@ def record(
         rate: samples per second [Hz].
         counts: of the encoder per turn; 0 measures the angle exactly.
         torque_noise: standard deviation of the white noise on the recorded torque [N m].
-        rng: where the noise comes from.
+        rng: where the noise comes from, or a seed.
         name: of the recording.
 
     Raises:
@@ -55,5 +55,5 @@ def record(
         name=name,
         time=time,
         position=sensor.position(path.position[:-1, 0]),
-        torque=np.asarray(sensor.torque(torque, rng)),
+        torque=np.asarray(sensor.torque(torque, np.random.default_rng(rng))),
     )

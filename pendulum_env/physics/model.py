@@ -15,6 +15,7 @@ from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.term import Column, Samples, Term
+from pendulum_env.words import plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
 
@@ -30,6 +31,9 @@ class Estimate:
     value: float
     std: float
     unit: str
+
+    def __str__(self) -> str:
+        return f"{plus_minus(self.value, self.std)} {self.unit}"
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -65,7 +69,7 @@ class Model:
             c.name: Estimate(float(v), float(s), c.unit) for c, v, s in zip(columns, values, errors, strict=True)
         }
         for term in terms:
-            for shape in term.shapes:
+            for shape in term.free:
                 name = f"{term.id}.{shape.name}"
                 estimates[name] = Estimate(term.shape[shape.name], shape_std.get(name, 0.0), shape.unit)
         return cls(tuple(terms), estimates)
@@ -123,6 +127,11 @@ class Model:
         """Motion in free run under a held torque command; see `pendulum_env.physics.simulation.simulate`."""
         return simulate(self.terms, self.theta, period, torque, position, velocity, start)
 
+    def _repr_html_(self) -> str:
+        from pendulum_env.notebook import show_model  # only a notebook asks for it
+
+        return show_model(self)
+
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         return {
@@ -145,8 +154,9 @@ class Model:
         try:
             for id in data["terms"]:
                 kind = library.term(id)
-                shape = {s.name: float(data["theta"][f"{id}.{s.name}"]["value"]) for s in kind.shapes}
-                for s in kind.shapes:
+                told = [s for s in kind.shapes if s.usual is None or f"{id}.{s.name}" in data["theta"]]
+                shape = {s.name: float(data["theta"][f"{id}.{s.name}"]["value"]) for s in told}
+                for s in told:
                     value = shape[s.name]
                     if not np.isfinite(value):
                         continue  # refused below, with all others

@@ -60,6 +60,9 @@ class Column:
         dry: magnitude of set-valued dry friction; at rest it balances anything up to this.
         of_torque: whether it scales with the commanded torque: such a column can explain torque by torque, not motion.
         potential: stored energy U with force = dU/dq, where there is one; without it the force's work is dissipated.
+        least: smallest value that a body can have, whatever else it has; minus infinity where friction of one kind may
+            make up for another.
+        most: largest value.
     """
 
     name: str
@@ -69,6 +72,12 @@ class Column:
     dry: Law = zero
     potential: Law | None = None
     of_torque: bool = False
+    least: float = -np.inf
+    most: float = np.inf
+
+    def allows(self, value: float) -> bool:
+        """Whether a body can have this value of the parameter."""
+        return self.least <= value <= self.most
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Torque per unit of the parameter; at rest sgn is taken as 0, so mask samples in stick."""
@@ -91,6 +100,7 @@ class Shape:
     integer: bool = False
     follows: str = ""  # name of a linear parameter of another term that this one is to equal
     instant: bool = False  # whether it is a time at which something happens, which shows only in what is sampled then
+    usual: float | None = None  # value at which it stays, and is no parameter at all, unless data call for another
 
 
 @dataclass(frozen=True)
@@ -152,6 +162,11 @@ class Term:
     def shape(self) -> dict[str, float]:
         """Values of the shape parameters by name."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    @property
+    def free(self) -> tuple[Shape, ...]:
+        """Shape parameters that are to be told: those that are not at their usual value."""
+        return tuple(shape for shape in self.shapes if np.any(getattr(self, shape.name) != shape.usual))
 
 
 def trace(variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:

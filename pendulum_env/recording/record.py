@@ -13,7 +13,7 @@ class RecordingError(ValueError):
     """A recording cannot be used; the message is one sentence with where, why and what to do about it."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """N samples of one run, uniform in time, all finite; the arrays are read-only float64 views.
 
@@ -62,6 +62,19 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.name!r}: {self.summary}>"
+
+    def _repr_html_(self) -> str:
+        from pendulum_env.notebook import show_recording  # only a notebook asks for it
+
+        return show_recording(self)
+
+    @property
+    def summary(self) -> str:
+        """Length, rate and number of samples: `30 s at 1000 Hz, 30000 samples`."""
+        return f"{self.duration:.3g} s at {self.rate:.6g} Hz, {len(self)} samples"
 
     @property
     def rate(self) -> float:

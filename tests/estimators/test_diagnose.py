@@ -12,6 +12,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Diagnosis, IdentificationError, add, diagnose
 from estimators.diagnose import gather
 from estimators.evidence import fit_terms
+from estimators.search import Search
 from pendulum_env.physics import BASE, Column, Model, ModelError, Term, effect, effects, library, register
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording
@@ -131,6 +132,45 @@ def test_torque_that_jumps_every_sample_is_not_taken_for_noise():
     assert plain.selected == ()
     assert plain.noise_floor < 0.05
     assert set(spoiled.selected) == set(hidden)
+
+
+def test_an_unusual_exponent_of_stribeck_friction_is_found_and_a_usual_one_is_no_parameter(diagnosis):
+    plant = Plant(effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.8, "strib_p": 1.0}})
+    (r,) = simulate([(plant, run(60, 12.0))])
+    found = diagnose([Recording("slowly fading", r.time, r.position, r.torque)])
+    assert found.selected == ("stribeck",)
+    exponent = found.model.estimates["stribeck.exponent"]
+    assert abs(exponent.value - 1.0) < 3 * exponent.std < 0.2
+    assert Model.from_json(found.model.json()) == found.model
+    usual = diagnosis("stribeck").model
+    assert "stribeck.exponent" not in usual.estimates
+    assert Model.from_json(usual.json()) == usual
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_actions_drawn_at_random_raise_no_alarm(seed):
+    """The first thing that an agent does: a new torque every millisecond, which hardly moves the arm."""
+    command = np.random.default_rng(seed).uniform(-15.0, 15.0, 8000)
+    (r,) = simulate([(PLANT, run(seed, 8.0, 1000.0))], commands=[command])
+    found = diagnose([Recording("random", r.time, r.position, r.torque)])
+    assert found.selected == ()
+    assert found.unexplained == ()
+    estimates = found.model.estimates
+    assert all(abs(estimates[name].value - truth) < 0.15 * truth for name, truth in THETA.items())
+
+
+@pytest.mark.parametrize(("scale", "reach"), [(0.7, 0.8), (0.35, 0.3)])
+def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(scale, reach):
+    """In small swings they look the same; in very small ones no wide swing is predicted well, but it speaks for one."""
+    plant = Plant(effects={"spring": {"spring_k": 0.4, "spring_q0": 0.5}})
+    cases = [(plant, run(50, 12.0, excitation="multisine", scale=scale)), (plant, run(51, 9.0, scale=0.8))]
+    narrow, wide = (Recording("run", r.time, r.position, r.torque) for r in simulate(cases))
+    assert np.ptp(narrow.position) < reach
+    assert np.ptp(wide.position) > 2.0
+    found = diagnose([narrow], [wide])
+    assert "spring" in {*found.selected, *(id for group in found.ambiguous for id in group)}
+    assert found.selected == ("spring",) or scale < 0.7
+    assert "spring" not in diagnose([narrow]).selected
 
 
 @pytest.mark.parametrize("name", NULLS)
@@ -444,3 +484,18 @@ def test_a_recording_at_rest_is_refused_with_what_to_do():
     time = np.arange(4000) / 500
     with pytest.raises(IdentificationError, match="record longer, faster or wider motion"):
         diagnose([Recording("resting", time, np.zeros(4000), 0.5 * np.sin(time))])
+
+
+def test_torque_is_not_explained_by_torque():
+    """In creep |tau + w sin q| sgn q' may be the torque itself: gears that eat it all would explain everything."""
+    time = np.arange(8000) / 500
+    command = 0.85 * (np.sin(12.07 * time) + np.sin(2.25 * time))
+    plant = Plant(0.09, 2.0, 0.36, 0.92, {"spring": {"spring_k": 0.3, "spring_q0": 0.3}})
+    (r,) = simulate([(plant, run(3, 16.0))], commands=[command])
+    recording = Recording("creep", r.time, r.position, r.torque)
+    search = Search(*gather([recording]))
+    eaten = search.screen.best(search.settle(BASE), effect("load_dependent_friction"))
+    assert eaten.predicted_rms < 0.1 * search.floor
+    found = diagnose([recording])
+    assert "load_dependent_friction" not in {*found.selected, *(id for group in found.ambiguous for id in group)}
+    assert all(0 <= candidate.score <= 1 for candidate in found.candidates)

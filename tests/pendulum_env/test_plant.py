@@ -33,7 +33,7 @@ def test_values_in_order_by_name_and_typical_agree():
         ("stribek", r"did you mean stribeck\?"),
         ("stribeck=a", "'a' in 'stribeck=a' is not a number"),
         ("stribeck=", "is not a number"),
-        ("stribeck=1,2,3", r"at most 2 values \(stribeck, stribeck_velocity\), got 3"),
+        ("stribeck=1,2,2,3", r"at most 3 values \(stribeck, stribeck_velocity, exponent\), got 4"),
         ("stribeck=nan", "is not a number"),
         ("cogging:ordre=3", r"unknown parameter of cogging 'ordre': did you mean order\?"),
         ("cogging:order=3.5", "order of cogging cannot be 3.5: give an integer from 2"),

@@ -1,6 +1,7 @@
 """The command line end to end, through `main`."""
 
 import json
+import socket
 from pathlib import Path
 
 import numpy as np
@@ -503,3 +504,21 @@ def test_lists_read_like_sentences():
 
 def test_bars_shrink_with_their_share_and_stay_visible():
     assert [len(bar(share, 10)) for share in (0.0, 0.001, 0.5, 1.0, 7.0)] == [0, 1, 5, 10, 10]
+
+
+# ------------------------------------------------------------------------------------------------ app
+
+
+def test_app_refuses_what_it_cannot_serve(refused, tmp_path, runs, monkeypatch):
+    pytest.importorskip("dash")
+    assert "there is no such file" in refused("app", tmp_path / "nowhere.csv", "--no-browser")
+    assert "should be a whole number" in refused("app", "--port", "-1")
+    assert "'99999' should be a port" in refused("app", "--port", "99999", "--no-browser")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        assert f"port {port} is taken" in refused("app", "--port", port, "--no-browser")
+
+
+def test_app_without_its_extra_says_what_to_install(refused, monkeypatch):
+    monkeypatch.setattr("workbench.commands.app.find_spec", lambda name: None)
+    assert "pip install 'pendulum-ident[app]'" in refused("app", "--no-browser")

@@ -93,6 +93,13 @@ def test_numbers_in_the_text_are_those_of_the_diagnosis(page: str, diagnosis: Di
         assert candidate.reason in text
 
 
+def test_parameters_that_the_base_model_got_wrong_are_told(page: str, diagnosis: Diagnosis) -> None:
+    wrong, right = (step.model.estimates["coulomb"].value for step in diagnosis.steps)
+    told = re.search(r"Without it, the fit put .*Coulomb friction ([\d.]+) % too high", Page(page).text)
+    assert float(told[1]) == pytest.approx(100 * (wrong / right - 1), abs=0.5)
+    assert "inertia" not in told[0]  # reversals are fast enough to tell it apart
+
+
 def test_figures_are_small_finite_and_coloured_by_the_page(page: str) -> None:
     figures = Page(page).figures
     assert len(figures) >= 10
@@ -113,7 +120,7 @@ def test_hostile_names_stay_text(train: Recording, holdout: Recording, diagnosis
     assert "<script>alert" not in page
     found = Page(page)
     assert HOSTILE in found.text
-    assert len([tag for tag, _ in found.tags if tag == "script"]) == 4 + len(found.figures) - 1
+    assert len([tag for tag, _ in found.tags if tag == "script"]) == 5 + len(found.figures) - 1
 
 
 def test_nothing_missing_is_said_plainly(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
@@ -202,3 +209,13 @@ def test_curves_break_where_time_has_a_gap() -> None:
 
 def test_plotted_numbers_are_rounded_and_gaps_are_null() -> None:
     assert numbers(np.array([1.23456789, np.nan, -1e-9, 0.0])) == [1.2346, None, -1e-9, 0.0]
+
+
+def test_one_recording_need_not_be_a_list_and_a_file_is_no_recording(
+    tmp_path: Path, train: Recording, holdout: Recording, diagnosis: Diagnosis
+) -> None:
+    pages = [re.sub(r"\d\d:\d\d", "", render(*given, diagnosis)) for given in ((train, holdout), ([train], [holdout]))]
+    assert pages[0] == pages[1]
+    with pytest.raises(TypeError, match=r"'run\.csv' is not a recording"):
+        write_report(tmp_path / "report.html", "run.csv", (), diagnosis)
+    assert not list(tmp_path.iterdir())

@@ -3,6 +3,7 @@
 from workbench.command import Command
 from workbench.commands import (
     add,
+    app,
     compare,
     demo,
     diagnose,
@@ -29,6 +30,7 @@ COMMANDS: dict[str, Command] = {
     "emulate": emulate.COMMAND,
     "train": train.COMMAND,
     "evaluate": evaluate.COMMAND,
+    "app": app.COMMAND,
 }
 
 __all__ = ["COMMANDS"]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from estimators.diagnose import Addition, add
+from estimators.diagnose import add
+from estimators.tables import errors_table
 from pendulum_env.physics import effect
+from pendulum_env.words import parameters_table
 from workbench.command import Command
 from workbench.inputs import argument, check_outputs, keep_apart, read_model, read_recordings, take_recordings, wrote
-from workbench.story import tell_errors, tell_parameters
 from workbench.terminal import Terminal
 
 FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
@@ -29,32 +30,22 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     model = read_model(arguments.model)
     recordings = read_recordings(arguments.recordings, arguments.unwrap, terminal)
     holdout = read_recordings(arguments.holdout, arguments.unwrap, terminal)
-    with terminal.progress(f"adding {arguments.effect}"):
-        added = add(model, arguments.effect, recordings, holdout)
+    with terminal.progress(f"adding {arguments.effect}") as progress:
+        added = add(model, arguments.effect, recordings, holdout, progress)
     before, after = added.before, added.after
     if arguments.output is not None:
         after.model.save(arguments.output)
     terminal.heading("Errors, the model refitted without and with the effect")
-    tell_errors((before, after), terminal)
-    terminal.say(judgement(added))
+    terminal.table(*errors_table((before, after)))
+    terminal.say(added.text)
     left = after.errors["holdout"].torque_rms / added.noise_floor
     if left > FAR_ABOVE:
         terminal.say(
             f"what is left is {left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
         )
     terminal.heading("Parameters")
-    tell_parameters(after.model, terminal)
+    terminal.table(*parameters_table(after.model))
     wrote([arguments.output], terminal)
-
-
-def judgement(addition: Addition) -> str:
-    """Whether the effect earns its place, in a sentence: only data that it was not fitted to can tell."""
-    before, after = addition.before, addition.after
-    if addition.objection is not None:
-        return f"{after.added} {addition.objection}: these recordings give no reason to keep it"
-    old, new = before.errors["holdout"], after.errors["holdout"]
-    torque, position = new.torque_rms / old.torque_rms, new.position_rms / old.position_rms
-    return f"{after.added} lowers the held-out errors: torque to {torque:.1%}, position to {position:.1%} of before"
 
 
 def _effect(text: str) -> str:

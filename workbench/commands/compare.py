@@ -6,6 +6,7 @@ import argparse
 import json
 
 from estimators.compare import compare
+from estimators.tables import distances_table
 from pendulum_env.files import write_whole
 from workbench.command import Command
 from workbench.inputs import check_outputs, read_model, read_recordings, take_recordings, wrote
@@ -30,19 +31,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
     terminal.heading(f"Errors of the model with {enumerate_words([term.id for term in model.terms])}")
-    rows = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
-    terminal.table(
-        ("recording", "torque [N m]", "noise floor [N m]", "free-running position [rad]"),
-        [
-            (
-                item.name,
-                f"{item.errors.torque_rms:.4g}",
-                f"{item.noise_floor:.4g}",
-                f"{item.errors.position_rms:.4g}",
-            )
-            for item in rows
-        ],
-    )
+    terminal.table(*distances_table(found))
     terminal.heading("Where")
     for region in found.regions:
         terminal.say(f"- {region.text}")

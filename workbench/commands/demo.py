@@ -77,6 +77,7 @@ def draw_plant(rng: np.random.Generator) -> Model:
     shapes = {
         shape.name: float(rng.integers(5, 25)) if shape.integer else values.pop(shape.name) * rng.uniform(0.7, 1.4)
         for shape in kind.shapes
+        if shape.usual is None
     }
     sizes = [values[name] * rng.uniform(0.8, 1.5) for name in list(values)[: len(kind().columns)]]
     return Model.build(BASE, theta).add(kind(**shapes), np.array(sizes))

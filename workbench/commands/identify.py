@@ -12,13 +12,13 @@ from estimators.equations import IdentificationError
 from estimators.evidence import Evidence, fit_terms
 from estimators.identify import Identification, identify
 from estimators.schemes import PAPER, SCHEMES, Scheme, scheme
+from estimators.tables import schemes_table
 from pendulum_env.files import write_whole
-from pendulum_env.physics import BASE, Estimate, Model, Term
+from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording
 from workbench.command import Command
 from workbench.inputs import InputError, argument, check_outputs, read_recordings, take_recordings, wrote
 from workbench.terminal import Terminal
-from workbench.words import plus_minus
 
 SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 
@@ -76,23 +76,10 @@ def refuse_slow(recordings: Sequence[Recording], schemes: Sequence[Scheme]) -> N
 
 def tell(found: Identification, model: Model | None, terminal: Terminal) -> None:
     """Print one row a scheme, and the model that is saved as the last."""
-    columns = [column for term in BASE for column in term.columns]
-    names = [column.name for column in columns]
     terminal.heading("Estimates ± standard errors")
-    rows = []
-    for id, result in found.schemes.items():
-        values = [_shown(result.model.estimates[name], name in result.withheld) for name in names]
-        rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
-    if model is not None:
-        withheld = {name for doubt in found.doubts for name in doubt.withheld}
-        rows.append(("windows (saved)", *(_shown(model.estimates[name], name in withheld) for name in names), ""))
-    terminal.table(("scheme", *(f"{column.name} [{column.unit}]" for column in columns), "residual"), rows)
+    terminal.table(*schemes_table(found, model))
     for doubt in found.doubts:
         terminal.say(f"warning: {doubt.text}", style="yellow")
-
-
-def _shown(estimate: Estimate, withheld: bool = False) -> str:
-    return "unknown" if withheld else plus_minus(estimate.value, estimate.std)
 
 
 def _schemes(text: str) -> Sequence[Scheme]:

@@ -25,6 +25,7 @@ class Case:
         is_split: whether the held-out recordings are the ends of the fitted ones.
         diagnosis: what was found.
         identification: the schemes side by side, where they were run.
+        gathered: evidence from the recordings, fitted and held out, where it is at hand already.
     """
 
     train: tuple[Recording, ...]
@@ -32,6 +33,7 @@ class Case:
     is_split: bool
     diagnosis: Diagnosis
     identification: Identification | None = None
+    gathered: tuple[Evidence, Evidence] | None = None
 
     @classmethod
     def of(
@@ -50,6 +52,8 @@ class Case:
 
     @cached_property
     def _evidence(self) -> tuple[Evidence, Evidence]:
+        if self.gathered is not None:
+            return self.gathered
         return gather(self.train, () if self.is_split else self.holdout, self.diagnosis.window_share)
 
     @cached_property

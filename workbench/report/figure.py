@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
+from pendulum_env import thinning
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 
 POINTS = 2400  # of one curve; more than a screen is wide
@@ -46,8 +48,8 @@ def numbers(values: Array) -> list[float | None]:
     values = np.asarray(values, dtype=float)
     size = np.floor(np.log10(np.maximum(np.abs(np.nan_to_num(values)), 1e-30)))
     scale = 10.0 ** (DIGITS - 1 - np.clip(size, -12, 12))
-    rounded = np.round(values * scale) / scale
-    return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in rounded.ravel()]
+    rounded = np.round(values * scale) / scale  # a whole number over a power of ten: as short as it can be printed
+    return [value if isfinite(value) else None for value in rounded.ravel().tolist()]
 
 
 def line(x: Array, y: Array, name: str, color: str, unit: str, **more: object) -> JSON:
@@ -87,12 +89,8 @@ def axis(title: str, **more: object) -> JSON:
 
 
 def thin(series: Array, most: int = POINTS) -> Index:
-    """Indices of about `most` samples of a series (N,) that keep every peak: the extremes of equal stretches."""
-    if len(series) <= most:
-        return np.arange(len(series))
-    parts = np.array_split(np.arange(len(series)), most // 2)
-    ends = [(part[np.argmin(series[part])], part[np.argmax(series[part])]) for part in parts]
-    return np.unique(np.array(ends))
+    """Indices of about `most` samples of a series (N,) that keep every peak."""
+    return thinning.thin(series, most)
 
 
 def broken(time: Array, kept: Index, *series: Array) -> tuple[Array, list[Array]]:

@@ -14,8 +14,8 @@ from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
 from estimators.diagnosis import Diagnosis
 from estimators.identify import Identification
+from estimators.inputs import Recordings, chosen_recordings
 from pendulum_env.files import write_whole
-from pendulum_env.recording import Recording
 from workbench.report import words
 from workbench.report.case import Case
 from workbench.report.section import Section
@@ -45,21 +45,32 @@ def _environment() -> Environment:
 
 
 @cache
-def _plotly() -> str:
+def plotly() -> str:
     """plotly.js, packed: a third of the size, and browsers unpack it in a few hundredths of a second."""
     return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
 
 
 def render(
-    recordings: Sequence[Recording],
-    holdout: Sequence[Recording],
+    recordings: Recordings,
+    holdout: Recordings,
     diagnosis: Diagnosis,
     identification: Identification | None = None,
 ) -> str:
     """HTML of the report; see `write_report`."""
-    case = Case.of(recordings, holdout, diagnosis, identification)
+    case = Case.of(chosen_recordings(recordings), chosen_recordings(holdout, empty=True), diagnosis, identification)
     sections = [section for make in SECTIONS if (section := make(case)) is not None]
     return assemble(sections, f"diagnosis of {words.listing([recording.name for recording in case.train])}")
+
+
+def fragment(section: Section) -> str:
+    """HTML of a section's content on its own, without its figures, for another page in the same style."""
+    content = {name: value for name, value in section.content.items() if name != "figures"} | {"figures": []}
+    return _environment().get_template(section.template).render(content=content)
+
+
+def shared(name: str) -> str:
+    """Style or script that all pages have: `style.css`, `theme.js`, `plot.js`."""
+    return _environment().get_template(name).render()
 
 
 def assemble(sections: Sequence[Section], subject: str) -> str:
@@ -72,7 +83,7 @@ def assemble(sections: Sequence[Section], subject: str) -> str:
             title=sections[0].title,
             subject=subject,
             written=f"{datetime.now().astimezone():%d %B %Y, %H:%M}",
-            plotly=_plotly(),
+            plotly=plotly(),
             plotly_version=get_plotlyjs_version(),
         )
     )
@@ -80,8 +91,8 @@ def assemble(sections: Sequence[Section], subject: str) -> str:
 
 def write_report(
     path: str | Path,
-    recordings: Sequence[Recording],
-    holdout: Sequence[Recording],
+    recordings: Recordings,
+    holdout: Recordings,
     diagnosis: Diagnosis,
     identification: Identification | None = None,
 ) -> None:
@@ -93,5 +104,9 @@ def write_report(
         holdout: what it was confirmed on; empty if the end of each recording was held out.
         diagnosis: what was found.
         identification: the schemes side by side, if they were run.
+
+    Raises:
+        TypeError: if something else is given than recordings.
+        OSError: if the file cannot be written.
     """
     write_whole(path, render(recordings, holdout, diagnosis, identification))

@@ -31,7 +31,7 @@ def comparison(case: Case) -> Section:
         {
             "name": case.holdout[k].name,
             "torque": torque_figure(case, k, torque[k], [part[k] for part in split], noise),
-            "position": position_figure(case, k, evidence.flights[k]),
+            "position": position_figure(case, f"position-{k}", evidence.flights[k]),
         }
         for k in order
     ]
@@ -54,7 +54,7 @@ def torque_figure(case: Case, k: int, torque: Array, residuals: Sequence[Array],
     return figure
 
 
-def position_figure(case: Case, k: int, flights: Flights) -> Figure:
+def position_figure(case: Case, id: str, flights: Flights) -> Figure:
     """Position of one recording and free-running simulations, each window started from the measured state."""
     points = int(np.clip(2 * POINTS // len(flights.first), *PER_FLIGHT))
     step = max(1, (len(flights.position) - 1) // points)
@@ -65,9 +65,9 @@ def position_figure(case: Case, k: int, flights: Flights) -> Figure:
     measured = joined(list(flights.position[at].T))
     errors = [joined(list(follow(flights, m.terms, m.theta)[at].T)) for _, _, m in case.models]
     simulated = [measured + error for error in errors]
-    label = f"Measured position and free-running simulation over time, recording {case.holdout[k].name}"
+    label = f"Measured position and free-running simulation over time, recording {recording.name}"
     names = ("position", "error", "rad")
-    figure = before_and_after(case, f"position-{k}", label, x, measured, simulated, errors, names)
+    figure = before_and_after(case, id, label, x, measured, simulated, errors, names)
     figure.data.append(starts(start, flights.position[0]))
     return figure
 

@@ -104,11 +104,24 @@ def stripe(region: Region, color: str, low: float, high: float) -> JSON:
     }
 
 
+def wrapped(position: Array) -> Array:
+    """Angles (N,) within a turn [rad]."""
+    return (np.asarray(position) + np.pi) % (2 * np.pi) - np.pi
+
+
 def plane_figures(case: Case, residuals: Sequence[Array]) -> list[Figure]:
     """Mean residual in the phase plane, one figure a model, all in one colour scale."""
     x = case.training.samples
-    angle = (np.asarray(x.position) + np.pi) % (2 * np.pi) - np.pi
-    velocity = np.asarray(x.velocity)
+    maps = planes(np.asarray(x.position), np.asarray(x.velocity), residuals)
+    return [
+        Figure(f"plane-{k}", f"Mean residual torque in the plane of angle and velocity, {label}", [cells], layout, 380)
+        for k, ((label, _, _), (cells, layout)) in enumerate(zip(case.models, maps, strict=True))
+    ]
+
+
+def planes(position: Array, velocity: Array, residuals: Sequence[Array]) -> list[tuple[JSON, JSON]]:
+    """Cells and layout of a map of each residual (N,) over angle and velocity (N,), all in one colour scale."""
+    angle = wrapped(position)
     across = int(np.clip(np.sqrt(len(angle)) * 0.8, 10, 40))
     reach = 1.02 * float(np.max(np.abs(velocity)))
     edges = [np.linspace(-np.pi, np.pi, across + 1), np.linspace(-reach, reach, across + 1)]
@@ -118,20 +131,12 @@ def plane_figures(case: Case, residuals: Sequence[Array]) -> list[Figure]:
     seen = np.abs(means[0][np.isfinite(means[0])])
     limit = float(np.percentile(seen, 95)) if len(seen) else 1.0
     middles = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
-    return [
-        Figure(
-            f"plane-{k}",
-            f"Mean residual torque in the plane of angle and velocity, {label}",
-            [cells(middles[0], middles[1], mean, limit)],
-            {
-                "xaxis": axis("angle q, wrapped [rad]", tickvals=QUARTERS, ticktext=["−π", "−π/2", "0", "π/2", "π"]),
-                "yaxis": axis("velocity q' [rad/s]"),
-                "margin": {"t": 12, "r": 8},
-            },
-            380,
-        )
-        for k, ((label, _, _), mean) in enumerate(zip(case.models, means, strict=True))
-    ]
+    layout = {
+        "xaxis": axis("angle q, wrapped [rad]", tickvals=QUARTERS, ticktext=["−π", "−π/2", "0", "π/2", "π"]),
+        "yaxis": axis("velocity q' [rad/s]"),
+        "margin": {"t": 12, "r": 8},
+    }
+    return [(cells(middles[0], middles[1], mean, limit), layout) for mean in means]
 
 
 def cells(x: Array, y: Array, values: Array, limit: float) -> JSON:

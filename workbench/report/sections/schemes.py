@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.identify import Identification
+from estimators.tables import kin
 from pendulum_env._typing import JSON
 from workbench.report.case import Case
 from workbench.report.figure import Figure, axis, line
@@ -35,9 +36,8 @@ def schemes(case: Case) -> Section | None:
 
 def stroke(place: int, scheme: str) -> JSON:
     """Line of a scheme: one colour for the plain scheme and its filtered sister, which is dashed."""
-    families = (("dynamic",), ("energy", "power"), ("hamiltonian",))
-    family = next((k for k, words in enumerate(families) if any(word in scheme for word in words)), place % len(COLORS))
-    return {"color": COLORS[family], "width": 1.8, "dash": "dash" if "filtered" in scheme else "solid"}
+    family, is_filtered = kin(scheme, place)
+    return {"color": COLORS[family], "width": 1.8, "dash": "dash" if is_filtered else "solid"}
 
 
 def convergence_figure(found: Identification, column: int, strokes: dict[str, JSON]) -> Figure:

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from estimators.diagnosis import Diagnosis, Verdict
 from estimators.free_running import SECONDS
 from pendulum_env.physics import Estimate, Term
 from workbench.report.case import Case
 from workbench.report.section import Section
-from workbench.report.words import listing, name, opening
+from workbench.report.words import listing, name, number
+
+TELLING = 0.01  # share of a parameter, from which an error is worth a word
+SURE = 3.0  # standard errors
 
 
 @dataclass(frozen=True)
@@ -42,9 +47,10 @@ def story(case: Case) -> Section:
     return Section(
         "story",
         "Result",
-        headline(diagnosis),
+        diagnosis.headline,
         {
             "changes": changes(diagnosis),
+            "misled": misled(diagnosis),
             "findings": [finding(diagnosis, effect) for effect in diagnosis.selected],
             "ambiguous": diagnosis.ambiguous,
             "unexplained": diagnosis.unexplained,
@@ -57,18 +63,6 @@ def story(case: Case) -> Section:
             "held_out": held_out(case),
         },
     )
-
-
-def headline(diagnosis: Diagnosis) -> str:
-    """The result in one sentence."""
-    rivals = {group[0]: group for group in diagnosis.ambiguous}
-    found = [listing([name(id) for id in rivals.get(effect, (effect,))], "or") for effect in diagnosis.selected]
-    if found:
-        rest = ", and more that no known effect explains" if diagnosis.unexplained else ""
-        return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
-    if diagnosis.unexplained:
-        return "Something is missing, and no known effect explains it"
-    return "Nothing is missing"
 
 
 def changes(diagnosis: Diagnosis) -> list[Change]:
@@ -91,10 +85,23 @@ def changes(diagnosis: Diagnosis) -> list[Change]:
     ]
 
 
+def misled(diagnosis: Diagnosis) -> list[str]:
+    """Parameters that the base model got wrong for what it lacks: by more than a per cent, and than chance."""
+    told = []
+    for parameter, wrong in diagnosis.steps[0].model.estimates.items():
+        right = diagnosis.model.estimates.get(parameter)
+        if right is None or right.value == 0:
+            continue
+        share, off = wrong.value / right.value - 1.0, abs(wrong.value - right.value)
+        if abs(share) >= TELLING and off > SURE * float(np.hypot(wrong.std, right.std)):
+            told.append(f"{name(parameter)} {number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}")
+    return told
+
+
 def finding(diagnosis: Diagnosis, effect: str) -> Finding:
     """One added effect with its parameters in the final model."""
     term = next(term for term in diagnosis.model.terms if term.id == effect)
-    names = [column.name for column in term.columns] + [f"{term.id}.{shape.name}" for shape in term.shapes]
+    names = [column.name for column in term.columns] + [f"{term.id}.{shape.name}" for shape in term.free]
     rivals = tuple(id for group in diagnosis.ambiguous if group[0] == effect for id in group[1:])
     return Finding(effect, term.law, about(term), {name: diagnosis.model.estimates[name] for name in names}, rivals)
 

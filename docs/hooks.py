@@ -1,0 +1,148 @@
+"""What MkDocs does besides: pages made from the code, so that they cannot drift, and equations without scripts."""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import io
+import json
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from latex2mathml.converter import convert
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+from estimators.schemes import SCHEMES
+from pendulum_env.physics import BASE, effects
+from workbench.cli import main
+from workbench.commands import COMMANDS
+from workbench.commands.effects import parameters
+
+ROOT = Path(__file__).parents[1]
+WIDTH = "84"  # characters of a line of help
+ARITHMATEX = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<latex>.*?)</(?P=tag)>', re.S)
+OPTIONAL = {"hardware.md": "Run on the rig", "app.md": "Work in the browser"}  # pages that may be there
+
+
+def on_config(config: MkDocsConfig) -> None:
+    """Put optional pages into the navigation where they exist."""
+    how_to = next(section["How to"] for section in config.nav or [] if "How to" in section)
+    how_to += [{title: name} for name, title in OPTIONAL.items() if Path(config.docs_dir, name).exists()]
+
+
+def on_files(files: Files, config: MkDocsConfig) -> None:
+    """Add the pages that are made."""
+    made = {
+        "tutorial.md": tutorial(),
+        "reference/command-line.md": command_line(),
+        "reference/effects.md": effects_page(),
+        "reference/schemes.md": schemes_page(),
+    }
+    for name, content in made.items():
+        files.append(File.generated(config, name, content=content))
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Turn LaTeX into MathML, which browsers draw by themselves."""
+
+    def mathml(found: re.Match[str]) -> str:
+        display = "block" if found["tag"] == "div" else "inline"
+        return convert(html.unescape(found["latex"]).strip()[2:-2].strip(), display=display)
+
+    return ARITHMATEX.sub(mathml, content)
+
+
+def tutorial() -> str:
+    """The notebook with its stored outputs, which a test compares with fresh ones."""
+    cells = json.loads((ROOT / "examples" / "tutorial.ipynb").read_text(encoding="utf-8"))["cells"]
+    parts = [part for cell in cells for part in _cell(cell)]
+    parts.insert(
+        1, '!!! note ""\n    This page is the notebook `examples/tutorial.ipynb`, with what came out when it ran.'
+    )
+    return "\n\n".join(parts)
+
+
+def _cell(cell: dict[str, Any]) -> Iterator[str]:
+    source = "".join(cell["source"])
+    if cell["cell_type"] == "markdown":
+        yield source
+        return
+    yield f"```python\n{source}\n```"
+    for output in cell["outputs"]:
+        if "text/html" in output.get("data", {}):
+            yield f'<div class="output">{"".join(output["data"]["text/html"])}</div>'
+        elif "text" in output:
+            yield f"```text\n{''.join(output['text'])}\n```"
+
+
+def command_line() -> str:
+    """What `--help` prints, for every command."""
+    parts = [
+        "# Command line",
+        "Every command exits with 0 on success and with 2 on bad input, with one line that says what is wrong.",
+        f"```text\n{_help()}\n```",
+    ]
+    for name, command in COMMANDS.items():
+        summary = command.summary[:1].upper() + command.summary[1:]
+        parts += [f"## {name}", f"{summary}.", f"```text\n{_help(name)}\n```"]
+    return "\n\n".join(parts)
+
+
+def _help(*command: str) -> str:
+    width = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = WIDTH
+    out = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(out):
+            main([*command, "--help"])
+    finally:
+        os.environ.pop("COLUMNS") if width is None else os.environ.update(COLUMNS=width)
+    return out.getvalue().strip()
+
+
+def effects_page() -> str:
+    """The library of effects, one by one."""
+    parts = [
+        "# Effects",
+        f"The model is torque = {_law(' + '.join(term.law for term in BASE))}, and any of {len(effects())} effects. "
+        "Each law is added to that side of the balance unless it says otherwise. Your own effect is "
+        "[a few lines of Python](../how-to/effect.md).",
+        "| effect | law | kind |\n|---|---|---|",
+    ]
+    parts[-1] += "".join(f"\n| [`{id}`](#{id}) | {_law(kind.law)} | {kind.kind} |" for id, kind in effects().items())
+    for id, kind in effects().items():
+        parts += [
+            f"## `{id}` {{ #{id} }}",
+            _law(kind.law),
+            _prose(kind),
+            f"Parameters, of a size that a rig might show: {parameters(kind)}.",
+            f"To show it, a recording needs {kind.reveal}.",
+        ]
+    return "\n\n".join(parts)
+
+
+def schemes_page() -> str:
+    """The six schemes, one by one."""
+    parts = [
+        "# Schemes",
+        "All six are derived on the page on [theory](../theory.md). On the command line and in Python they go by their "
+        "ids; with options of their own they are `estimators.schemes.FilteredPower(cutoff=100.0)` and the like.",
+    ]
+    for scheme in SCHEMES:
+        parts += [f"## `{scheme.id}` {{ #{scheme.id} }}", _prose(type(scheme)), f"Unit of the residual: {scheme.unit}."]
+    return "\n\n".join(parts)
+
+
+def _law(text: str) -> str:
+    return f"<code>{html.escape(text).replace('|', '&#124;')}</code>"  # a bar would end a cell of a table
+
+
+def _prose(kind: type[Any]) -> str:
+    """Docstring of a class as Markdown; stars and underscores in laws are no emphasis."""
+    text = (kind.__doc__ or "").strip()
+    paragraphs = [" ".join(line.strip() for line in part.splitlines()) for part in text.split("\n\n")]
+    return "\n\n".join(re.sub(r"([*_<|])", r"\\\1", paragraph) for paragraph in paragraphs)

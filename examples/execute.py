@@ -1,0 +1,37 @@
+"""Run the tutorial notebook and keep what comes out in it: python examples/execute.py [NOTEBOOK].
+
+Needs nbclient and ipykernel, which are part of the extra dev.
+"""
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import nbformat
+from nbclient import NotebookClient
+
+TUTORIAL = Path(__file__).with_name("tutorial.ipynb")
+LONGEST = 300  # [s] that a cell may take
+
+
+def execute(path: Path = TUTORIAL) -> Any:
+    """The notebook with fresh outputs; raises nbclient's CellExecutionError where a cell fails."""
+    notebook = nbformat.read(path, nbformat.NO_CONVERT)
+    here = str(Path(__file__).parents[1])  # the code beside this file, installed or not
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))}
+    NotebookClient(notebook, timeout=LONGEST, kernel_name="python3").execute(env=env)
+    for cell in notebook.cells:
+        cell.metadata = {}  # when it ran is no result
+        for output in cell.get("outputs", []):
+            if "text/html" in output.get("data", {}):
+                output.data.pop("text/plain", None)  # says the same, for those who see no HTML
+    notebook.metadata = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
+    return notebook
+
+
+if __name__ == "__main__":
+    notebooks = [Path(name) for name in sys.argv[1:]] or [TUTORIAL]
+    for notebook in notebooks:
+        nbformat.write(execute(notebook), notebook)
+        print(f"wrote {notebook}")

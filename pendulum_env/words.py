@@ -1,0 +1,108 @@
+"""Numbers, names and lists as a reader wants them, on the command line, in the report and in notebooks alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from pendulum_env.physics import Estimate, Model
+
+NAMES = {  # where an id with its underscores taken out does not read well
+    "cogging": "cogging torque",
+    "coulomb": "Coulomb friction",
+    "coulomb_asymmetry": "Coulomb friction that differs by direction",
+    "dead_time": "dead time of the torque",
+    "filtered_hamiltonian": "filtered Hamiltonian",
+    "friction_drift": "friction that drifts with time",
+    "gravity_tilt": "tilted gravity",
+    "hamiltonian": "Hamiltonian",
+    "hard_stop": "a hard stop",
+    "payload_change": "a payload change",
+    "periodic_disturbance": "a periodic disturbance",
+    "spring": "a spring",
+    "stribeck": "Stribeck friction",
+    "torque_offset": "a torque offset",
+    "viscous": "viscous friction",
+    "viscous_asymmetry": "viscous friction that differs by direction",
+}
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+class Table(NamedTuple):
+    """Rows of words under headers; the first column and those named in `left` are flush left, the others right."""
+
+    headers: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    left: Sequence[str] = ()
+
+
+def name(effect: str) -> str:
+    """Name of an effect within a sentence."""
+    return NAMES.get(effect, effect.replace("_", " "))
+
+
+def opening(text: str) -> str:
+    """Text with its first letter in upper case, the rest as it is."""
+    return text[:1].upper() + text[1:]
+
+
+def listing(items: Sequence[str], last: str = "and") -> str:
+    """Items as in a sentence: `a`, `a and b`, `a, b and c`."""
+    return f" {last} ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
+
+
+def plus_minus(value: float, std: float) -> str:
+    """Value and standard error to two digits of the error: `0.08951 ± 0.00012`; without an error, four digits."""
+    if not 0 < std < math.inf:
+        return f"{value:.4g}"
+    digits = min(12, max(0, 1 - math.floor(math.log10(std))))
+    return f"{value:.{digits}f} ± {std:.{digits}f}"
+
+
+def bar(share: float, width: int = 12) -> str:
+    """Bar of up to `width` blocks; what is not nothing shows at least one."""
+    filled = round(width * min(1.0, max(0.0, share)))
+    return "█" * max(1 if share > 0 else 0, filled)
+
+
+def number(value: float, digits: int = 3, padded: bool = False) -> str:
+    """Value to some significant digits, trailing zeros shown if `padded`, without a computer's exponents."""
+    if not np.isfinite(value):
+        return "–"
+    plain = f"{value:#.{digits}g}".rstrip(".") if padded else f"{value:.{digits}g}"
+    mantissa, _, exponent = plain.partition("e")
+    if exponent and 0 < int(exponent) < 6:
+        plain, exponent = f"{float(plain):.0f}", ""
+    power = f" × 10{str(int(exponent)).translate(SUPERSCRIPTS)}" if exponent else ""
+    return (mantissa if exponent else plain).replace("-", "−") + power
+
+
+def unit(text: str) -> str:
+    """Unit as printed; empty for a pure number."""
+    return "" if text == "1" else text.replace("^2", "²").replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def estimate(item: Estimate) -> str:
+    """Value and standard error, to the digit where the error has its second."""
+    return plus_minus(item.value, item.std).replace("-", "−")
+
+
+def value_and_error(item: Estimate) -> tuple[str, str]:
+    """Value and standard error apart, for two lines of a table; the error is empty where there is none."""
+    value, _, error = estimate(item).partition(" ± ")
+    return value, error and f"± {error}"
+
+
+def parameters_table(model: Model) -> Table:
+    """Parameters with standard errors."""
+    rows = [(name, plus_minus(e.value, e.std), e.unit) for name, e in model.estimates.items()]
+    return Table(("parameter", "estimate", "unit"), rows, left=("unit",))
+
+
+def percent(share: float) -> str:
+    """Share in per cent."""
+    return f"{100 * share:.3g} %" if share >= 0.001 or share == 0 else "< 0.1 %"

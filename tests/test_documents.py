@@ -1,0 +1,80 @@
+"""What README and the pages of docs/ show is what the program does."""
+
+import doctest
+import importlib
+from pathlib import Path
+
+import pytest
+
+from estimators import search
+from estimators.free_running import SECONDS
+from estimators.recursion import PRIOR
+from estimators.schemes import CUTOFF, GUARD, Energy
+from pendulum_env.backends import BACKENDS
+from pendulum_env.physics import library
+from tests.prose import blocks, check, first_untold
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = sorted(
+    path
+    for package in ("pendulum_env", "estimators", "agents", "workbench")
+    for path in (ROOT / package).rglob("*.py")
+    if ">>> " in path.read_text(encoding="utf-8")
+)
+BY_HAND = {"hardware.md", "app.md"}  # what they show needs a rig, or somebody at a browser
+PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.name not in BY_HAND)
+
+
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """A folder to run in; what a page adds to the library is forgotten afterwards."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(library, "_registered", dict(library._registered))
+    backends = dict(BACKENDS)
+    yield
+    BACKENDS.clear()
+    BACKENDS.update(backends)
+
+
+def test_the_workflow_of_the_readme_is_what_happens(own_folder):
+    path = ROOT / "README.md"
+    found = blocks(path.read_text(encoding="utf-8"), "The workflow")
+    assert len(found) > 5
+    check(path, found)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=[str(path.relative_to(ROOT / "docs")) for path in PAGES])
+def test_code_of_a_page_runs_and_prints_what_it_shows(own_folder, path):
+    check(path, blocks(path.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
+def test_examples_in_docstrings_come_out_as_they_say(path):
+    module = importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    found = doctest.testmod(module)
+    assert found.attempted and not found.failed
+
+
+def test_numbers_in_the_prose_are_those_of_the_code():
+    library_size = f"a library of {len(library.BUILT_IN)} effects"
+    assert library_size in " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert library_size in " ".join((ROOT / "docs" / "index.md").read_text(encoding="utf-8").split())
+    theory = " ".join((ROOT / "docs" / "theory.md").read_text(encoding="utf-8").split())
+    for told in (
+        f"to {100 * search.HELD_OUT:.0f} % or less",
+        f"$\\lambda = {CUTOFF:.0f}$ rad/s",
+        f"a guard of {1000 * GUARD:.0f} ms",
+        f"a sliding window of {1000 * Energy().window:.0f} ms",
+        f"windows of {SECONDS:.0f} second".replace("1", "one"),
+    ):
+        assert told in theory
+    assert (search.SHARE, search.SURPRISE, search.TIE, PRIOR) == (0.2, 10.0, 5.0, 1e7)  # a fifth, ten nats, five nats
+
+
+def test_output_that_drifted_is_noticed():
+    printed = "errors\ninertia  0.08951 ± 0.00012 kg m^2\ngravity  2.01 N m\n"
+    assert first_untold("inertia 0.08952 ± 0.00012 kg m^2\n...\ngravity 2.02 N m", printed) is None
+    assert first_untold("inertia 0.0931 ± 0.00012 kg m^2", printed) is not None  # another number
+    assert first_untold("inertia 0.08951 kg m^2", printed) is not None  # another text
+    assert first_untold("gravity 2.01 N m\ninertia 0.08951 ± 0.00012", printed) is not None  # another order
+    assert first_untold("spring 3 N m", printed) is not None

@@ -1,0 +1,82 @@
+"""The pages of docs/ build without a warning, load nothing from elsewhere, and hold what they promise."""
+
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from estimators.schemes import SCHEMES
+from pendulum_env.physics import effects
+from workbench.commands import COMMANDS
+
+pytest.importorskip("mkdocs", reason="building the pages needs the extra docs")
+pytest.importorskip("material", reason="building the pages needs the extra docs")
+pytest.importorskip("mkdocstrings", reason="building the pages needs the extra docs")
+pytest.importorskip("latex2mathml", reason="building the pages needs the extra docs")
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> dict[str, str]:
+    """Every page by its place, as it was built."""
+    folder = tmp_path_factory.mktemp("site")
+    # without --quiet, which would also keep warnings from counting
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
+    built = subprocess.run(
+        command, cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, check=False
+    )
+    assert built.returncode == 0, built.stderr
+    return {str(page.relative_to(folder)): page.read_text(encoding="utf-8") for page in folder.rglob("*.html")}
+
+
+class Loaded(HTMLParser):
+    """Addresses that a browser loads by itself."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        loads = tag in ("script", "img", "iframe") or (tag == "link" and values.get("rel") not in ("next", "prev"))
+        self.addresses += [values[name] for name in ("src", "href") if loads and values.get(name)]
+
+
+def text(page: str) -> str:
+    return re.sub(r"<[^>]+>", "", page)
+
+
+def test_pages_load_nothing_from_elsewhere(site):
+    assert len(site) > 15
+    for place, page in site.items():
+        found = Loaded(page).addresses
+        assert found, place
+        assert not [address for address in found if re.match(r"(\w+:)?//", address)], place
+
+
+def test_equations_are_drawn_without_scripts(site):
+    assert site["theory.html"].count("<math") > 50
+    for place, page in site.items():
+        assert "arithmatex" not in page, place
+        assert not re.search(r"\\(frac|dot|theta|operatorname)\b", text(page)), place
+
+
+@pytest.mark.parametrize(
+    ("place", "names"),
+    [
+        ("reference/command-line.html", COMMANDS),
+        ("reference/effects.html", effects()),
+        ("reference/schemes.html", [scheme.id for scheme in SCHEMES]),
+        ("theory.html", [scheme.id for scheme in SCHEMES]),
+        ("reference/estimators.html", ["identify", "compare", "diagnose", "add", "Diagnosis"]),
+        ("tutorial.html", ["Stribeck friction is missing", "Stribeck friction and cubic damping are missing"]),
+    ],
+)
+def test_page_names_all_there_is(site, place, names):
+    assert not [name for name in names if name not in text(site[place])]

@@ -1,0 +1,324 @@
+"""The whole story in a real browser, over a real server."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from pendulum_env.physics import Model
+from pendulum_env.recording import write_recording
+from tests.workbench.app.plants import recorded
+from workbench.cli import main
+
+sync_api = pytest.importorskip("playwright.sync_api")
+pytest.importorskip("dash")
+CHROMIUM = shutil.which("chromium")
+if CHROMIUM is None:
+    pytest.skip("chromium is not installed", allow_module_level=True)
+
+FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync"]
+PICTURES = Path(".artefacts")
+PATIENCE = 30_000  # [ms]; nothing here is about how fast it is
+STAGES = {
+    "data": ".data .js-line",
+    "model": ".model .js-line",
+    "compare": ".compare .js-line",
+    "diagnose": "#diagnose",
+    "add": ".add .bars",
+    "export": "#commands",
+    "live": "#live-start",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with `swing.csv`, a pendulum with hidden Stribeck friction, and `broken.csv`."""
+    folder = tmp_path_factory.mktemp("runs")
+    write_recording(recorded("swing", 1, 10.0), folder / "swing.csv")
+    (folder / "broken.csv").write_text("time,position,torque\n0,0,0\n0.001,nan,0\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """A server of its own, started as a user starts it."""
+    command = [sys.executable, "-m", "workbench.cli", "app", "--port", "0", "--no-browser"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}
+    ) as server:
+        assert server.stdout is not None
+        found = re.search(r"http://127\.0\.0\.1:\d+/", server.stdout.readline())
+        assert found is not None
+        yield found[0]
+        server.terminate()
+        assert server.wait(PATIENCE / 1000) == 0
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator["sync_api.Browser"]:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+class Tab:
+    """A browser of its own with one tab, which keeps what went wrong and where it called."""
+
+    def __init__(self, browser: "sync_api.Browser", address: str, **options) -> None:
+        self.address, self.complaints, self.calls = address, [], []
+        self.context = browser.new_context(viewport={"width": 1280, "height": 900}, **options)
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(PATIENCE)
+        self.page.on("console", lambda m: self.complaints.append(m.text) if m.type in ("error", "warning") else None)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self.calls.append(request.url))
+        self.page.goto(address)
+        self.page.wait_for_selector("#upload")
+
+    def load(self, *files: Path) -> None:
+        self.page.set_input_files("#upload input[type=file]", [str(file) for file in files])
+
+    def go(self, stage: str) -> None:
+        self.page.click(f"#to-{stage}")
+        self.page.wait_for_selector(STAGES[stage])
+
+    def picture(self, name: str) -> None:
+        PICTURES.mkdir(exist_ok=True)
+        self.page.wait_for_timeout(300)  # for fonts and plots to settle
+        self.page.screenshot(path=PICTURES / f"{name}.png", full_page=True)
+
+    def brush(self, view: str, box: tuple[float, float, float, float]) -> str:
+        """Draw a box, in shares of the plot; returns what the page says about it."""
+        before = self.page.inner_text("#selected")
+        area = self.page.locator(f'[id*=\'"of":"{view}"\'] .nsewdrag').first
+        area.scroll_into_view_if_needed()
+        place = area.bounding_box()
+        x = [place["x"] + share * place["width"] for share in box[::2]]
+        y = [place["y"] + share * place["height"] for share in box[1::2]]
+        self.page.mouse.move(x[0], y[0])
+        self.page.mouse.down()
+        self.page.mouse.move(x[1], y[1], steps=5)
+        self.page.mouse.up()
+        self.page.wait_for_function("before => document.querySelector('#selected').textContent !== before", arg=before)
+        return self.page.inner_text("#selected")
+
+    def lit(self, view: str) -> dict[str, list[float]]:
+        """Points that are lit up in a view."""
+        return self.page.evaluate(
+            """view => {
+              const plot = document.querySelector(`[id*='"of":"${view}"'] .js-plotly-plot`);
+              const trace = plot.data.find((trace) => trace.name === "selected");
+              return trace ? {x: [...trace.x], y: [...trace.y]} : {x: [], y: []};
+            }""",
+            view,
+        )
+
+    def save(self, label: str) -> Path:
+        with self.page.expect_download() as download:
+            self.page.get_by_role("button", name=label, exact=True).click()
+        return download.value.path()
+
+    def title(self) -> str:
+        return self.page.inner_text("h1")
+
+    def close(self) -> None:
+        self.context.close()
+        assert self.complaints == []
+        assert [url for url in self.calls if not url.startswith((self.address, "data:", "blob:"))] == []
+
+
+@pytest.fixture
+def tab(browser: "sync_api.Browser", address: str) -> Iterator[Tab]:
+    tab = Tab(browser, address)
+    yield tab
+    tab.close()
+
+
+def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
+    page = tab.page
+    tab.picture("1-data-empty")
+    tab.load(folder / "swing.csv")
+    page.wait_for_selector("td:has-text('swing')")
+    assert tab.title() == "Something is missing in this model"
+    tab.go("data")
+    tab.picture("2-data")
+    tab.go("model")
+    assert page.locator(".model .js-plotly-plot").count() == 4
+    assert all(scheme in page.inner_text("#stage") for scheme in ("Dynamic", "Energy", "Filtered Hamiltonian"))
+    tab.picture("3-model")
+
+    tab.go("compare")
+    page.wait_for_timeout(500)  # a plot takes no box before it has settled
+    said = tab.brush("map", (0.3, 0.5, 0.7, 0.9))  # lower half of the map: backwards
+    assert " of " in said
+    assert tab.lit("phase")["x"] and max(tab.lit("phase")["y"]) <= 0
+    assert tab.lit("time")["x"]
+    said = tab.brush("time", (0.4, 0.1, 0.6, 0.9))
+    from_, to = map(float, re.search(r"from ([\d.]+) to ([\d.]+) s", said).groups())
+    assert 3 < from_ < to < 7
+    assert tab.lit("map")["x"] and set(tab.lit("time")["x"]) <= {
+        t for t in tab.lit("time")["x"] if from_ - 0.1 <= t <= to + 0.1
+    }
+    tab.picture("4-compare")
+
+    tab.go("diagnose")
+    page.click("#diagnose")
+    page.wait_for_selector(".ranking")
+    assert tab.title() == "Stribeck friction is missing"
+    assert "lowers the held-out errors" in page.inner_text(".ranking tbody tr")
+    tab.picture("5-diagnose")
+
+    before = number_after("torque error of", page.inner_text("#story"))
+    page.get_by_role("button", name="Add Stribeck friction").click()
+    page.wait_for_selector("button:has-text('added')")
+    tab.go("add")
+    after = number_after(" to", page.inner_text("#story"))
+    assert after < 0.3 * before
+    bars = page.evaluate(
+        """[...document.querySelectorAll(".add .js-plotly-plot")].flatMap(
+          (plot) => plot.data.filter((trace) => trace.type === "bar").map((trace) => [...trace.y]))"""
+    )
+    assert len(bars) == 4 and all(after < before for before, after in bars)  # torque and motion, fitted and held out
+    tab.picture("6-add")
+
+    tab.go("export")
+    assert "pendulum-ident add model.json stribeck swing.csv" in page.inner_text("#commands")
+    report = tab.save("report.html").read_text(encoding="utf-8")
+    assert "Stribeck friction is missing" in report
+    assert Model.from_json(json.loads(tab.save("model.json").read_text())).effects == ("stribeck",)
+    tab.picture("7-export")
+
+    tab.go("add")
+    page.click("#undo")
+    page.wait_for_selector("#undo", state="detached")
+    assert tab.title() == "Stribeck friction is missing"
+    assert number_after("torque error of", page.inner_text("#story")) == before
+
+
+def number_after(words: str, text: str) -> float:
+    return float(re.search(rf"{words} ([\d.]+)", text.replace("\N{NO-BREAK SPACE}", " "))[1])
+
+
+def test_a_broken_file_is_refused_in_the_words_of_the_command_line(
+    tab: Tab, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main(["identify", "broken.csv"]) == 2
+    tab.load(folder / "broken.csv")
+    tab.page.wait_for_selector("#notice:not(:empty)")
+    assert f"pendulum-ident: {tab.page.inner_text('#notice')}" == capsys.readouterr().err.strip()
+    assert tab.title() == "What does your model lack?"
+    write_recording(recorded("broken", 1, 4.0), folder / "broken.csv")  # it is mended
+    tab.load(folder / "broken.csv")
+    tab.page.wait_for_selector("td:has-text('broken')")
+    assert tab.page.inner_text("#notice") == ""
+
+
+def test_tabs_are_apart_and_a_reload_changes_nothing(tab: Tab, browser: "sync_api.Browser", folder: Path) -> None:
+    tab.load(folder / "swing.csv")
+    tab.page.wait_for_selector("td:has-text('swing')")
+    other = Tab(browser, tab.address)
+    assert other.title() == "What does your model lack?"
+    tab.go("add")
+    tab.page.click("#any")
+    tab.page.keyboard.type("quadratic")
+    tab.page.keyboard.press("ArrowDown")
+    tab.page.keyboard.press("Enter")
+    tab.page.keyboard.press("Escape")
+    tab.page.click("#add-any")
+    tab.page.wait_for_selector("#undo")
+    title = tab.title()
+    tab.page.reload()
+    tab.page.wait_for_selector("#undo")  # the same stage, too
+    assert tab.title() == title
+    other.page.reload()
+    other.page.wait_for_selector("#upload")
+    assert other.title() == "What does your model lack?"
+    other.close()
+
+
+def test_a_diagnosis_is_watched_over_a_reload_and_cancelled(tab: Tab, folder: Path) -> None:
+    tab.load(folder / "swing.csv")
+    tab.page.wait_for_selector("td:has-text('swing')")
+    tab.go("diagnose")
+    tab.page.click("#diagnose")
+    tab.page.wait_for_selector("#job progress")
+    tab.page.reload()
+    tab.page.wait_for_selector("#cancel")
+    tab.page.click("#cancel")
+    tab.page.wait_for_selector("#job:empty", state="attached")
+    tab.page.wait_for_selector("#diagnose:enabled")
+    assert tab.title() == "Something is missing in this model"
+    tab.page.wait_for_timeout(1000)  # nothing comes of it later either
+    assert tab.page.locator(".ranking").count() == 0
+
+
+def test_a_keyboard_is_enough(tab: Tab) -> None:
+    """The demo, a stage, a region of the residual and a diagnosis, without a mouse."""
+    page = tab.page
+
+    def press(selector: str) -> None:
+        """Tab to something, from wherever the focus is, and press it."""
+        for _ in range(80):
+            if page.evaluate("selector => document.activeElement.matches(selector)", selector):
+                page.keyboard.press("Enter")
+                return
+            page.keyboard.press("Tab")
+        raise AssertionError(f"{selector} cannot be reached with the tab key")
+
+    press("#demo")
+    page.wait_for_selector("td:has-text('demo-holdout')")
+    press("#to-compare")
+    page.wait_for_selector(STAGES["compare"])
+    press(".regions-list button")
+    page.wait_for_function("() => document.querySelector('#selected').textContent.includes(' of ')")
+    press("#to-diagnose")
+    page.wait_for_selector("#diagnose")
+    press("#diagnose")
+    page.wait_for_selector(".ranking")
+    press(".ranking .action.primary")
+    page.wait_for_selector("button:has-text('added')")
+    press("#to-add")
+    page.wait_for_selector("#undo")
+    press("#undo")
+    page.wait_for_selector("#undo", state="detached")
+
+
+def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
+    page = tab.page
+    tab.go("live")
+    page.click("#live-start")
+    page.wait_for_selector(".live .js-line")
+    page.wait_for_selector("#pendulum .arm[transform]", state="attached")
+    page.wait_for_function("() => parseFloat(document.querySelector('#live-said').textContent) > 2")
+    tab.picture("8-live")
+    row = page.inner_text("#live-table tbody tr").split("\t")
+    assert float(row[1].split(" ± ")[0]) == pytest.approx(0.0895, rel=0.02)
+    page.click("#live-stop")
+    page.wait_for_function("() => document.querySelector('#live-said').textContent.startsWith('Ended')")
+    page.click("#live-keep")
+    tab.page.click("#to-data")
+    page.wait_for_selector("td:has-text('recording-1')")
+
+
+@pytest.mark.parametrize(("scheme", "width"), [("dark", 1280), ("light", 800)])
+def test_no_stage_is_wider_than_the_window(
+    browser: "sync_api.Browser", address: str, folder: Path, scheme: str, width: int
+) -> None:
+    tab = Tab(browser, address, color_scheme=scheme)
+    tab.page.set_viewport_size({"width": width, "height": 900})
+    tab.load(folder / "swing.csv")
+    tab.page.wait_for_selector("td:has-text('swing')")
+    for stage in STAGES:
+        tab.go(stage)
+        assert tab.page.evaluate("document.documentElement.scrollWidth") <= width, stage
+        tab.picture(f"{scheme}-{width}-{stage}")
+    assert tab.page.evaluate("document.documentElement.dataset.theme") == scheme
+    tab.close()

@@ -1,0 +1,92 @@
+"""Work in other processes."""
+
+import functools
+import time
+from collections.abc import Iterator
+from threading import Event
+from typing import Any
+
+import pytest
+
+from workbench.app.jobs import LOST, Job, Pace, Progress, Workers
+from workbench.inputs import InputError
+
+PATIENCE = 60.0  # [s]; a process has to start
+
+
+def count(to: int, tell: Progress) -> int:
+    for k in range(to):
+        tell(f"step {k}", k / to)
+    return to
+
+
+def refuse(tell: Progress) -> None:
+    raise InputError("the data are too few")
+
+
+def sleep(tell: Progress) -> None:
+    tell("sleeping", 0.2)
+    time.sleep(3600)
+
+
+def vanish(tell: Progress) -> None:
+    raise SystemExit
+
+
+@pytest.fixture(scope="module")
+def workers() -> Iterator[Workers]:
+    workers = Workers()
+    workers.warm()
+    yield workers
+    workers.close()
+
+
+class Witness:
+    """A job and what came of it."""
+
+    def __init__(self, task: Any, workers: Workers) -> None:
+        self.outcome: list[Any] = []
+        self.job = Job("a job", task, workers, lambda _, result: self.outcome.append(result), self._failed)
+        self.job.start()
+
+    def _failed(self, _: Job, why: str) -> None:
+        self.outcome.append(why)
+
+    def wait(self) -> Any:
+        assert self.job.over.wait(PATIENCE)
+        assert not self.job.running
+        return self.outcome[0]
+
+
+def test_a_worker_does_one_task_after_the_other(workers: Workers) -> None:
+    first = Witness(functools.partial(count, 3), workers)
+    assert first.wait() == 3
+    assert first.job.pace.what == "step 2"
+    assert Witness(refuse, workers).wait() == "the data are too few"
+    assert Witness(functools.partial(count, 2), workers).wait() == 2
+
+
+def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers: Workers) -> None:
+    witness = Witness(sleep, workers)
+    until = time.monotonic() + PATIENCE
+    while witness.job.pace.what != "sleeping" and time.monotonic() < until:
+        Event().wait(0.02)
+    witness.job.cancel()
+    assert not witness.job.running and witness.outcome == []
+    assert Witness(functools.partial(count, 1), workers).wait() == 1  # another takes its place
+
+
+def test_a_worker_that_dies_is_told(workers: Workers) -> None:
+    assert Witness(vanish, workers).wait() == LOST[1]
+
+
+def test_progress_never_falls_though_a_search_starts_over() -> None:
+    pace = Pace()
+    assert pace.left is None
+    shares = []
+    for _ in range(3):
+        for k in range(10):
+            pace.tell(f"effect {k}", k / 10)
+            shares.append(pace.share)
+    assert shares == sorted(shares) and 0.4 < shares[9] <= 0.5 < shares[-1] < 1
+    assert pace.left is not None and pace.left >= 0

@@ -1,0 +1,321 @@
+"""Sessions and what they know, without a browser."""
+
+import base64
+import json
+import pickle
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimators import add, diagnose
+from pendulum_env.physics import Model
+from pendulum_env.physics.friction import Stribeck
+from pendulum_env.recording import Recording, write_recording
+from tests.workbench.app.plants import recorded
+
+pytest.importorskip("dash")
+
+from workbench.app import session as sessions_module
+from workbench.app import uploads
+from workbench.app.brushing import MAP, PHASE, TIME, inside, lit, within
+from workbench.app.recorder import options
+from workbench.app.server import make_app
+from workbench.app.session import Session, Sessions
+from workbench.app.stages.export import commands, snippet
+from workbench.app.state import Loaded, State
+from workbench.app.uploads import safe_name
+from workbench.cli import main
+from workbench.inputs import InputError
+
+IDS = ["0" * 32, "1" * 32, "2" * 32]
+HOSTILE = [
+    "../../etc/passwd.csv",
+    "..\\..\\windows\\run.csv",
+    "/absolute/run.csv",
+    "C:run.csv",
+    "..",
+    "",
+    ".csv",
+    "a\0b.csv",
+    "-o run.csv",
+    "x" * 5000 + ".csv.gz",
+    "nul\n.npz",
+]
+
+
+@pytest.fixture(scope="module")
+def swing() -> Recording:
+    return recorded("swing", 1, 10.0)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    folder = tmp_path / "session"
+    folder.mkdir()
+    return Session(folder)
+
+
+def upload(session: Session, name: str, content: bytes) -> None:
+    data = f"data:application/octet-stream;base64,{base64.b64encode(content).decode()}"
+    session.act(lambda: session.receive([(name, data)], unwrap=False))
+
+
+@pytest.fixture(scope="module")
+def state(swing: Recording) -> State:
+    return State.of([Loaded(Path("swing.csv"), swing)])
+
+
+# ------------------------------------------------------------------------------------------------ files
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_an_upload_lies_in_the_folder_of_its_session_whatever_its_name(session: Session, name: str) -> None:
+    file = session.place(name)
+    assert file.resolve().parent == session.folder.resolve()
+    assert len(file.name.encode()) < 200 and file.name.isprintable()
+
+
+def test_a_name_keeps_its_ending() -> None:
+    assert safe_name("Montag früh (1).csv.gz") == "Montag früh (1).csv.gz"
+    assert safe_name("x" * 500 + ".parquet").endswith("x.parquet")
+
+
+def test_a_broken_file_is_named_without_the_folder_and_does_not_stay(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = b"time,position,torque\n0,0,0\n0.001,nan,0\n"
+    upload(session, "broken.csv", broken)
+    (tmp_path / "broken.csv").write_bytes(broken)
+    monkeypatch.chdir(tmp_path)
+    assert main(["identify", "broken.csv"]) == 2
+    assert capsys.readouterr().err == f"pendulum-ident: {session.notice}\n"
+    assert list(session.folder.iterdir()) == [] and session.state.loaded == ()
+
+
+def test_nothing_is_unpickled(session: Session, tmp_path: Path) -> None:
+    class Bomb:
+        def __reduce__(self) -> tuple:
+            return (Path.touch, (tmp_path / "boom",))
+
+    np.savez(tmp_path / "bomb.npz", time=np.array([Bomb()], dtype=object), position=[0.0], torque=[0.0])
+    upload(session, "bomb.npz", (tmp_path / "bomb.npz").read_bytes())
+    assert "it cannot be read as .npz" in session.notice
+    upload(session, "bomb.csv", pickle.dumps(Bomb()))
+    assert session.notice.startswith("bomb.csv: ")
+    assert not (tmp_path / "boom").exists()
+
+
+def test_uploads_that_are_too_large_or_damaged_are_refused(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(uploads, "UPLOAD", 1000)
+    upload(session, "run.csv", b"x" * 1001)
+    assert "larger than" in session.notice
+    session.act(lambda: session.receive([("run.csv", "data:text/csv;base64,!!!!")], unwrap=False))
+    assert "did not arrive whole" in session.notice
+    assert list(session.folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("ending", [".csv.gz", ".npz", ".parquet"])
+def test_packed_files_that_hold_too_much_are_refused_unread(
+    session: Session, swing: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
+) -> None:
+    file = tmp_path / f"run{ending}"
+    write_recording(swing, file)
+    monkeypatch.setattr(uploads, "UNPACKED", 24 * len(swing) - 1)
+    upload(session, file.name, file.read_bytes())
+    assert "holds more than" in session.notice and session.state.loaded == ()
+    monkeypatch.setattr(uploads, "UNPACKED", 10_000_000)
+    upload(session, file.name, file.read_bytes())
+    assert session.notice == "" and len(session.state.loaded) == 1
+
+
+def test_of_several_files_those_that_can_be_read_stay(session: Session, swing: Recording, tmp_path: Path) -> None:
+    write_recording(swing, tmp_path / "good.csv")
+    files = {"good.csv": (tmp_path / "good.csv").read_bytes(), "bad.csv": b"1,2,3", "worse.txt": b""}
+    uploads = [(name, f"data:;base64,{base64.b64encode(content).decode()}") for name, content in files.items()]
+    session.act(lambda: session.receive([*uploads, uploads[0]], unwrap=False))
+    assert [one.file.name for one in session.state.loaded] == ["good.csv"]
+    assert all(f"{name}: " in session.notice for name in ("bad.csv", "worse.txt", "good.csv"))
+    assert session.notice.count("; ") == 2 and str(session.folder) not in session.notice
+    assert [file.name for file in session.folder.iterdir()] == ["good.csv"]
+
+
+def test_what_the_session_began_with_is_a_copy(swing: Recording, tmp_path: Path) -> None:
+    original = tmp_path / "swing.csv"
+    write_recording(swing, original)
+    sessions = Sessions([original])
+    session = sessions.of(IDS[0])
+    assert session.state.added == () and len(session.state.ladder) == 1
+    session.act(lambda: session.remove("swing.csv"))
+    assert session.state.loaded == () and original.exists()
+    sessions.close()
+
+
+def test_a_model_file_gives_the_terms_that_stay_with_other_recordings(
+    session: Session, state: State, swing: Recording, tmp_path: Path
+) -> None:
+    def begin(content: str) -> None:
+        data = f"data:application/json;base64,{base64.b64encode(content.encode()).decode()}"
+        session.act(lambda: session.begin_from("../my model.json", data))
+
+    begin("{}")
+    assert session.notice == "my model.json: this is not a model: 'schema' should be pendulum-ident/model@1"
+    begin(json.dumps(state.model.add(Stribeck(0.5)).json()))
+    assert session.notice == "" and list(session.folder.iterdir()) == []
+    write_recording(swing, tmp_path / "swing.csv")
+    upload(session, "swing.csv", (tmp_path / "swing.csv").read_bytes())
+    assert session.state.model.effects == ("stribeck",) and session.state.added == ()
+
+
+# ------------------------------------------------------------------------------------------------ sessions
+
+
+def test_sessions_are_apart_and_the_oldest_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sessions_module, "MOST_SESSIONS", 2)
+    sessions = Sessions()
+    first, second = sessions.of(IDS[0]), sessions.of(IDS[1])
+    assert first is sessions.of(IDS[0]) and first is not second and first.folder != second.folder
+    sessions.of(IDS[2])
+    assert not second.folder.exists() and first.folder.exists()
+    sessions.close()
+    assert not first.folder.exists()
+
+
+def test_nothing_is_done_while_a_job_works_on_the_state(session: Session) -> None:
+    class Slow:
+        running = True
+
+    session.job = Slow()  # type: ignore[assignment]
+    upload(session, "run.csv", b"")
+    assert session.notice == "wait for what is running, or cancel it first"
+    assert list(session.folder.iterdir()) == []
+    late = Slow()
+    session.finish(late, lambda: pytest.fail("of a job that was let go of"))  # type: ignore[arg-type]
+    session.finish(session.job, lambda: setattr(session, "notice", "done"))
+    assert session.notice == "done" and not session.busy()
+
+
+@pytest.mark.parametrize("id", [None, "", "../../etc", "0" * 31, "0" * 33, "A" * 32, {"a": 1}])
+def test_only_ids_open_sessions(id: object) -> None:
+    sessions = Sessions()
+    with pytest.raises(InputError, match="load it again"):
+        sessions.of(id)
+    sessions.close()
+
+
+def test_only_this_computer_is_answered() -> None:
+    bench = make_app()
+    client = bench.app.server.test_client()
+    assert client.get("/").status_code == 200
+    assert client.get("/", headers={"Host": "localhost:8050"}).status_code == 200
+    assert client.get("/", headers={"Host": "rebound.example"}).status_code == 403
+    assert client.post("/_dash-update-component", headers={"Origin": "https://other.example"}).status_code == 403
+    page = client.get("/")
+    assert "default-src 'self'" in page.headers["Content-Security-Policy"]
+    assert "https://" not in page.text and "http://" not in page.text.replace("http://www.w3.org", "")
+    assert client.get("/assets/../server.py").status_code == 404
+    assert client.get("/assets/%2e%2e/server.py").status_code == 404
+    bench.close()
+
+
+def test_a_form_cannot_pass_for_options() -> None:
+    words = options("paper", 20, "stribeck=0.4 --output=elsewhere.csv", None, 3)
+    assert all(word.count("--") <= 1 or word.startswith("--effect=") for word in words)
+    assert words[-1] == "--seed=3"
+    with pytest.raises(InputError, match="lasts from 1"):
+        options("paper", None, "", None, 0)
+
+
+# ------------------------------------------------------------------------------------------------ states
+
+
+def test_nothing_can_be_fitted_where_everything_is_held_out(state: State) -> None:
+    held = State.of([replace(state.loaded[0], held_out=True)])
+    assert held.ladder == () and "every recording is held out" in held.trouble
+
+
+def test_adding_and_undoing_end_where_they_began(state: State) -> None:
+    addition = add(state.model, "stribeck", state.train)
+    grown = state.grown(addition)
+    assert grown.added == ("stribeck",)
+    assert grown.model == addition.after.model
+    assert grown.told.selected == ("stribeck",)
+    back = grown.undone()
+    assert back.added == () and back.undone() is back
+    assert back.model.theta == pytest.approx(state.model.theta, rel=1e-9)
+
+
+def test_the_report_tells_the_diagnosis_until_the_ladder_leaves_it(state: State, worked: dict[str, State]) -> None:
+    assert state.told.candidates == () and state.told.unexplained
+    grown = worked["paper"]
+    diagnosed = grown.undone()
+    assert diagnosed.told.selected == diagnosed.found == ("stribeck",)
+    assert grown.found == () and grown.told.steps == grown.ladder and not grown.told.unexplained
+    astray = diagnosed.grown(add(state.model, "quadratic_drag", state.train))
+    assert astray.astray and astray.found == ()
+    assert astray.told.selected == ("quadratic_drag",) and astray.told.unexplained
+
+
+@pytest.fixture(scope="module")
+def worked(state: State) -> dict[str, State]:
+    """States with a diagnosis and its effect added: from the paper's terms, and from a model file with one more."""
+    drag = add(state.model, "quadratic_drag", state.train).after.model
+    begun = State.of(state.loaded, drag.terms, "start.json")
+    states = {}
+    for name, one in (("paper", state), ("file", begun)):
+        diagnosed = one.diagnosed(diagnose(one.train, base=one.terms), one.ladder)
+        states[name] = diagnosed.grown(add(one.model, "stribeck", one.train))
+    return states
+
+
+@pytest.fixture(params=["paper", "file"])
+def at_work(
+    worked: dict[str, State], request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> State:
+    """One of these states, in a folder with the files that it speaks of."""
+    one = worked[request.param]
+    write_recording(one.train[0], tmp_path / "swing.csv")
+    one.ladder[0].model.save(tmp_path / "start.json")
+    monkeypatch.chdir(tmp_path)
+    return one
+
+
+def test_the_command_line_comes_to_the_same_model(at_work: State) -> None:
+    for line in commands(at_work).splitlines():
+        program, *words = shlex.split(line)
+        assert program == "pendulum-ident" and main(words) == 0
+    made = Model.load("model.json")
+    assert made.effects == at_work.model.effects and "stribeck" in made.effects
+    assert made.theta == pytest.approx(at_work.model.theta, rel=1e-6)
+    assert "Stribeck friction is missing" in Path("report.html").read_text(encoding="utf-8")
+
+
+def test_the_python_snippet_comes_to_the_same_model(at_work: State) -> None:
+    exec(snippet(at_work), {})
+    assert Model.load("model.json").theta == pytest.approx(at_work.model.theta, rel=1e-6)
+
+
+# ------------------------------------------------------------------------------------------------ brushing
+
+
+def test_a_box_selects_the_same_windows_in_every_view(state: State) -> None:
+    points = state.points(0)
+    upright = inside(points, PHASE, {"x": [-1.0, 1.0], "y": [8.0, 0.0]})
+    assert np.array_equal(upright, (np.abs(points.position) <= 1) & (points.velocity >= 0) & (points.velocity <= 8))
+    assert np.array_equal(upright, inside(points, MAP, {"x": [-1.0, 1.0], "y": [0.0, 8.0]}))  # less than a turn
+    early = inside(points, TIME, {"x": [0.0, 2.0], "y2": [-0.1, 0.1]})
+    assert points.time[early].max() <= 2.0 < points.time[~early].min()
+    traces = lit(points, early, 0)
+    assert len(traces[TIME]) == 2 and max(traces[TIME][0]["x"]) <= 2.0
+    assert len(traces[MAP][0]["x"]) == len(traces[PHASE][0]["x"]) == len(traces[TIME][0]["x"])
+
+
+def test_regions_in_words_select_what_they_say(state: State) -> None:
+    points = state.points(0)
+    regions = [region for region in state.told.unexplained if region.axis == "velocity"]
+    assert regions
+    chosen = within(points, regions[0])
+    assert chosen.any()
+    assert np.all((points.velocity[chosen] >= regions[0].low) & (points.velocity[chosen] <= regions[0].high))

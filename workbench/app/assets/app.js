@@ -1,0 +1,121 @@
+"use strict";
+// What the page does by itself: its colours, its plots, its brushing and the pendulum; everything else is the server's.
+(() => {
+  const root = document.documentElement;
+  const keep = (key, value) => { try { sessionStorage.setItem(key, value); } catch { /* storage may be barred */ } };
+  const kept = (key) => { try { return sessionStorage.getItem(key); } catch { return null; } };
+
+  // A tab keeps its session over a reload; another tab has another.
+  function session() {
+    let id = kept("pendulum-ident-session");
+    if (!id) {
+      id = [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+      keep("pendulum-ident-session", id);
+    }
+    return id;
+  }
+
+  function theme(clicks) {
+    if (clicks) {
+      root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
+      try { localStorage.setItem("pendulum-ident-theme", root.dataset.theme); } catch { /* as above */ }
+    }
+    return root.dataset.theme;
+  }
+
+  const same = () => window.dash_clientside.no_update;
+  const draw = (spec) => (spec ? figures.themed(spec) : same());
+
+  // The selection's traces on top; a box stays only in the view it was drawn in.
+  function brush(spec, _theme, lit, id) {
+    if (!spec) return same();
+    const data = lit ? [...spec.data, ...lit.traces[id.of]] : spec.data;
+    const layout = { ...spec.layout, uirevision: "same" };
+    if (!lit || lit.source !== id.of) layout.selections = [];
+    return figures.themed({ data, layout });
+  }
+
+  // An empty plot, once the first stage is there, so that plotly.js comes while the user reads.
+  let warmed = false;
+  function warm(stage) {
+    if (!stage || warmed) return same();
+    warmed = true;
+    const plot = { namespace: "dash_core_components", type: "Graph", props: { figure: { data: [], layout: {} } } };
+    return new Promise((resolve) => setTimeout(() => resolve(plot), 200));
+  }
+
+  // Sections of the report come as the report has them.
+  function fragment(markup, id) {
+    const name = JSON.stringify(id, Object.keys(id).sort());
+    const place = document.getElementById(name);
+    if (place && markup) place.innerHTML = markup;
+    return same();
+  }
+
+  // The pendulum is drawn half a second late, so that its motion is smooth between two looks.
+  const LATE = 0.5;
+  let motion = null, frame = 0;
+  function swing(looked) {
+    const place = document.getElementById("pendulum");
+    if (!place || !looked || !looked.rows.length) return same();
+    if (!place.firstChild) place.innerHTML = `<svg viewBox="-120 -120 240 240" aria-hidden="true"><circle class="turn" r="100"/><path class="torque"/><g class="arm"><line y2="88"/><circle cy="88" r="13"/></g><circle class="pivot" r="6"/></svg>`;
+    const now = performance.now() / 1000, last = looked.rows.at(-1)[0];
+    const rows = motion && motion.rows.length && motion.rows.at(-1)[0] <= last ? motion.rows.filter((row) => row[0] < looked.rows[0][0]) : [];
+    const rebase = !motion || !rows.length || Math.abs(now - motion.offset - last) > 0.6;
+    motion = { rows: [...rows.slice(-100), ...looked.rows], offset: rebase ? now - last : motion.offset, running: looked.running };
+    cancelAnimationFrame(frame);
+    frame = requestAnimationFrame(paint);
+    return same();
+  }
+  function paint() {
+    const place = document.getElementById("pendulum");
+    if (!place || !place.firstChild || !motion) return;
+    const rows = motion.rows, at = performance.now() / 1000 - motion.offset - LATE;
+    let k = rows.findIndex((row) => row[0] > at);
+    const done = k < 0;
+    if (done) k = rows.length - 1;
+    const [t1, q1, torque] = rows[k], [t0, q0] = rows[Math.max(0, k - 1)];
+    const share = t1 > t0 ? Math.min(1, Math.max(0, (at - t0) / (t1 - t0))) : 1;
+    const q = q0 + share * (q1 - q0);
+    place.querySelector(".arm").setAttribute("transform", `rotate(${(-q * 180) / Math.PI})`);
+    const turn = Math.max(-3, Math.min(3, torque / 3)), r = 34;
+    const end = [r * Math.sin(turn), r * Math.cos(turn)];
+    place.querySelector(".torque").setAttribute("d", `M0 ${r}A${r} ${r} 0 ${Math.abs(turn) > Math.PI ? 1 : 0} ${turn > 0 ? 0 : 1} ${end[0]} ${end[1]}`);
+    if (!done || motion.running) frame = requestAnimationFrame(paint);
+  }
+
+  // A stage that is drawn anew gives the focus back to where it was, or takes it, so that a keyboard keeps its place.
+  let focused = null, lent = false;
+  addEventListener("pointerdown", () => { focused = null; });
+  addEventListener("focusin", ({ target }) => {
+    lent = false;
+    focused = target.closest("#stage, #job") ? target.id : null;
+  });
+  new MutationObserver(() => {
+    const stage = document.getElementById("stage"), here = document.activeElement;
+    if (!focused || !stage || (here !== document.body && !(here === stage && lent))) return;
+    const before = document.getElementById(focused), kept = focused;
+    (before && !before.disabled ? before : stage).focus({ preventScroll: true });
+    if (document.activeElement === stage) [focused, lent] = [kept, true];
+  }).observe(root, { childList: true, subtree: true });
+
+  // A file that is too large is refused by the page without a word: say why.
+  addEventListener("change", (event) => tooLarge(event.target.files), true);
+  addEventListener("drop", (event) => tooLarge(event.dataTransfer?.files), true);
+  function tooLarge(files) {
+    const most = Number(document.querySelector("[data-most]")?.dataset.most), all = [...(files ?? [])];
+    if (!most || all.reduce((sum, file) => sum + file.size, 0) <= most) return;
+    const what = all.length === 1 ? `${all[0].name}: is` : "these files: are together";
+    const text = `${what} larger than ${Math.round(most / 1e6)} MB: shorten or load one at a time, or use the command line`;
+    window.dash_clientside.set_props("notice", { children: text });
+  }
+
+  // The address tells the stage, so that this link must not change it.
+  addEventListener("click", (event) => {
+    if (event.target.id !== "skip") return;
+    event.preventDefault();
+    document.getElementById("stage").focus();
+  }, true);
+
+  window.dash_clientside = { ...window.dash_clientside, app: { session, theme, draw, brush, warm, fragment, swing } };
+})();

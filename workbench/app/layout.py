@@ -1,0 +1,272 @@
+"""The page around the stages: navigation, the story so far, what is running, and what went wrong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dash import ClientsideFunction, Input, Output, State, ctx, dcc, html, no_update
+from dash.dependencies import MATCH
+from dash.development.base_component import Component
+from dash.exceptions import PreventUpdate
+
+from workbench.app.parts import PLOT, SPEC, aria, button
+from workbench.app.session import Session
+from workbench.app.stage import Bench, Stage
+from workbench.app.stages import STAGES
+from workbench.app.stages.compare import LINKED
+from workbench.app.state import State as Work
+from workbench.report.page import shared
+from workbench.report.sections.story import changes
+from workbench.report.words import listing, name, number, opening
+
+TITLE = "pendulum-ident"
+AS_NOISE = 1.15  # times the noise floor, an error that noise may well explain
+WORTH = 1.05  # times smaller, from which an error has become smaller
+POLL = 300  # [ms] between two looks at a job
+
+
+def index() -> str:
+    """The document: style and scripts of the report are part of it, so that both look alike before anything loads."""
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta name="viewport" content="width=device-width, initial-scale=1">
+{{%metas%}}
+<title>{{%title%}}</title>
+<link rel="icon" href="data:,">
+<style>{shared("style.css")}</style>
+{{%css%}}
+<script>{shared("theme.js")}</script>
+<script>{shared("plot.js")}</script>
+</head>
+<body>
+{{%app_entry%}}
+<footer>
+{{%config%}}
+{{%scripts%}}
+{{%renderer%}}
+</footer>
+</body>
+</html>"""
+
+
+def page() -> Component:
+    """What every visitor gets; the rest follows from the session."""
+    return html.Div(
+        [
+            dcc.Location(id="url", refresh=False),
+            dcc.Store(id="session"),  # the id, kept by the tab
+            dcc.Store(id="version", data=0),  # of the session's state; 0 until something changes
+            dcc.Store(id="theme-now"),
+            dcc.Download(id="download"),
+            html.Div(id="warm", hidden=True),
+            dcc.Interval(id="poll", interval=POLL, disabled=True),
+            html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
+            html.Header(
+                html.Div(
+                    [
+                        html.Span(TITLE, className="brand"),
+                        html.Nav(navigation(STAGES[0]), id="nav", **aria(label="Stages")),
+                        html.Button("Theme", id="theme", type="button", title="Switch between light and dark"),
+                    ],
+                    className="inner",
+                ),
+                className="bar",
+            ),
+            html.Main(
+                [
+                    html.Div(id="story", className="so-far", **aria(live="polite")),
+                    html.Div(id="notice", role="alert"),
+                    html.Div(id="job"),
+                    html.Div(id="stage", tabIndex=-1),
+                ],
+                id="main",
+            ),
+        ]
+    )
+
+
+def navigation(here: Stage) -> list[Component]:
+    """Links to the stages."""
+    return [
+        html.A(
+            stage.title,
+            href=f"#{stage.id}",
+            id=f"to-{stage.id}",
+            **(aria(current="page") if stage is here else {}),
+        )
+        for stage in STAGES
+    ]
+
+
+def story_so_far(state: Work) -> list[Component]:
+    """The headline, and the numbers behind it."""
+    kicker, title, lead = told(state)
+    parts: list[Component] = [html.P(kicker, className="kicker"), html.H1(title)]
+    if lead:
+        parts.append(html.P(lead, className="lead"))
+    return parts
+
+
+def told(state: Work) -> tuple[str, str, list[Any]]:
+    """Kicker, headline and lead of a state."""
+    if not state.loaded:
+        what = (
+            "Load recordings of a pendulum, see where the model fails, learn which physical effect it lacks, add it, "
+            "and watch the error fall."
+        )
+        return "Workbench", "What does your model lack?", [what]
+    count = len(state.loaded)
+    kicker = f"{count} recording{'s' if count > 1 else ''}, {state.seconds:.3g} s"
+    if not state.ladder:
+        return kicker, "Nothing can be fitted yet", [f"{opening(state.trouble)}."]
+    kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name(effect)}' for effect in state.added)}"
+    diagnosis = state.told
+    first, last = (state.ladder[k].errors["holdout"] for k in (0, -1))
+    floor = f"noise alone would leave {number(diagnosis.noise_floor)} N m"
+    if state.added:
+        lead = ["On data it was not fitted to, the torque error fell from ", _b(first.torque_rms, "N m"), " to "]
+        lead += [_b(last.torque_rms, "N m"), f" ({floor}), and that of a free-running simulation from "]
+        lead += [_b(first.position_rms, "rad"), " to ", _b(last.position_rms, "rad"), "."]
+    else:
+        lead = ["On data it was not fitted to, the base model leaves a torque error of ", _b(last.torque_rms, "N m")]
+        lead += [f"; {floor}."]
+    if state.found:
+        would = next(iter(changes(diagnosis)))
+        lead += [f" With {listing([name(effect) for effect in state.found])} it would be ", _b(would.after, "N m"), "."]
+    if state.added and not state.found:
+        smaller = first.torque_rms / last.torque_rms
+        if last.torque_rms < AS_NOISE * diagnosis.noise_floor:
+            lead.append(" That is as good as the noise allows.")
+        elif diagnosis.unexplained:
+            lead.append(" More is missing than that.")
+        names = listing([name(effect) for effect in state.added])
+        if smaller < WORTH:
+            return kicker, f"{opening(names)} hardly lowers the error", lead
+        return kicker, f"With {names} the torque error is {number(smaller, 2)} times smaller", lead
+    return kicker, diagnosis.headline, lead
+
+
+def _b(value: float, unit: str) -> Component:
+    return html.B(f"{number(value)} {unit}")
+
+
+def running(session: Session) -> list[Component]:
+    """What is being done, how long it will take, and a way out."""
+    job = session.job
+    if job is None or not job.running:
+        return []
+    pace = job.pace
+    left = "" if pace.left is None else f" · about {max(1, round(pace.left))} s left"
+    return [
+        html.Div(
+            [
+                html.Div([html.Strong(job.title), html.Span(f" {pace.what}{left}", className="note")]),
+                html.Progress(value=str(round(pace.share, 3)), max="1", **aria(label=job.title)),
+            ],
+            className="running-text",
+        ),
+        button("Cancel", "cancel"),
+    ]
+
+
+def show(session: Session, stage: Stage) -> list[Component]:
+    """A stage, or the way to it."""
+    state = session.state
+    if stage.needs_model and not state.ladder:
+        why = opening(state.trouble) if state.trouble else "There is nothing to show before a recording is loaded"
+        return [html.Section([html.P(f"{why}."), html.A("Go to Data", href="#data")], className="panel empty")]
+    return stage.show(session)
+
+
+def connect(bench: Bench) -> None:
+    """Wire the page and all stages."""
+    app = bench.app
+
+    @app.callback(
+        Output("nav", "children"),
+        Output("story", "children"),
+        Output("notice", "children"),
+        Output("stage", "children"),
+        Input("session", "data"),
+        Input("url", "hash"),
+        Input("version", "data"),
+    )
+    def draw(id: str | None, hash: str | None, _: int) -> tuple[Any, ...]:
+        if id is None:
+            raise PreventUpdate
+        session = bench.sessions.of(id)
+        stage = next((stage for stage in STAGES if f"#{stage.id}" == hash), STAGES[0])
+        with session.lock:
+            if ctx.triggered_id == "url":
+                session.notice = ""  # it was about another stage
+            return (
+                navigation(stage),
+                story_so_far(session.state),
+                session.notice,
+                html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
+            )
+
+    @app.callback(
+        Output("job", "children"),
+        Output("poll", "disabled"),
+        Output("version", "data", allow_duplicate=True),
+        Input("session", "data"),
+        Input("poll", "n_intervals"),
+        Input("version", "data"),
+        prevent_initial_call="initial_duplicate",
+    )
+    def watch(id: str | None, _: int, version: int) -> tuple[Any, ...]:
+        """The one owner of the progress bar, so that no late answer can bring it back."""
+        if id is None:
+            raise PreventUpdate
+        session = bench.sessions.of(id)
+        with session.lock:
+            busy = session.busy()
+            # a page that has just been loaded is drawn already: it only has to learn when its job is over
+            changed = session.version != version if version else ctx.triggered_id == "poll" and not busy
+            return running(session), not busy, session.version if changed else no_update
+
+    @app.callback(
+        Output("version", "data", allow_duplicate=True),
+        Input("cancel", "n_clicks"),
+        State("session", "data"),
+        prevent_initial_call=True,
+    )
+    def cancel(clicks: int, id: str) -> int:
+        if not clicks:
+            raise PreventUpdate
+        session = bench.sessions.of(id)
+        session.cancel()
+        return session.version
+
+    def in_the_page(function: str, output: Output, *given: Input | State) -> None:
+        """Leave a callback to assets/app.js."""
+        app.clientside_callback(ClientsideFunction("app", function), output, *given)  # type: ignore[no-untyped-call]
+
+    in_the_page("session", Output("session", "data"), Input("url", "pathname"))
+    in_the_page("theme", Output("theme-now", "data"), Input("theme", "n_clicks"))
+    in_the_page(
+        "draw",
+        Output({"kind": PLOT, "of": MATCH}, "figure"),
+        Input({"kind": f"{PLOT}-{SPEC}", "of": MATCH}, "data"),
+        Input("theme-now", "data"),
+    )
+    in_the_page(
+        "brush",
+        Output({"kind": LINKED, "of": MATCH}, "figure"),
+        Input({"kind": f"{LINKED}-{SPEC}", "of": MATCH}, "data"),
+        Input("theme-now", "data"),
+        Input("lit", "data"),
+        State({"kind": LINKED, "of": MATCH}, "id"),
+    )
+    in_the_page(
+        "fragment",
+        Output({"kind": "fragment", "of": MATCH}, "title"),
+        Input({"kind": "markup", "of": MATCH}, "data"),
+        State({"kind": "fragment", "of": MATCH}, "id"),
+    )
+    in_the_page("warm", Output("warm", "children"), Input("stage", "children"))
+    in_the_page("swing", Output("pendulum", "title"), Input("live-motion", "data"))
+    for stage in STAGES:
+        stage.connect(bench)

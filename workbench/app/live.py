@@ -1,0 +1,214 @@
+"""A pendulum that runs in real time while the six schemes estimate its parameters, in a thread of its own."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event, Lock, Thread
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from estimators.identify import Convergence, Identification, Identified
+from estimators.schemes import SCHEMES
+from estimators.wrappers import EstimateParameters
+from pendulum_env._typing import Array
+from pendulum_env.backends.simulated import TORQUE_NOISE
+from pendulum_env.excitation import Excitation, excitation
+from pendulum_env.interface import MAX_TORQUE
+from pendulum_env.physics import BASE, Model
+from pendulum_env.policy import OpenLoop
+from pendulum_env.recording import Recording
+from pendulum_env.registration import PENDULUM
+from workbench.inputs import MISTAKES, sentence
+
+RATE = 500.0  # [Hz]
+LONGEST = 120.0  # [s] of a run
+SLICE = 0.02  # [s] of the run between two looks at the clock
+LOOK = 0.1  # [s] between two entries of the history
+FRAMES = 50  # samples of the motion that the page draws between two looks
+UNSEEN = 8.0  # [s] after which a run that no page asks about stops
+SETTLED = 0.5  # [s] from the start, before which standard errors mean nothing
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What to run.
+
+    Attributes:
+        backend: of the environment.
+        excitation: name of the torque signal.
+        amplitude: bound of the torque [N m]; None for the usual one.
+        effects: hidden in a simulated plant.
+        seconds: length of the run.
+        seed: of all random numbers.
+        recording: file that a replay plays.
+    """
+
+    backend: str
+    excitation: str
+    amplitude: float | None
+    effects: tuple[str, ...]
+    seconds: float
+    seed: int
+    recording: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A run as of one moment.
+
+    Attributes:
+        time: seconds that have passed in the run.
+        pace: seconds of the run in one second.
+        motion: time [s], position [rad] and torque [N m] of the last moments (K, 3).
+        identification: estimates of the schemes and how they came about; None before anything is known.
+        truth: parameters of the simulated plant, by name; empty where nobody knows them.
+        running: whether it goes on.
+        trouble: why it ended, if it should not have.
+    """
+
+    time: float
+    pace: float
+    motion: Array
+    identification: Identification | None
+    truth: dict[str, float]
+    running: bool
+    trouble: str
+
+
+class Run:
+    """One run: `start`, then `look` as often as one likes, and `stop`."""
+
+    def __init__(self, setup: Setup) -> None:
+        """Make the environment.
+
+        Raises:
+            ValueError: if an argument is unknown or out of its range.
+            RecordingError: if a replay's recording cannot be read.
+        """
+        rng = np.random.default_rng(setup.seed)
+        self.setup = setup
+        self._signal: Excitation = excitation(setup.excitation, rng, setup.seconds, setup.amplitude)
+        replayed = setup.recording is not None
+        options: dict[str, Any] = {"recording": setup.recording} if replayed else {"effects": list(setup.effects)}
+        env = gym.make(
+            PENDULUM,
+            max_episode_steps=-1,
+            backend=setup.backend,
+            rate=RATE,
+            torque_noise=0.0 if replayed else TORQUE_NOISE,
+            max_torque=max(MAX_TORQUE, self._signal.amplitude),
+            **options,
+        )
+        self._env = EstimateParameters(env)
+        self.rate = float(env.unwrapped.rate)  # type: ignore[attr-defined]
+        plant: Model | None = env.unwrapped.model if getattr(env.unwrapped, "simulated", False) else None  # type: ignore[attr-defined]
+        self._truth = {name: e.value for name, e in plant.estimates.items()} if plant is not None else {}
+        self._lock, self._stop = Lock(), Event()
+        self._rows: list[tuple[float, float, float]] = []  # time, position, torque
+        self._history: list[tuple[float, Array, Array]] = []  # time, theta and std (S, P)
+        self._pace, self._trouble, self._seen = 1.0, "", time.monotonic()
+        self._thread = Thread(target=self._go, daemon=True, name="live view")
+
+    def start(self) -> None:
+        """Begin, and return at once."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the run; the joint is without torque when this returns."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    @property
+    def running(self) -> bool:
+        """Whether it goes on."""
+        return self._thread.is_alive()
+
+    def look(self) -> Look:
+        """The run as it is now; a run that nobody looks at stops."""
+        self._seen = time.monotonic()
+        with self._lock:
+            rows, history = np.array(self._rows[-round(self.rate) :]).reshape(-1, 3), list(self._history)
+            pace, trouble = self._pace, self._trouble
+        step = max(1, round(self.rate / FRAMES))
+        return Look(
+            time=float(rows[-1, 0]) if len(rows) else 0.0,
+            pace=pace,
+            motion=rows[::-step][::-1],
+            identification=_identification(history),
+            truth=self._truth,
+            running=self.running,
+            trouble=trouble,
+        )
+
+    def recording(self, name: str) -> Recording:
+        """What has been measured so far.
+
+        Raises:
+            RecordingError: if that is too little.
+        """
+        with self._lock:
+            rows = np.array(self._rows).reshape(-1, 3)
+        return Recording(name=name, time=rows[:, 0], position=rows[:, 1], torque=rows[:, 2])
+
+    def _go(self) -> None:
+        try:
+            self._run()
+        except (*MISTAKES, ValueError) as mistake:
+            self._trouble = sentence(mistake)
+        finally:
+            self._env.close()
+
+    def _run(self) -> None:
+        policy, state = OpenLoop(self._signal, self.rate), None
+        observation, info = self._env.reset(seed=self.setup.seed)
+        began, due = time.monotonic(), LOOK
+        ended, first = False, True
+        while not (ended or self._stop.is_set() or time.monotonic() - self._seen > UNSEEN):
+            rows = []
+            for _ in range(max(1, round(SLICE * self.rate))):
+                action, state = policy.predict(observation, state, np.array(first))
+                row = info["time"], info["position"]
+                observation, _, terminated, truncated, info = self._env.step(action)
+                rows.append((*row, info["torque"]))  # the torque acts from the sample before
+                first, ended = False, terminated or truncated or info["time"] >= self.setup.seconds
+                if ended:
+                    break
+            now, passed = float(info["time"]), time.monotonic() - began
+            entry = _entry(info) if now >= due and info["estimates_time"] > SETTLED else None
+            with self._lock:
+                self._rows += rows
+                self._pace = min(1.0, now / passed) if passed > 0 else 1.0
+                if entry is not None:
+                    self._history.append(entry)
+            if now >= due:
+                due = now + LOOK
+            if "fault" in info:
+                self._trouble = str(info["fault"])
+            time.sleep(max(0.0, now - passed))
+
+
+def _entry(info: dict[str, Any]) -> tuple[float, Array, Array]:
+    """Time, estimates and standard errors of all schemes (S, P)."""
+    found = [info["estimates"][scheme.id] for scheme in SCHEMES]
+    theta = np.array([one["theta"] for one in found])
+    std = np.array([np.sqrt(np.maximum(np.diag(one["covariance"]), 0.0)) for one in found])
+    return float(info["estimates_time"]), theta, std
+
+
+def _identification(history: list[tuple[float, Array, Array]]) -> Identification | None:
+    """The history as an identification has it, so that the same figures show both."""
+    if len(history) < 2:
+        return None
+    time = np.array([entry[0] for entry in history])
+    theta, std = (np.array([entry[k] for entry in history]) for k in (1, 2))  # (K, S, P)
+    found = {}
+    for s, scheme in enumerate(SCHEMES):
+        model = Model.build(BASE, theta[-1, s], std[-1, s])
+        course = Convergence(time, theta[:, s], std[:, s])
+        found[scheme.id] = Identified(scheme.id, model, course, np.nan, scheme.unit, np.nan, (0, 0))
+    return Identification(found, (), ())

@@ -1,0 +1,129 @@
+"""Serving the app to this computer alone."""
+
+from __future__ import annotations
+
+import socket
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from threading import Thread
+from urllib.parse import urlsplit
+
+import flask
+import numpy as np
+from dash import Dash
+from werkzeug.serving import WSGIRequestHandler, make_server
+
+from pendulum_env.backends import record
+from pendulum_env.excitation import excitation
+from pendulum_env.recording import read_recording, write_recording
+from workbench.app import layout
+from workbench.app.session import Sessions
+from workbench.app.stage import Bench
+from workbench.app.state import Loaded, State
+from workbench.app.uploads import UPLOAD
+from workbench.inputs import InputError
+from workbench.report.page import plotly
+
+HOST = "127.0.0.1"
+WARM_UP = 2.0  # [s], length of a recording
+NAMES = (HOST, "localhost")  # by which a browser may call it; another name is a trick of a foreign page
+LARGEST = 4 * UPLOAD // 3 + 1_000_000  # bytes of a request: an upload in base64, and what goes with it
+POLICY = (  # nothing comes from elsewhere, and nothing goes there
+    "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; connect-src 'self'; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
+)
+
+
+def make_app(recordings: Sequence[Path] = (), unwrap: bool = False) -> Bench:
+    """The app with its sessions and workers; close it in the end.
+
+    Args:
+        recordings: files that every session begins with.
+        unwrap: whether jumps of 2 pi in their position are undone.
+    """
+    app = Dash(
+        "pendulum-ident",
+        assets_folder=str(Path(__file__).with_name("assets")),
+        index_string=layout.index(),
+        title="pendulum-ident",
+        update_title="",
+        suppress_callback_exceptions=True,  # stages come and go
+        serve_locally=True,
+        compress=False,
+        enable_mcp=False,
+        add_log_handler=False,
+    )
+    app.layout = layout.page()
+    bench = Bench(app, Sessions(recordings, unwrap))
+    layout.connect(bench)
+    _guard(app.server)
+    return bench
+
+
+def _guard(server: flask.Flask) -> None:
+    """Bound what comes in, and tell the browser to stay here."""
+    server.config["MAX_CONTENT_LENGTH"] = LARGEST
+
+    @server.before_request
+    def only_from_here() -> None:
+        asked = [f"//{flask.request.host}", *flask.request.headers.getlist("Origin")]
+        if any(urlsplit(address).hostname not in NAMES for address in asked):
+            flask.abort(403)
+
+    @server.after_request
+    def stay_here(response: flask.Response) -> flask.Response:
+        response.headers["Content-Security-Policy"] = POLICY
+        response.headers["X-Content-Type-Options"] = "nosniff"
+        response.headers["Referrer-Policy"] = "no-referrer"
+        return response
+
+
+def _warm_up() -> None:
+    """Read and fit a recording, so that what the libraries do at first is not done while a user waits."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "first.csv"
+        rng = np.random.default_rng(0)
+        write_recording(record(None, excitation("paper", rng, WARM_UP), WARM_UP, rng=rng), file)
+        State.of([Loaded(file, read_recording(file))])
+
+
+class _Silent(WSGIRequestHandler):
+    """Says nothing about requests that went well."""
+
+    def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
+        """Say nothing."""
+
+
+class Server:
+    """The app behind a port of this computer: `serve`, then `close`."""
+
+    def __init__(self, port: int = 0, recordings: Sequence[Path] = (), unwrap: bool = False) -> None:
+        """Bind the port, 0 being any that is free; the rest is as for `make_app`.
+
+        Raises:
+            InputError: if the port is taken.
+        """
+        try:
+            listening = socket.create_server((HOST, port))
+        except OSError:
+            raise InputError(f"port {port} is taken: name another with --port, or 0 for any that is free") from None
+        with listening:
+            self.bench = make_app(recordings, unwrap)
+            _warm_up()
+            number = listening.getsockname()[1]
+            self._server = make_server(
+                HOST, number, self.bench.app.server, threaded=True, request_handler=_Silent, fd=listening.fileno()
+            )
+        self.address = f"http://{HOST}:{number}/"
+
+    def serve(self) -> None:
+        """Answer until an interrupt comes."""
+        self.bench.workers.warm()
+        Thread(target=plotly, daemon=True).start()  # packing it takes a moment, and is done once
+        self._server.serve_forever()
+
+    def close(self) -> None:
+        """End everything, once it does not serve any more."""
+        self._server.server_close()
+        self.bench.close()

@@ -1,0 +1,16 @@
+"""Stages in the order of the work; a new one joins by its module and a line here."""
+
+from workbench.app.stage import Stage
+from workbench.app.stages import add, compare, data, diagnose, export, live, model
+
+STAGES: tuple[Stage, ...] = (
+    data.STAGE,
+    model.STAGE,
+    compare.STAGE,
+    diagnose.STAGE,
+    add.STAGE,
+    export.STAGE,
+    live.STAGE,
+)
+
+__all__ = ["STAGES"]

@@ -1,0 +1,157 @@
+"""Compare: measured against modelled, in three views that are linked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import dash
+import numpy as np
+from dash import ALL, Input, Output, State, dcc, html
+from dash.development.base_component import Component
+from dash.exceptions import PreventUpdate
+
+from estimators.regions import profiles, stand_out
+from pendulum_env._typing import JSON, Mask
+from pendulum_env.recording import Recording
+from workbench.app.brushing import MAP, PHASE, TIME, VIEWS, Points, figures, inside, lit, within
+from workbench.app.parts import button, graph, labelled, panel
+from workbench.app.session import Session
+from workbench.app.stage import Bench, Stage
+from workbench.report.case import Case
+from workbench.report.sections.comparison import position_figure
+from workbench.report.words import number, opening
+
+LINKED = "linked"
+HINT = "Drag a box in any of the plots, or choose a region below: the same moments light up in the others."
+
+
+def show(session: Session) -> list[Component]:
+    """Which recording and model, then the views."""
+    state = session.state
+    names = [{"label": one.recording.name, "value": one.file.name} for one in state.loaded]
+    models: list[Any] = [{"label": label, "value": k} for k, (label, _, _) in enumerate(state.standing.models)]
+    controls = [
+        labelled("Recording", dcc.Dropdown(names, names[0]["value"], id="shown", clearable=False, searchable=False)),
+        labelled("Residual of the", dcc.RadioItems(models, 0, id="of", inline=True, className="pair")),
+        button("Clear selection", "clear"),
+    ]
+    return [
+        html.Div(controls, className="fields wide"),
+        html.P(HINT, id="selected", className="brushed", role="status"),
+        dcc.Store(id="lit", data=None),
+        html.Div(_views(session, names[0]["value"], 0), id="views"),
+    ]
+
+
+def _views(session: Session, file: str, shown: int) -> list[Component]:
+    """The three views of a recording and the regions that stand out in it."""
+    points = _points(session, file)
+    drawn = figures(points, shown, session.find(file).recording.name)
+    return [
+        html.Div(
+            [
+                html.Div(graph(drawn[MAP], html.B("Residual map"), LINKED), className="panel"),
+                html.Div(graph(drawn[PHASE], html.B("Phase plane"), LINKED), className="panel"),
+            ],
+            className="columns even",
+        ),
+        html.Div(graph(drawn[TIME], html.B("Over time"), LINKED), className="panel"),
+        _regions(points, shown),
+        _flown(session.state.standing, session.find(file).recording),
+    ]
+
+
+def _flown(case: Case, recording: Recording) -> Component:
+    """Free-running simulation of a recording: of its held-out part, if it has one."""
+    flights = [one for one in (*case.testing.flights, *case.training.flights) if one.windows.recording is recording]
+    note = "Each simulation starts from the measured state and runs freely for one second on the recorded torque alone."
+    return panel(
+        "Position in free run", html.P(note, className="note"), graph(position_figure(case, "flown", flights[0]))
+    )
+
+
+def _regions(points: Points, shown: int) -> Component:
+    regions = _standing_out(points, shown)
+    if not regions:
+        return panel("Where it fails", html.P("Nothing stands out of the noise."))
+    rows = [
+        html.Li(
+            html.Button(opening(region.text), id={"do": "region", "of": k}, n_clicks=0, type="button", className="link")
+            if region.axis != "frequency"
+            else opening(region.text)
+        )
+        for k, region in enumerate(regions)
+    ]
+    return panel("Where it fails", html.Ul(rows, className="regions-list"))
+
+
+def _points(session: Session, file: str) -> Points:
+    state = session.state
+    return state.points(state.loaded.index(session.find(file)))
+
+
+def _standing_out(points: Points, shown: int) -> list[Any]:
+    return stand_out(profiles(points.samples, points.residuals[shown][2], points.noise))
+
+
+def say(points: Points, selected: Mask, shown: int) -> str:
+    """A selection in words."""
+    count = int(selected.sum())
+    if not count:
+        return "Nothing is in this selection."
+    residual = points.residuals[shown][2][selected]
+    time = points.time[selected]
+    return (
+        f"{count} of {len(points)} windows, from {time.min():.3g} to {time.max():.3g} s: residual "
+        f"{number(float(residual.mean()))} N m on average, {number(float(np.sqrt(np.mean(residual**2))))} N m RMS; "
+        f"noise alone would leave {number(points.noise)} N m."
+    )
+
+
+def connect(bench: Bench) -> None:
+    """Wire the choice of what is shown, and the brushing."""
+
+    @bench.app.callback(
+        Output("views", "children"),
+        Output("lit", "data", allow_duplicate=True),
+        Output("selected", "children", allow_duplicate=True),
+        Input("shown", "value"),
+        Input("of", "value"),
+        State("session", "data"),
+        prevent_initial_call=True,
+    )
+    def choose(file: str, shown: int, id: str) -> tuple[list[Component], None, str]:
+        return _views(bench.sessions.of(id), file, shown), None, HINT
+
+    @bench.app.callback(
+        Output("lit", "data"),
+        Output("selected", "children"),
+        *(Input({"kind": LINKED, "of": view}, "selectedData") for view in VIEWS),
+        Input({"do": "region", "of": ALL}, "n_clicks"),
+        Input("clear", "n_clicks"),
+        State("shown", "value"),
+        State("of", "value"),
+        State("session", "data"),
+        prevent_initial_call=True,
+    )
+    def brush(*values: Any) -> tuple[JSON | None, str]:
+        file, shown, id = values[-3:]
+        entry = dash.ctx.triggered[0]
+        cause = dash.ctx.triggered_id
+        if not entry["value"]:
+            raise PreventUpdate
+        if cause == "clear":
+            return None, HINT
+        points = _points(bench.sessions.of(id), file)
+        if cause.get("do") == "region":
+            selected, source = within(points, _standing_out(points, shown)[cause["of"]]), None
+        else:
+            source = cause["of"]
+            box = entry["value"].get("range")
+            if box is None:
+                raise PreventUpdate
+            selected = inside(points, source, box)
+        return {"source": source, "traces": lit(points, selected, shown)}, say(points, selected, shown)
+
+
+STAGE = Stage("compare", "Compare", show, connect)

@@ -1,0 +1,147 @@
+"""Export: the report, the model, and how to do the same without a browser."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable
+from typing import Any
+
+from dash import Input, Output, dcc, html
+from dash import State as Value
+from dash.development.base_component import Component
+from dash.exceptions import PreventUpdate
+
+from workbench.app.parts import button, panel
+from workbench.app.recorder import DIAGNOSIS
+from workbench.app.session import Session
+from workbench.app.stage import Bench, Stage
+from workbench.app.state import State, ids
+from workbench.report import render
+
+PROGRAM, MODEL, REPORT = "pendulum-ident", "model.json", "report.html"
+
+
+def show(session: Session) -> list[Component]:
+    """What can be saved, and the same in two languages."""
+    state = session.state
+    diagnosed = state.diagnosis is not None
+    saved = [
+        _saved("report", REPORT, "one file to share: story, plots and tables; it needs no network and prints", True),
+        _saved("model", MODEL, "terms and parameters of the ladder's last model, for the command line and Python"),
+    ]
+    if diagnosed:
+        saved.append(
+            _saved(
+                "diagnosis",
+                DIAGNOSIS,
+                "verdicts and reasons, for programs; the command record plays the experiment it suggests",
+            )
+        )
+    return [
+        panel("Save", html.Ul(saved, className="downloads")),
+        panel("The same on the command line", _code(session.plain(commands(state)), "commands")),
+        panel("The same in Python", _code(snippet(state), "snippet")),
+    ]
+
+
+def _saved(id: str, file: str, what: str, primary: bool = False) -> Component:
+    return html.Li([button(file, {"save": id}, primary=primary), html.Span(what)])
+
+
+def _code(text: str, id: str) -> Component:
+    copy = dcc.Clipboard(target_id=id, title="copy", className="copy")
+    return html.Div([html.Pre(text, id=id, tabIndex=0), copy], className="code")
+
+
+def commands(state: State) -> str:
+    """Command lines that come to the same model."""
+    lines = [shlex.join([PROGRAM, "record", *one.origin, "-o", one.file.name]) for one in state.loaded if one.origin]
+    train = [one.file.name for one in state.loaded if not one.held_out]
+    holdout = [word for one in state.loaded if one.held_out for word in ("--holdout", one.file.name)]
+    before, start = _diagnosed_after(state), state.model_file
+    models = [start or MODEL, *[MODEL] * len(state.added)]  # before each effect, and after the last
+    adding = [
+        shlex.join([PROGRAM, "add", model, effect, *train, *holdout, "-o", MODEL])
+        for model, effect in zip(models, state.added, strict=False)
+    ]
+    if start:
+        lines.append(shlex.join([PROGRAM, "compare", start, *train]))
+    else:
+        lines.append(shlex.join([PROGRAM, "identify", *train, "-o", MODEL]))
+    lines += adding[:before]
+    if state.diagnosis is not None:
+        base = ["--model", models[before]] if before or start else []
+        outputs = ["--report", REPORT, "--json", DIAGNOSIS]
+        lines.append(shlex.join([PROGRAM, "diagnose", *train, *holdout, *base, *outputs]))
+    return "\n".join([*lines, *adding[before:]])
+
+
+def _diagnosed_after(state: State) -> int:
+    """Number of effects that were in the model when it was diagnosed."""
+    return len([effect for effect in state.added if effect in ids(state.started)])
+
+
+def snippet(state: State) -> str:
+    """Python that comes to the same model."""
+    train = [one.file.name for one in state.loaded if not one.held_out]
+    holdout = [one.file.name for one in state.loaded if one.held_out]
+    before = _diagnosed_after(state)
+    adding = [f"model = add(model, {effect!r}, recordings, holdout).after.model" for effect in state.added]
+    lines = [
+        "from estimators import add, diagnose, fit, gather",
+        *(["from pendulum_env.physics import Model"] if state.model_file else []),
+        "from pendulum_env.recording import read_recording",
+        "from workbench.report import write_report",
+        "",
+        f"recordings = [read_recording(path) for path in {train!r}]",
+        f"holdout = [read_recording(path) for path in {holdout!r}]",
+        *([f"terms = Model.load({state.model_file!r}).terms"] if state.model_file else []),
+        f"model = fit(*gather(recordings, holdout){', terms' if state.model_file else ''}).model",
+        *adding[:before],
+    ]
+    if state.diagnosis is not None:
+        lines.append("found = diagnose(recordings, holdout, model.terms)")
+        lines.append(f"write_report({REPORT!r}, recordings, holdout, found)")
+    return "\n".join([*lines, *adding[before:], f"model.save({MODEL!r})"])
+
+
+def _report(state: State) -> str:
+    return render(state.train, state.holdout, state.told, state.identification)
+
+
+def _model(state: State) -> str:
+    return json.dumps(state.model.json(), indent=1) + "\n"
+
+
+def _diagnosis(state: State) -> str:
+    return json.dumps(state.told.json(), indent=1) + "\n"
+
+
+FILES: dict[str, tuple[str, Callable[[State], str]]] = {
+    "report": (REPORT, _report),
+    "model": (MODEL, _model),
+    "diagnosis": (DIAGNOSIS, _diagnosis),
+}
+
+
+def connect(bench: Bench) -> None:
+    """Wire the files."""
+    for id, (file, write) in FILES.items():
+        _connect(bench, id, file, write)
+
+
+def _connect(bench: Bench, id: str, file: str, write: Callable[[State], str]) -> None:
+    @bench.app.callback(
+        Output("download", "data", allow_duplicate=True),
+        Input({"save": id}, "n_clicks"),
+        Value("session", "data"),
+        prevent_initial_call=True,
+    )
+    def save(clicks: int, session: str) -> dict[str, Any]:
+        if not clicks:
+            raise PreventUpdate
+        return {"filename": file, "content": write(bench.sessions.of(session).state)}
+
+
+STAGE = Stage("export", "Export", show, connect)

@@ -1,0 +1,254 @@
+"""Live: a pendulum that runs in real time while the estimates converge."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dash import Input, Output, dcc, html
+from dash import State as Value
+from dash.development.base_component import Component
+from dash.exceptions import PreventUpdate
+
+from pendulum_env._typing import JSON
+from pendulum_env.backends import BACKENDS
+from pendulum_env.excitation import EXCITATIONS
+from pendulum_env.physics import BASE, effects
+from pendulum_env.recording import write_recording
+from workbench.app import live
+from workbench.app.parts import EMPTY, aria, button, labelled, panel, spec
+from workbench.app.recorder import free_name
+from workbench.app.session import Session
+from workbench.app.stage import Bench, Stage
+from workbench.inputs import InputError
+from workbench.report.figure import Figure
+from workbench.report.sections.schemes import convergence_figure, stroke
+from workbench.report.words import estimate, name, number, opening, unit
+
+BEAT = 250  # [ms] between two looks
+SIGMAS = 2.0  # standard errors of an interval
+PARAMETERS = tuple(column.name for term in BASE for column in term.columns)
+FORM = ("live-backend", "live-excitation", "live-effect", "live-amplitude", "live-seconds")
+PLOTS = [f"live-{k}" for k in range(len(PARAMETERS))]
+
+
+def show(session: Session) -> list[Component]:
+    """Controls, the pendulum, and the estimates."""
+    backends = [{"label": backend, "value": backend} for backend in BACKENDS]
+    waves = [{"label": opening(id), "value": id} for id in EXCITATIONS]
+    hidden = [{"label": "nothing", "value": ""}] + [{"label": opening(name(id)), "value": id} for id in effects()]
+    replays = [{"label": one.recording.name, "value": one.file.name} for one in session.state.loaded]
+    kept: dict[str, Any] = {"persistence": True, "persistence_type": "session"}
+    seconds = dcc.Input(30, type="number", id="live-seconds", min=2, max=live.LONGEST, **kept)
+    controls = [
+        labelled(
+            "Backend", dcc.Dropdown(backends, "pymunk", id="live-backend", clearable=False, searchable=False, **kept)
+        ),
+        labelled(
+            "Excitation", dcc.Dropdown(waves, "paper", id="live-excitation", clearable=False, searchable=False, **kept)
+        ),
+        labelled("Hidden effect", dcc.Dropdown(hidden, "", id="live-effect", clearable=False, **kept)),
+        labelled(
+            "Peak torque [N m]", dcc.Input(None, type="number", id="live-amplitude", min=0, placeholder="usual", **kept)
+        ),
+        labelled("Length [s]", seconds),
+        labelled(
+            "To replay",
+            dcc.Dropdown(
+                replays, replays[0]["value"] if replays else None, id="live-replay", clearable=False, searchable=False
+            ),
+        ),
+    ]
+    running = session.run is not None and session.run.running
+    buttons = [
+        button("Start", "live-start", primary=True),
+        button("Stop", "live-stop"),
+        button("Keep as a recording", "live-keep"),
+    ]
+    plots = [
+        html.Figure(
+            [
+                dcc.Store(id={"kind": "plot-spec", "of": plot}),
+                html.Div(
+                    dcc.Graph(
+                        id={"kind": "plot", "of": plot},
+                        figure=EMPTY,
+                        responsive=True,
+                        config={"displayModeBar": False},
+                        style={"height": 210},
+                    ),
+                    className="plot",
+                    style={"height": 210},
+                ),
+            ]
+        )
+        for plot in PLOTS
+    ]
+    views = html.Div(
+        [
+            panel(
+                "Pendulum",
+                html.Div(id="pendulum", role="img", **aria(label="The pendulum as it swings")),
+                html.P("", id="live-said", className="note", role="status"),
+            ),
+            panel("Estimates", html.Div(plots, className="grid"), html.Div(id="live-table")),
+        ],
+        className="columns live",
+        hidden=session.run is None,
+    )
+    return [
+        dcc.Interval(id="live-beat", interval=BEAT, disabled=not running),
+        dcc.Store(id="live-motion"),
+        panel(
+            "Watch it learn",
+            html.P(
+                "A pendulum in real time, and what the six schemes make of it sample by sample. Hide an effect from "
+                "them and see how they begin to disagree.",
+                className="note",
+            ),
+            html.Div(controls, className="fields"),
+            html.Div(buttons, className="row"),
+        ),
+        views,
+    ]
+
+
+def figure(look: live.Look, column: int) -> Figure | None:
+    """Estimates of one parameter over time, and at its right their intervals now."""
+    found = look.identification
+    if found is None:
+        return None
+    strokes = {id: stroke(k, id) for k, id in enumerate(found.schemes)}
+    drawn = convergence_figure(found, column, strokes)
+    layout = drawn.layout | {"xaxis": drawn.layout["xaxis"] | {"domain": [0, 0.74]}, "hovermode": False}
+    layout |= {"xaxis2": {"domain": [0.8, 1], "anchor": "y", "range": [-0.7, len(strokes) - 0.3], "showgrid": False}}
+    layout["xaxis2"] |= {"tickvals": [], "title": {"text": f"±{SIGMAS:g}σ now"}, "zeroline": False}
+    for k, (id, one) in enumerate(found.schemes.items()):
+        middle, std = float(one.convergence.theta[-1, column]), float(one.convergence.std[-1, column])
+        drawn.data.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "x": [k],
+                "y": [middle],
+                "xaxis": "x2",
+                "error_y": {
+                    "type": "constant",
+                    "value": SIGMAS * std,
+                    "color": strokes[id]["color"],
+                    "thickness": 2,
+                    "width": 3,
+                },
+                "marker": {
+                    "color": strokes[id]["color"],
+                    "size": 6,
+                    "symbol": "circle-open" if "filtered" in id else "circle",
+                },
+            }
+        )
+    truth = look.truth.get(PARAMETERS[column])
+    if truth is not None:
+        layout["shapes"] = [
+            {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": truth, "y1": truth, "layer": "below"}
+            | {"line": {"color": "--muted", "width": 1.2, "dash": "dot"}}
+        ]
+    return Figure(PLOTS[column], drawn.label, drawn.data, layout, 210)
+
+
+def _table(look: live.Look) -> Component | str:
+    """Estimates of all schemes now, beside the truth where it is known."""
+    found = look.identification
+    if found is None:
+        return ""
+    model = next(iter(found.schemes.values())).model
+    head = [html.Th("Scheme", scope="col")]
+    head += [html.Th(f"{p} [{unit(model.estimates[p].unit)}]", scope="col", className="number") for p in PARAMETERS]
+    rows = [
+        html.Tr(
+            [html.Th([_key(stroke(k, id)), opening(name(id))], scope="row")]
+            + [html.Td(estimate(one.model.estimates[p]), className="number") for p in PARAMETERS]
+        )
+        for k, (id, one) in enumerate(found.schemes.items())
+    ]
+    if look.truth:
+        known = [html.Td(number(look.truth[p], 4), className="number") for p in PARAMETERS]
+        rows.append(html.Tr([html.Th("truth", scope="row"), *known], className="floor"))
+    return html.Div(html.Table([html.Thead(html.Tr(head)), html.Tbody(rows)]), className="scroll", tabIndex=0)
+
+
+def _key(line: JSON) -> Component:
+    """A piece of a scheme's line."""
+    kind = "dashed" if line["dash"] == "dash" else "solid"
+    return html.I(className="stroke-key", style={"borderTop": f"2.5px {kind} var({line['color']})"})
+
+
+def _said(look: live.Look) -> str:
+    if look.trouble:
+        return f"Stopped: {look.trouble}."
+    pace = "in real time" if look.pace > 0.97 else f"at {look.pace:.0%} of real time: this computer is busy"
+    return f"{look.time:.1f} s {pace}" if look.running else f"Ended after {look.time:.1f} s."
+
+
+def connect(bench: Bench) -> None:
+    """Wire start, stop, and the beat."""
+
+    @bench.on(Input("live-start", "n_clicks"), given=tuple(Value(c, "value") for c in (*FORM, "live-replay")))
+    def start(
+        session: Session,
+        clicks: int,
+        backend: str,
+        excitation: str,
+        effect: str,
+        amplitude: float | None,
+        seconds: float | None,
+        replay: str | None,
+    ) -> None:
+        if seconds is None or not 2 <= seconds <= live.LONGEST:
+            raise InputError(f"a live run lasts from 2 to {live.LONGEST:g} s")
+        if backend == "replay" and replay is None:
+            raise InputError("there is no recording to replay: load one first")
+        file = session.find(str(replay)).file if backend == "replay" else None
+        hidden = (effect,) if effect and file is None else ()
+        setup = live.Setup(backend, excitation, amplitude, hidden, float(seconds), clicks, file)
+        if session.run is not None:
+            session.run.stop()
+        try:
+            session.run = live.Run(setup)
+        except ValueError as error:
+            raise InputError(str(error)) from None
+        session.run.start()
+
+    @bench.on(Input("live-stop", "n_clicks"))
+    def stop(session: Session, _: int) -> None:
+        if session.run is not None:
+            session.run.stop()
+
+    @bench.on(Input("live-keep", "n_clicks"))
+    def keep(session: Session, _: int) -> None:
+        if session.run is None:
+            raise InputError("nothing has run yet: start a run first")
+        session.run.stop()
+        file = session.place(free_name(session))
+        write_recording(session.run.recording(file.stem), file)
+        session.keep(session.read(file))
+
+    @bench.app.callback(
+        *(Output({"kind": "plot-spec", "of": plot}, "data") for plot in PLOTS),
+        Output("live-motion", "data"),
+        Output("live-said", "children"),
+        Output("live-table", "children"),
+        Output("live-beat", "disabled"),
+        Input("live-beat", "n_intervals"),
+        Value("session", "data"),
+    )
+    def beat(_: int, id: str) -> tuple[Any, ...]:
+        run = bench.sessions.of(id).run if id else None
+        if run is None:
+            raise PreventUpdate
+        look = run.look()
+        drawn = [figure(look, k) for k in range(len(PARAMETERS))]
+        specs = [spec(one) if one is not None else None for one in drawn]
+        motion = {"rows": look.motion.round(4).tolist(), "running": look.running}
+        return (*specs, motion, _said(look), _table(look), not look.running)
+
+
+STAGE = Stage("live", "Live", show, connect, needs_model=False)

@@ -1,0 +1,58 @@
+"""`app`: the workbench in a browser."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import webbrowser
+from importlib.util import find_spec
+from pathlib import Path
+from threading import Timer
+
+from workbench.command import Command
+from workbench.inputs import InputError, read_recordings, whole
+from workbench.terminal import Terminal
+
+PORT, HIGHEST = 8050, 65535
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare recordings and where to listen."""
+    parser.add_argument("recordings", metavar="RECORDING", nargs="*", help="CSV, CSV.GZ, Parquet or NPZ to begin with")
+    parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
+    parser.add_argument("--port", type=_port, default=PORT, help=f"of this computer (default {PORT}); 0: any")
+    parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
+
+
+def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Serve until interrupted."""
+    if find_spec("dash") is None:
+        raise InputError("the workbench in a browser needs the extra app: pip install 'pendulum-ident[app]'")
+    read_recordings(arguments.recordings, arguments.unwrap, terminal)  # complains now, not in the browser
+    from workbench.app.server import Server  # dash takes a while to import
+
+    server = Server(arguments.port, [Path(name) for name in arguments.recordings], arguments.unwrap)
+    terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
+    sys.stdout.flush()  # a pipe would keep it to itself
+    if not arguments.no_browser:
+        Timer(0.3, webbrowser.open, [server.address]).start()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the sessions' folders go, however it ends
+    try:
+        server.serve()
+    except KeyboardInterrupt:
+        terminal.say("ended")
+    finally:
+        server.close()
+
+
+def _port(text: str) -> int:
+    port = whole(0)(text)
+    if port > HIGHEST:
+        raise argparse.ArgumentTypeError(f"'{text}' should be a port, {HIGHEST} at most")
+    return port
+
+
+COMMAND = Command(
+    "the workbench in a browser: load, compare, diagnose, add, export (needs the extra app)", configure, run
+)
