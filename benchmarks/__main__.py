@@ -14,7 +14,7 @@ SHORT = (  # about two minutes on two cores
 )
 COMMANDS = (
     "environments", "schemes", "diagnosis_time", "hidden_effects", "known_truth", "cramer_rao", "ambiguity",
-    "independent_plant",
+    "independent_plant", "rig",
 )  # fmt: skip
 
 

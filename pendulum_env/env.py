@@ -12,13 +12,15 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from pendulum_env.backends import BACKENDS, Replay, RigidBody, Sample, Sensor, Setup, Start, Status
+from pendulum_env.backends import BACKENDS, Replay, Rig, RigidBody, Sample, Sensor, Setup, Start, Status
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, RESET_OPTIONS, VELOCITIES, check_positive, spaces
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import make_plant
 from pendulum_env.rendering import MODES, Renderer
+
+OWN_PLANT = {"replay": "a replay plays the plant it was recorded with", "dm1015b": "the rig is the plant"}
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
@@ -32,7 +34,9 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
 
     `info` carries the measurement that estimators and recordings use: `time` [s] since the reset, `position` [rad]
     unwrapped as the encoder reads it, `velocity` [rad/s], `torque` [N m] as it was applied over the period that ends at
-    `time` (0 after a reset), and `follows`: False where the action is ignored, as in a replay.
+    `time` (0 after a reset), and `follows`: False where the action is ignored, as in a replay. A rig adds `jitter` [s],
+    how late after its tick a sample was taken, `overruns`, how many ticks were missed so far, and on a fault `fault`,
+    what happened and what to do.
 
     The environment is a plant, not a task: its reward is 0 and it never terminates by itself, except on a fault of the
     drive. `InformationReward` pays for what a step teaches. A recording's end truncates the episode.
@@ -54,12 +58,13 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         torque_noise: float = 0.0,
         velocity: str = "difference",
         recording: str | Path | None = None,
+        config: str | Path | None = None,
         render_mode: str | None = None,
     ) -> None:
         """Make the pendulum.
 
         Args:
-            backend: "pymunk" or "replay".
+            backend: "pymunk", "replay" or "dm1015b", the rig.
             effects: hidden in the simulated plant, as `stribeck=0.4`; `pendulum-ident effects` lists them.
             theta: parameters of the plant that differ from the paper's, by name, or all four in order.
             model: an identified model or its file, as the plant.
@@ -71,34 +76,41 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             torque_noise: standard deviation of the white noise on the measured torque [N m].
             velocity: "difference", the paper's backward difference of the encoder, or "ideal".
             recording: file that "replay" plays; plant, rate and sensor are then those it was recorded with.
+            config: rig.toml, that describes the rig; its rate, sensor and limits count then.
             render_mode: "rgb_array" or "human".
 
         Raises:
             ValueError: if an argument is unknown or out of its range; the message says which and what to do.
             RecordingError: if the recording cannot be read.
             ModelError: if the model cannot be read.
+            DriveError: if the rig cannot be reached or is in use.
         """
         check_positive("a pendulum", rate=rate, substeps=substeps, max_torque=max_torque)
         if render_mode is not None:
             find("render_mode", render_mode, dict.fromkeys(MODES))
         if backend != "replay" and recording is not None:
             raise ValueError(f"a recording is played by backend='replay', not by '{backend}'")
-        if backend == "replay" and (effects or theta is not None or model is not None):
-            raise ValueError("a replay plays the plant it was recorded with: leave out effects, theta and model")
+        if backend != "dm1015b" and config is not None:
+            raise ValueError(f"a configuration is for backend='dm1015b', not for '{backend}'")
+        if backend in OWN_PLANT and (effects or theta is not None or model is not None):
+            raise ValueError(f"{OWN_PLANT[backend]}: leave out effects, theta and model")
         ideal = find("velocity", velocity, VELOCITIES)
         self.model = make_plant(theta, effects, model)
         self.max_torque, self.render_mode = float(max_torque), render_mode
         self.overlay: Callable[[], Sequence[str]] = tuple  # lines that a wrapper wants to have shown
         sensor = Sensor(counts, torque_noise, ideal)
-        path = None if recording is None else str(recording)
-        self._setup = Setup(self.model, 1.0 / rate, int(substeps), sensor, path)
+        files = [None if file is None else str(file) for file in (recording, config)]
+        self._setup = Setup(self.model, 1.0 / rate, int(substeps), sensor, *files)
         self._make = find("backend", backend, BACKENDS)
         self.backend = self._make(self._setup)
         self.backend.open()
         # what a wrapper may want to know of the measurement
         self.recording = self.backend.recording if isinstance(self.backend, Replay) else None
-        self.rate = float(rate) if self.recording is None else self.recording.rate
-        self.counts = counts if self.recording is None else None
+        own = self.backend if isinstance(self.backend, (Replay, Rig)) else None  # with rate and encoder of its own
+        self.rate = float(rate) if own is None else own.rate
+        self.counts = counts if own is None else own.counts
+        if isinstance(self.backend, Rig):
+            self.max_torque = min(self.max_torque, self.backend.max_torque)
         self.metadata = {**self.metadata, "render_fps": max(1, round(self.rate))}
         self.observation_space, self.action_space = spaces(self.max_torque)
         self._renderer = Renderer(render_mode) if render_mode is not None else None
@@ -117,19 +129,24 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         Args:
             seed: of the noise of the measurement.
             options: for a simulated plant: `position` [rad], `velocity` [rad/s], and `theta`, linear parameters of the
-                plant by name for this and later episodes.
+                plant by name for this and later episodes. For a rig: `clear_fault`, True once the cause of a fault is
+                mended, without which no reset gives it power again.
 
         Raises:
             ValueError: if an option is unknown, or the backend cannot obey it.
+            DriveError: if a rig keeps a fault, cannot be reached, or does not come to rest.
         """
         super().reset(seed=seed)
-        options = options or {}
+        options = dict(options or {})
         for name in options:
             find("option of reset", name, RESET_OPTIONS)
+        clear = bool(options.pop("clear_fault", False))
         if options and not self.simulated:
             raise ValueError(f"the {type(self.backend).__name__} backend starts as it is: reset it without options")
         if self._running:
             self.backend.disable()
+        if clear and isinstance(self.backend, Rig):
+            self.backend.clear()
         if "theta" in options:
             self.model = self.model.at(options["theta"])
             self.backend = self._make(replace(self._setup, model=self.model))
@@ -160,8 +177,10 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         try:
             (torque,) = map(float, action)
         except (TypeError, ValueError):
+            self.backend.disable()  # no torque goes on while somebody wonders
             raise ValueError(f"the action has shape {np.shape(action)}, it needs (1,): a torque in N m") from None
         if not math.isfinite(torque):
+            self.backend.disable()
             raise ValueError(f"the action is {torque}: a torque in N m is needed")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
         observation, info = self._show(sample)
@@ -184,6 +203,8 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             "torque": sample.torque,
             "follows": self.backend.follows,
         }
+        if sample.timing is not None:
+            info |= sample.timing._asdict()
         if sample.fault is not None:
             info["fault"] = sample.fault
         self._last = info

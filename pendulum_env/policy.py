@@ -98,6 +98,6 @@ def rollout(
         if watch is not None:
             watch(info)
         if terminated or truncated:
-            rows = rows[: k + 1]
+            rows = rows[: k + ("fault" not in info)]  # with a fault, nothing was measured
             break
     return Recording(name=name, time=rows[:, 0], position=rows[:, 1], torque=rows[:, 2])

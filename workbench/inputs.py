@@ -15,6 +15,7 @@ from estimators.inputs import model_that_moves
 from estimators.suggestion import Suggestion
 from pendulum_env.files import check_output
 from pendulum_env.physics import Model, ModelError
+from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
@@ -78,6 +79,47 @@ def whole(low: int) -> Callable[[str], int]:
         return value
 
     return converted
+
+
+def take_plant(parser: argparse.ArgumentParser) -> None:
+    """Declare the plant of a simulation: see `plant_of`."""
+    parser.add_argument(
+        "--effect",
+        dest="effects",
+        action="append",
+        type=argument(_effect),
+        default=[],
+        metavar="ID[=VALUE,...]",
+        help="hide an effect: ID alone, ID=VALUE,... in the order that `effects` lists, or ID:name=value,... "
+        "(may be repeated)",
+    )
+    parser.add_argument(
+        "--theta",
+        type=argument(_theta),
+        metavar="NAME=VALUE,...",
+        help="inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
+    )
+
+
+def plant_of(arguments: argparse.Namespace) -> Model:
+    """The plant that was asked for, with what is hidden in it.
+
+    Raises:
+        ModelError: if an effect is hidden twice.
+    """
+    plant: Model = arguments.theta or paper_plant()
+    for text in arguments.effects:
+        plant = hide(plant, text)
+    return plant
+
+
+def _effect(text: str) -> str:
+    hide(paper_plant(), text)
+    return text
+
+
+def _theta(text: str) -> Model:
+    return paper_plant(read_parameters(text))
 
 
 def take_recordings(parser: argparse.ArgumentParser, *, holdout: bool = False) -> None:

@@ -97,10 +97,12 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         return observation, reward, terminated, truncated, info
 
     def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-        time, position, torque = measured(info)
-        check_rate(time - self._time, self.estimator.rate)
-        self._time = time
-        now = self.estimator.take(np.array([time]), np.array([position]), np.array([torque]))
+        if "fault" not in info:  # with one, nothing was measured
+            time, position, torque = measured(info)
+            check_rate(time - self._time, self.estimator.rate)
+            self._time = time
+            self._now = self.estimator.take(np.array([time]), np.array([position]), np.array([torque]))
+        now = self._now
         tell(info, now, self.estimator, 0)
         if self.env.render_mode is not None:
             self.env.unwrapped.overlay = functools.partial(self._lines, now)  # type: ignore[attr-defined]

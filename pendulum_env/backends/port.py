@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from pendulum_env.backends.hardware.pacing import Timing
 from pendulum_env.backends.sensing import Sensor
 from pendulum_env.physics import Model
 
@@ -30,6 +31,7 @@ class Sample(NamedTuple):
     torque: float  # applied over the period that ends now [N m]; 0 before the first
     status: Status = Status.RUNNING
     fault: str | None = None
+    timing: Timing | None = None  # of a rig, how well its loop keeps time
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ class Setup:
         substeps: integration steps in a period.
         sensor: encoder and torque measurement of a simulated plant.
         recording: file to replay.
+        config: file that describes the rig.
     """
 
     model: Model
@@ -81,6 +84,7 @@ class Setup:
     substeps: int
     sensor: Sensor
     recording: str | None = None
+    config: str | None = None
 
 
 Maker = Callable[[Setup], Backend]

@@ -22,6 +22,16 @@ class Replay:
             raise ValueError("backend 'replay' needs a recording: pass recording='run.csv'")
         self.recording: Recording = read_recording(setup.recording)
 
+    @property
+    def rate(self) -> float:
+        """Samples per second [Hz]."""
+        return self.recording.rate
+
+    @property
+    def counts(self) -> None:
+        """Of the encoder per turn: the measurement itself has to tell."""
+        return None
+
     def open(self) -> None:
         """The recording is read already."""
 

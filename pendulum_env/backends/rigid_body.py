@@ -59,6 +59,11 @@ class RigidBody:
         self._count += 1
         return self._sample(torque)
 
+    def move(self, torque: float, duration: float) -> float:
+        """Advance by any duration [s] under a torque that acts at once; returns the true angle [rad]."""
+        self._step(np.float64(torque), duration)
+        return float(self._x.position)
+
     def disable(self) -> None:
         """A simulated joint needs no care."""
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.signal import lfilter
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric, one
@@ -100,6 +99,8 @@ class ActuatorLag(Term):
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
         ratio = period / self.time_constant
         keep = np.exp(-ratio)  # tau_a[k + 1] = keep tau_a[k] + (1 - keep) tau[k]
+        from scipy.signal import lfilter  # here, as it takes half a second
+
         lagged, _ = lfilter([0.0, 1.0 - keep], [1.0, -keep], command, zi=[keep * command[0]])
         lagged[0] = command[0]
         # What the equations of motion see of it at sample k is its average under a triangle from k - 1 to k + 1;

@@ -4,7 +4,6 @@ Every check takes whole columns in SI units and raises RecordingError, or return
 """
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.record import RecordingError
@@ -97,6 +96,8 @@ def refuse_degrees(rate: float, position: Array, torque: Array) -> None:
     """
     if np.ptp(position) <= 2 * np.pi:
         return
+    from scipy.signal import savgol_filter  # here, as it takes half a second
+
     stride = max(1, round(rate / 200.0))  # some 200 Hz are enough, and 100,000 samples
     count = min(len(position) // stride, 100_000)
     torque = torque / max(np.abs(torque).max(), np.finfo(float).tiny)  # only its shape matters

@@ -1,7 +1,6 @@
 """Uniform time: told apart from rounding of what was printed, and made where the clock was slightly uneven."""
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.record import RecordingError, is_uniform, unevenness
@@ -90,6 +89,8 @@ def _mean_held(grid: Array, time: Array, torque: Array) -> Array:
 
 def _interpolated(grid: Array, time: Array, values: Array) -> Array:
     """Cubic spline through values (N,) at time (N,), read at grid (M,), block by block to bound memory."""
+    from scipy.interpolate import CubicSpline  # here, as it takes half a second
+
     result = np.empty_like(grid)
     for start in range(0, len(grid), BLOCK):
         block = grid[start : start + BLOCK]

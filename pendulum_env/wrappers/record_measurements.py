@@ -10,7 +10,8 @@ import gymnasium as gym
 
 from pendulum_env.files import check_output
 
-HEADER = b"time,position,torque\n"
+COLUMNS = ("time", "position", "torque")
+TIMING = ("jitter", "overruns")  # of a rig, beside them: readers of recordings pass over what they do not know
 INTERVAL = 0.5  # [s] of measured time between writes
 
 
@@ -18,7 +19,8 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     """Append every measurement to a CSV recording, as it comes: a killed process loses at most the last second.
 
     Each row holds the torque that acts from its time on, as recordings do, so it is written one step later than it is
-    measured, and the last sample of an episode, after which no torque is known to act, is left out. The first episode
+    measured, and the last sample of an episode, after which no torque is known to act, is left out. A rig's recording
+    also has columns for how well its loop kept time, and ends before a fault. The first episode
     goes to `path`, the next ones to `path` with -2, -3, ... before its ending; episodes without a step leave no file.
     """
 
@@ -67,8 +69,9 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             self._open()
         observation, reward, terminated, truncated, info = self.env.step(action)
         last, self._last = self._last, info
-        row = (last["time"], last["position"], info["torque"])
-        self._rows.append(",".join(repr(float(value)) for value in row) + "\n")
+        if "fault" not in info:  # else nothing was measured
+            row = (last["time"], last["position"], info["torque"], *(last[name] for name in TIMING if name in last))
+            self._rows.append(",".join(repr(float(value)) for value in row) + "\n")
         if terminated or truncated or not math.isfinite(info["time"]) or info["time"] >= self._written + INTERVAL:
             self._flush()
         return observation, reward, terminated, truncated, info
@@ -92,7 +95,8 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         except FileExistsError:
             self._episode -= 1
             raise FileExistsError(f"{path}: exists already: choose another name, or pass overwrite=True") from None
-        self._file.write(HEADER)
+        names = (*COLUMNS, *(name for name in TIMING if name in self._last))
+        self._file.write((",".join(names) + "\n").encode())
 
     def _flush(self) -> None:
         if self._file is not None and self._rows:

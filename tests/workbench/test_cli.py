@@ -449,7 +449,7 @@ def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refuse
         (["record", "--effect", "cogging", "--effect", "cogging", "-o", "run.csv"], "cogging"),
         (["record", "--theta", "inertia=0", "-o", "run.csv"], "inertia of a plant cannot be 0"),
         (["record", "--theta", "coulomb=100", "--seconds", "1.5", "-o", "run.csv"], "the arm never moves"),
-        (["record", "--backend", "dm1015b", "-o", "run.csv"], "not available yet"),
+        (["record", "--backend", "dm1015b", "-o", "run.csv"], "--backend dm1015b and --config FILE belong together"),
         (["record", "--backend", "mujoco", "-o", "run.csv"], "unknown backend 'mujoco'"),
         (["record", "--seconds", "0.2", "-o", "run.csv"], "should be a number, 1 or more"),
         (["record", "--seconds", "1e9", "-o", "run.csv"], "samples are asked for"),

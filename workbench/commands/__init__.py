@@ -1,7 +1,21 @@
 """The commands in the order of a first visit."""
 
 from workbench.command import Command
-from workbench.commands import add, app, compare, demo, diagnose, effects, evaluate, identify, paper, record, train
+from workbench.commands import (
+    add,
+    app,
+    compare,
+    demo,
+    diagnose,
+    effects,
+    emulate,
+    evaluate,
+    hardware,
+    identify,
+    paper,
+    record,
+    train,
+)
 
 COMMANDS: dict[str, Command] = {
     "demo": demo.COMMAND,
@@ -12,6 +26,8 @@ COMMANDS: dict[str, Command] = {
     "add": add.COMMAND,
     "effects": effects.COMMAND,
     "paper": paper.COMMAND,
+    "hardware": hardware.COMMAND,
+    "emulate": emulate.COMMAND,
     "train": train.COMMAND,
     "evaluate": evaluate.COMMAND,
     "app": app.COMMAND,

@@ -16,23 +16,33 @@ from pendulum_env.excitation import EXCITATIONS, Excitation, excitation
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
-from pendulum_env.plant import hide, paper_plant, read_parameters
-from pendulum_env.policy import OpenLoop, rollout
+from pendulum_env.policy import rollout
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import FEWEST, SHORTEST, SLOWEST
 from pendulum_env.recording.storage import WRITERS
 from pendulum_env.registration import PENDULUM
 from workbench.command import Command
-from workbench.inputs import InputError, argument, check_outputs, number, read_suggestion, whole, wrote
+from workbench.inputs import (
+    InputError,
+    argument,
+    check_outputs,
+    number,
+    plant_of,
+    read_suggestion,
+    take_plant,
+    whole,
+    wrote,
+)
+from workbench.rig import configured, controller, describe, record_rig
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
-BACKENDS = {  # and whether it is available
-    "simulated": True,  # the batched simulator
-    "pymunk": True,  # a rigid body in the environment
-    "replay": True,  # a recording again
-    "dm1015b": False,
-}
+BACKENDS = (
+    "simulated",  # the batched simulator
+    "pymunk",  # a rigid body in the environment
+    "replay",  # a recording again
+    "dm1015b",  # the rig
+)
 SECONDS = 30.0  # length of a recording
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
 LEARNT = "rl"  # excitation that a policy chooses while the arm moves
@@ -70,23 +80,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help=f"{', '.join(BACKENDS)} (default simulated, which plays signals only; pymunk with {LEARNT})",
     )
     parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
-    parser.add_argument(
-        "--effect",
-        dest="effects",
-        action="append",
-        type=argument(_effect),
-        default=[],
-        metavar="ID[=VALUE,...]",
-        help="hide an effect: ID alone, ID=VALUE,... in the order that `effects` lists, or ID:name=value,... "
-        "(may be repeated)",
-    )
-    parser.add_argument(
-        "--theta",
-        type=argument(_theta),
-        default=paper_plant(),
-        metavar="NAME=VALUE,...",
-        help="inertia, gravity, viscous, coulomb of the plant, where they differ from the paper's",
-    )
+    parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
+    take_plant(parser)
     parser.add_argument("--rate", type=number(SLOWEST, 1e5), default=1000.0, help="samples per second (default 1000)")
     parser.add_argument("--counts", type=whole(0), default=COUNTS, help=f"of the encoder per turn (default {COUNTS})")
     parser.add_argument(
@@ -97,38 +92,41 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Simulate a run and write it."""
+    """Run a pendulum and write what it did."""
     check_outputs([arguments.output], [path for path in (arguments.diagnosis, arguments.replay) if path])
     if not arguments.output.lower().endswith(tuple(WRITERS)):
         raise InputError(f"{arguments.output}: the name should end in {', '.join(WRITERS)}")
     rng = np.random.default_rng(arguments.seed)
-    command, seconds = experiment(arguments, rng)
-    samples = seconds * arguments.rate
+    rig = configured(arguments)
+    rate = arguments.rate if rig is None else rig.rate
+    command, seconds = experiment(arguments, rng, rate)
+    samples = seconds * rate
     if not FEWEST <= samples <= MOST:
         raise InputError(f"{samples:.0f} samples are asked for, between {FEWEST} and {MOST} are possible")
-    plant: Model = arguments.theta
-    for text in arguments.effects:
-        plant = hide(plant, text)
+    plant = plant_of(arguments)
+    if rig is not None:
+        record_rig(rig, command, round(samples), arguments.output, terminal)
+        return
     recording = _run(arguments, plant, command, seconds, rng, terminal)
     if np.ptp(recording.position) == 0:
         raise InputError(f"the arm never moves: {command.amplitude:g} N m do not overcome its friction")
     write_recording(recording, arguments.output)
-    turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
-    terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
-    terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
+    describe(recording, terminal)
     if plant.effects:
         terminal.say(f"hidden: {', '.join(plant.effects)}")
     wrote([arguments.output], terminal)
 
 
-def experiment(arguments: argparse.Namespace, rng: np.random.Generator) -> tuple[Excitation | Pilot, float]:
+def experiment(
+    arguments: argparse.Namespace, rng: np.random.Generator, rate: float
+) -> tuple[Excitation | Pilot, float]:
     """Torque command and length [s]: drawn, as a diagnosis suggests, or by a policy.
 
     Raises:
         InputError: if the arguments do not go together, the diagnosis suggests nothing, or there is no such policy.
     """
     if arguments.excitation == LEARNT:
-        return learnt(arguments)
+        return learnt(arguments, rate)
     if arguments.policy is not None:
         raise InputError(f"--policy goes with --excitation {LEARNT} only")
     if arguments.excitation == SUGGESTED:
@@ -149,7 +147,7 @@ def experiment(arguments: argparse.Namespace, rng: np.random.Generator) -> tuple
         raise InputError(str(error)) from None
 
 
-def learnt(arguments: argparse.Namespace) -> tuple[Pilot, float]:
+def learnt(arguments: argparse.Namespace, rate: float) -> tuple[Pilot, float]:
     """A policy and the length [s] of what it is to excite.
 
     Raises:
@@ -163,7 +161,7 @@ def learnt(arguments: argparse.Namespace) -> tuple[Pilot, float]:
     seconds = arguments.seconds or EPISODE
     try:
         network: Network = load(arguments.policy or "peak")
-        return Pilot(network, network.constraint, seconds, arguments.rate), seconds
+        return Pilot(network, network.constraint, seconds, rate), seconds
     except ValueError as error:
         raise InputError(str(error)) from None
 
@@ -200,7 +198,7 @@ def _run(
     with terminal.progress("running") as tell:
         return rollout(
             env,
-            command if isinstance(command, Pilot) else OpenLoop(command, rate),
+            controller(command, rate),
             steps,
             seed=int(rng.integers(2**31)),
             watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / seconds),
@@ -214,18 +212,10 @@ def _excitation(text: str) -> str:
 
 
 def _backend(text: str) -> str:
-    if not find("backend", text, BACKENDS):
-        raise ValueError(f"backend '{text}' is not available yet: use simulated")
+    find("backend", text, dict.fromkeys(BACKENDS))
     return text
 
 
-def _effect(text: str) -> str:
-    hide(paper_plant(), text)
-    return text
-
-
-def _theta(text: str) -> Model:
-    return paper_plant(read_parameters(text))
-
-
-COMMAND = Command("record a simulated pendulum, with effects hidden in it if asked for", configure, run)
+COMMAND = Command(
+    "record a pendulum: the rig, or a simulated one with effects hidden in it if asked for", configure, run
+)

@@ -1,0 +1,81 @@
+"""Rate and jitter of the rig's loop over each adapter, its drive emulated in another process."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+
+from pendulum_env.registration import PENDULUM
+from workbench.terminal import Terminal
+
+RATES = {"serial": (500.0, 1000.0, 2000.0), "canopen402": (250.0, 500.0, 1000.0), "nidaq": (100.0, 250.0, 500.0)}
+
+
+def row(kind: str, rate: float, seconds: float, realtime: bool) -> tuple[str, ...]:
+    """Adapter, rate, cost of an exchange, and how late its samples were."""
+    with tempfile.TemporaryDirectory() as folder:
+        config = Path(folder) / "rig.toml"
+        command = [sys.executable, "-m", "workbench.cli", "emulate", kind, "--rate", str(rate), "-o", str(config)]
+        command += ["--watchdog", "2", *(["--realtime"] if realtime else [])]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as emulator:
+            assert emulator.stdout is not None
+            try:
+                emulator.stdout.readline()  # it is ready
+                late, cost, missed = measured(config, round(seconds * rate))
+            finally:
+                emulator.communicate("quit\n")
+    shown = [f"{1e3 * value:.2f}" for value in (*np.percentile(cost, (50, 99)), *np.percentile(late, (50, 99, 100)))]
+    return (kind, f"{rate:g}", *shown, f"{100 * missed / len(late):.2g}")
+
+
+def measured(config: Path, steps: int) -> tuple[list[float], list[float], int]:
+    """How late samples were and what exchanges took [s], and ticks missed."""
+    env = gym.make(PENDULUM, backend="dm1015b", config=config, max_episode_steps=-1)
+    guard = env.unwrapped.backend.guard  # type: ignore[attr-defined]
+    late, cost = [], []
+    try:
+        env.reset()
+        for k in range(steps):
+            *_, terminated, _, info = env.step(np.array([3 * np.sin(0.01 * k)], dtype=np.float32))
+            if terminated:
+                raise RuntimeError(info["fault"])
+            late.append(info["jitter"])
+        for _ in range(200):  # without waiting for ticks
+            begin = time.perf_counter()
+            guard.write(0.0)
+            guard.read()
+            cost.append(time.perf_counter() - begin)
+    finally:
+        env.close()
+    return late, cost, info["overruns"]
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--realtime", action="store_true")
+    arguments = parser.parse_args(sys.argv[1:] if argv is None else argv)
+    terminal = Terminal()
+    headers = (
+        "adapter", "rate [Hz]", "exchange, median [ms]", "99 % [ms]", "late, median [ms]", "99 % [ms]", "worst [ms]",
+        "ticks missed [%]",
+    )  # fmt: skip
+    table = []
+    with terminal.progress("running") as tell:
+        for kind, rates in RATES.items():
+            for rate in rates:
+                tell(f"{kind} at {rate:g} Hz", len(table) / 9)
+                table.append(row(kind, rate, arguments.seconds, arguments.realtime))
+    terminal.table(headers, table)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

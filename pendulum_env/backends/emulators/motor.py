@@ -1,0 +1,138 @@
+"""The emulated motor: the project's plant in real time, with power, encoder, watchdog, and a log of its own."""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+import time
+from collections import deque
+from pathlib import Path
+
+from pendulum_env.backends.port import Setup, Start
+from pendulum_env.backends.rigid_body import RigidBody
+from pendulum_env.backends.sensing import COUNTS, Sensor
+from pendulum_env.physics import Model
+
+STEP = 1e-3  # [s], longest of the integrator
+
+
+class Motor:
+    """A motor with the arm, as its drive sees it; every method first lets the plant move on to now.
+
+    The watchdog is that of real drives, in hardware: it acts at its time even if this process was not running then.
+    The log has a line `TIME EVENT VALUE` for each event, monotonic time: every `command` with its torque, `torque` when
+    what acts changes from or to zero, `power` 1 or 0, `expired` when the watchdog runs out.
+    """
+
+    def __init__(self, model: Model, *, counts: int = COUNTS, first: int = 0, log: str | Path | None = None) -> None:
+        """Take the plant, the encoder's counts per turn and its first reading, and where to write the log."""
+        self._body = RigidBody(Setup(model, STEP, 1, Sensor()))
+        self._body.enable(Start())
+        self._per_radian, self._first = counts / (2 * math.pi), first
+        self._delay = sum(term.delay for term in model.terms)
+        self._arriving: deque[tuple[float, float]] = deque()  # commands on a delayed way: when, and torque
+        self._turn = threading.RLock()  # a server may call from another thread
+        self._now = time.monotonic()
+        self._angle = 0.0
+        self._acting = 0.0  # [N m]
+        self._deadline = math.inf
+        self.powered, self.expired = False, False
+        self.push = 0.0  # [N m], by somebody's hand
+        self.watchdog = math.inf  # [s]
+        self._log = -1 if log is None else os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
+
+    @property
+    def torque(self) -> float:
+        """That the motor gives [N m]."""
+        return self._acting
+
+    @property
+    def moment(self) -> float:
+        """Time that the plant has reached, monotonic [s]."""
+        return self._now
+
+    def advance(self) -> None:
+        """Let the plant move on to now."""
+        with self._turn:
+            now = time.monotonic()
+            if self._deadline <= now:
+                self._run(self._deadline)
+                self.expired = True
+                self._tell(self._now, "expired", self.watchdog)
+                self._off(self._now)
+            self._run(now)
+
+    def switch(self, on: bool) -> None:
+        """Power, at zero torque, or none."""
+        with self._turn:
+            self.advance()
+            if not on:
+                self._off(self._now)
+                return
+            self.expired = False
+            if not self.powered:
+                self.powered = True
+                self._tell(self._now, "power", 1.0)
+            self.feed()
+
+    def feed(self) -> None:
+        """Restart the watchdog."""
+        with self._turn:
+            self.advance()
+            if self.powered:
+                self._deadline = self._now + self.watchdog
+
+    def command(self, torque: float) -> None:
+        """Set the torque [N m], if there is power."""
+        with self._turn:
+            self.advance()
+            self._tell(self._now, "command", torque)
+            if not self.powered:
+                return
+            if self._delay:
+                self._arriving.append((self._now + self._delay, torque))
+            else:
+                self._act(self._now, torque)
+
+    def hang(self, seconds: float) -> None:
+        """Answer nobody for a while."""
+        with self._turn:
+            time.sleep(seconds)
+
+    def counts(self) -> int:
+        """Of the encoder, not wrapped."""
+        with self._turn:
+            self.advance()
+            return self._first + round(self._angle * self._per_radian)
+
+    def _run(self, until: float) -> None:
+        while self._arriving and self._arriving[0][0] <= until:
+            at, torque = self._arriving.popleft()
+            self._move(at)
+            self._act(at, torque)
+        self._move(until)
+
+    def _move(self, until: float) -> None:
+        while (left := until - self._now) > 1e-9:
+            step = min(left, STEP)
+            self._angle = self._body.move(self._acting + self.push, step)
+            self._now += step
+        self._now = max(self._now, until)
+
+    def _act(self, at: float, torque: float) -> None:
+        if (torque == 0) != (self._acting == 0):
+            self._tell(at, "torque", torque)
+        self._acting = torque
+
+    def _off(self, at: float) -> None:
+        self._deadline = math.inf
+        self._arriving.clear()
+        self._act(at, 0.0)
+        if self.powered:
+            self.powered = False
+            self._tell(at, "power", 0.0)
+
+    def _tell(self, at: float, event: str, value: float) -> None:
+        if self._log >= 0:
+            os.write(self._log, f"{at:.6f} {event} {value:.6g}\n".encode())

@@ -1,0 +1,179 @@
+"""What a person goes through with a new rig, step by step, before it may use more than a little torque.
+
+Each step says what to do, measures what came of it, and says what to change where it came out wrong.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Protocol
+
+from pendulum_env.backends.hardware.config import RigConfig, mark_checked
+from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.backends.hardware.rig import Rig
+from pendulum_env.backends.port import Sample, Start, Status
+
+QUARTER = 0.5 * math.pi  # [rad], that the arm is turned by hand
+ROUGHLY = 0.5  # [rad], how well a hand does it
+RAMP = 1.0  # [N m/s]
+MOVED = 0.1  # [rad], that the motor has to turn the arm
+PATIENCE = 3.0  # watchdog times after which the drive must have let go
+
+
+class Person(Protocol):
+    """Whoever stands beside the rig."""
+
+    def say(self, text: str) -> None:
+        """Tell something."""
+
+    def confirm(self, text: str) -> bool:
+        """Ask for something to be done, or whether something is so."""
+
+
+class CheckFailed(RuntimeError):
+    """A step came out wrong; the message says what to change."""
+
+
+def check(config: RigConfig, person: Person) -> None:
+    """Go through all steps; notes beside the configuration that they have passed.
+
+    Raises:
+        CheckFailed: if a step came out wrong.
+        DriveError: if the rig is in use, or the drive cannot be reached.
+    """
+    rig = Rig(replace(config, checked=False))  # at low torque, also where it has passed before
+    try:
+        for number, (title, step) in enumerate(STEPS, start=1):
+            person.say(f"\n{number} of {len(STEPS)}: {title}")
+            person.say(step(rig, person))
+    except KeyboardInterrupt:
+        raise CheckFailed("the check was interrupted: nothing is noted") from None
+    finally:
+        rig.close()
+    note = mark_checked(config)
+    person.say(f"\npassed: up to {config.limits.torque:g} N m are allowed (noted in {note})")
+
+
+def _wiring(rig: Rig, person: Person) -> str:
+    _need(
+        person.confirm(
+            "The emergency stop cuts the motor's power and is within reach, nobody is within reach of the arm, and it "
+            "can turn all the way round. Is that so?"
+        ),
+        "make it so first: software is never the emergency stop",
+    )
+    rig.open()
+    reading = rig.guard.drive.read()
+    return f"the drive answers; counts {reading.counts}, {reading.fault or 'no fault'}"
+
+
+def _encoder(rig: Rig, person: Person) -> str:
+    _, before = rig.guard.read()
+    _confirmed(
+        person.confirm("Without power: turn the arm a quarter turn counter-clockwise by hand and hold it. Done?")
+    )
+    _, after = rig.guard.read()
+    moved = after - before
+    _need(abs(moved) > 0.01, "the counts do not change: check the encoder's cable and supply")
+    sign = rig.config.encoder.sign
+    _need(moved > 0, f"the counts go the wrong way: set encoder.sign = {-sign}")
+    counts = round(rig.config.encoder.counts * moved / QUARTER)
+    _need(
+        abs(moved - QUARTER) < ROUGHLY,
+        f"a quarter turn came as {math.degrees(moved):.0f} degrees: encoder.counts is nearer to {counts} (after "
+        "quadrature: four times the lines)",
+    )
+    return f"turned by {math.degrees(moved):.0f} degrees"
+
+
+def _zero(rig: Rig, person: Person) -> str:
+    _confirmed(person.confirm("Let the arm hang down and rest, touching nothing. Done?"))
+    _, position = rig.guard.read()
+    off = math.remainder(position, 2 * math.pi)
+    _need(
+        abs(off) < ROUGHLY,
+        f"it hangs at {math.degrees(off):.0f} degrees: start the check with the arm hanging down, or set encoder.zero "
+        f"to {rig.guard.drive.read().counts}",
+    )
+    return f"zero is {abs(math.degrees(off)):.1f} degrees off; a diagnosis finds what is left as gravity_tilt"
+
+
+def _torque(rig: Rig, person: Person) -> str:
+    most = rig.config.limits.unchecked_torque
+    _confirmed(person.confirm(f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?"))
+    found = []
+    for direction in (1.0, -1.0):
+        start = rig.enable(Start())
+        torque, moved = 0.0, 0.0
+        for sample in _run(rig, lambda t, d=direction: d * min(RAMP * t, most), most / RAMP + 1.0):  # type: ignore[misc]
+            torque, moved = sample.torque, sample.position - start.position
+            if abs(moved) > MOVED:
+                break
+        rig.disable()
+        _need(abs(moved) > MOVED, f"the arm does not move under {most:g} N m: check motor and drive, or free the arm")
+        _need(
+            moved * direction > 0,
+            f"a torque of {torque:+.2g} N m turned it by {math.degrees(moved):+.0f} degrees: set torque_sign = "
+            f"{-rig.config.torque_sign}",
+        )
+        found.append(abs(torque))
+    return f"the arm starts to turn at {found[0]:.2g} and {found[1]:.2g} N m, the right way"
+
+
+def _clamp(rig: Rig, person: Person) -> str:
+    rig.enable(Start())
+    most, largest = rig.max_torque, 0.0
+    for sample in _run(rig, lambda t: 100.0 * (-1) ** int(t / 0.05), 0.2):
+        largest = max(largest, abs(sample.torque))
+    rig.disable()
+    _need(largest <= most * (1 + 1e-6), f"{largest:.3g} N m were let pass where {most:.3g} are allowed")
+    return f"100 N m were asked for, no more than {largest:.3g} N m came"
+
+
+def _watchdog(rig: Rig, person: Person) -> str:
+    timeout = rig.config.limits.watchdog
+    rig.enable(Start())
+    for _ in _run(rig, lambda t: 0.0, 0.2):
+        pass
+    time.sleep(PATIENCE * timeout)  # a program that hangs
+    fault = rig.guard.drive.read().fault
+    rig.disable()
+    _need(
+        fault is not None,
+        f"the drive keeps its power {PATIENCE * timeout:g} s after the last command: it has no watchdog, or does not "
+        "take limits.watchdog",
+    )
+    return f"the drive let go by itself: {fault}"
+
+
+STEPS: tuple[tuple[str, Callable[[Rig, Person], str]], ...] = (
+    ("wiring", _wiring),
+    ("sign and scale of the encoder", _encoder),
+    ("zero", _zero),
+    ("sign of the torque", _torque),
+    ("limit of the torque", _clamp),
+    ("the drive's watchdog", _watchdog),
+)
+
+
+def _run(rig: Rig, torque: Callable[[float], float], seconds: float) -> Iterator[Sample]:
+    """Samples of a run under a torque over time."""
+    now = 0.0
+    while now < seconds:
+        sample = rig.exchange(torque(now))
+        if sample.status is Status.FAULT:
+            raise DriveError(str(sample.fault))
+        now = sample.time
+        yield sample
+
+
+def _need(right: bool, remedy: str) -> None:
+    if not right:
+        raise CheckFailed(remedy)
+
+
+def _confirmed(done: bool) -> None:
+    _need(done, "the check was left: nothing is noted")

@@ -1,0 +1,53 @@
+"""What an adapter offers: a motor drive that takes a torque and tells the encoder's counts, and nothing else.
+
+Adapters neither judge nor wait for the next sample: the guard does the one, the rig the other, for all of them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+
+class DriveError(RuntimeError):
+    """The drive cannot be reached or does not obey; the message says what happened and what to do about it."""
+
+
+class Reading(NamedTuple):
+    """What a drive tells."""
+
+    time: float  # when the counts were taken, on this computer's monotonic clock [s]
+    counts: int  # of the encoder, modulo 2^32
+    fault: str | None = None  # what the drive says is wrong, in words
+
+
+class Sent(NamedTuple):
+    """A torque that was sent."""
+
+    time: float  # from which it acts, on this computer's monotonic clock [s]
+    torque: float  # as the drive resolves it [N m]
+
+
+class Drive(Protocol):
+    """A drive in torque mode: `open, enable, (write, read) ..., disable, close`. All but `close` raise DriveError."""
+
+    @property
+    def noise(self) -> float:
+        """Uncertainty of the time at which counts are taken, one standard deviation [s]."""
+
+    def open(self) -> None:
+        """Connect; the motor stays without power. Start the drive's own watchdog as soon as there is one to start."""
+
+    def enable(self) -> None:
+        """Clear what faults can be cleared and give the motor power, at zero torque."""
+
+    def write(self, torque: float) -> Sent:
+        """Set the torque [N m] and feed the drive's watchdog."""
+
+    def read(self) -> Reading:
+        """Counts and faults now, powered or not."""
+
+    def disable(self) -> None:
+        """Zero torque, then no power."""
+
+    def close(self) -> None:
+        """Let go, at any time and as often as one likes; never raises."""

@@ -1,0 +1,310 @@
+"""The guard: what stands between whoever chooses the torque and the motor, once, whatever the drive.
+
+It is no replacement for an emergency stop that cuts the power: software can only ask.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections import deque
+from datetime import datetime
+from typing import NamedTuple
+
+from pendulum_env.backends.hardware.config import RigConfig
+from pendulum_env.backends.hardware.drive import Drive, DriveError, Reading, Sent
+from pendulum_env.backends.hardware.encoder import Encoder
+
+log = logging.getLogger("pendulum_env.rig")
+log.addHandler(logging.NullHandler())  # whoever wants to see it sets a handler
+
+SPAN = 2e-3  # [s], at least, between the readings whose difference is the velocity
+JUMP = 2.0  # times the hard velocity and more is no motion
+RISE = 1.0  # [rad/s] by which an arm may speed up against stall_torque
+BRAKING_STEP = 1e-3  # [s]
+
+
+class Event(NamedTuple):
+    """Something that happened to the rig."""
+
+    time: float  # monotonic [s]
+    text: str
+
+
+class Fault(Exception):
+    """The guard has taken the torque away; from here on every command is refused until the fault is cleared."""
+
+
+class Guard:
+    """A drive behind limits. It keeps the first fault until `clear` is called, and has then zero torque and no power.
+
+    `fault` says what happened and what to do, or is None.
+    """
+
+    def __init__(self, drive: Drive, config: RigConfig) -> None:
+        """Take the drive and what is allowed."""
+        self.drive, self.config, self.limits = drive, config, config.limits
+        self.encoder = Encoder(config.encoder)
+        self.events: deque[Event] = deque(maxlen=1000)
+        self.fault: str | None = None
+        self.powered = False
+        self._open = False
+        self.torque = 0.0  # [N m], as last sent
+        self._forget()
+
+    def _forget(self) -> None:
+        """Nothing is known of the motion."""
+        self.velocity = 0.0  # [rad/s]
+        self._written: float | None = None  # when the last command was sent
+        self._seen: tuple[float, float] | None = None  # time and position that velocity is taken from
+        self._still: float | None = None  # since when the counts have stood still under stall_torque
+        self._against: tuple[float, float] | None = None  # torque and velocity since which the arm moves against it
+
+    def open(self) -> None:
+        """Connect, and read where the arm is.
+
+        Raises:
+            DriveError: if the drive cannot be reached; what was begun is let go.
+        """
+        try:
+            self._open = True
+            self.drive.open()
+            self.encoder.take(self.drive.read().counts)
+        except BaseException as error:
+            self.note(f"cannot open: {error}")
+            self.close()
+            raise
+        self.note("opened")
+
+    def clear(self) -> None:
+        """Forget the fault, on somebody's word that its cause is gone; the drive is connected anew.
+
+        Zero stays where the counter has it: after its supply was off, close and open the rig instead.
+
+        Raises:
+            DriveError: if it cannot be reached.
+        """
+        if self.fault is None:
+            return
+        self.drive.close()
+        self.drive.open()
+        self.fault = None
+        self.note("fault cleared")
+
+    def enable(self) -> None:
+        """Power, at zero torque.
+
+        Raises:
+            Fault: if one is kept or occurs.
+        """
+        if self.fault is not None:
+            raise Fault(self.fault)
+        self._forget()
+        self.torque = 0.0
+        try:
+            self.powered = True  # before it is: what follows may be interrupted
+            self.drive.enable()
+        except DriveError as error:
+            self.trip(str(error))
+        self.note("enabled")
+
+    def write(self, torque: float) -> Sent:
+        """Send as much of a torque [N m] as is allowed; returns what acts.
+
+        Raises:
+            Fault: if there is one, or this would be one.
+        """
+        if self.fault is not None:
+            raise Fault(self.fault)
+        if not self.powered:
+            raise Fault("the drive has no power: reset the environment before stepping it")
+        if not math.isfinite(torque):
+            self.trip(f"a torque of {torque} was asked for: mend what computes it", braking=True)
+        now = time.monotonic()
+        passed = 0.0 if self._written is None else now - self._written
+        if passed > self.limits.gap:
+            self.trip(
+                f"no command came for {1e3 * passed:.0f} ms, {1e3 * self.limits.gap:.0f} ms are allowed (limits.gap): "
+                "the program was held up or is too slow for its rate",
+                braking=True,
+            )
+        torque = self._allowed(torque, passed or 1.0 / self.config.rate)
+        sign = self.config.torque_sign
+        try:
+            sent = self.drive.write(sign * torque)
+        except DriveError as error:
+            self.trip(str(error))
+        self._written, self.torque = now, sign * sent.torque
+        return Sent(sent.time, self.torque)
+
+    def read(self) -> tuple[float, float]:
+        """Time [s] and position [rad] of a reading that can be believed.
+
+        Raises:
+            Fault: if it cannot, if the drive does not answer, or if it has a fault or is too fast.
+        """
+        if self.fault is not None:
+            raise Fault(self.fault)
+        try:
+            reading = self.drive.read()
+        except DriveError as error:
+            self.trip(str(error))
+        if self.powered and reading.fault is not None:
+            self.trip(f"the drive reports: {reading.fault}")
+        self._plausible(reading)
+        return reading.time, self.encoder.position
+
+    def late(self, behind: float, overruns: int) -> None:
+        """Tell how far the loop is behind its ticks [s], and how many of them it has missed in this run.
+
+        Raises:
+            Fault: if it is too late, or they are too many.
+        """
+        if behind > self.limits.behind:
+            self.trip(
+                f"the loop is {1e3 * behind:.0f} ms behind, {1e3 * self.limits.behind:.0f} ms are allowed "
+                "(limits.behind): the program was held up or is too slow for its rate",
+                braking=True,
+            )
+        if overruns > self.limits.overruns:
+            self.trip(
+                f"{overruns} ticks were missed, {self.limits.overruns} are allowed (limits.overruns): lower the rate, "
+                "or free the machine of other work",
+                braking=True,
+            )
+
+    def disable(self, why: str = "disabled") -> None:
+        """Zero torque and no power; never raises, so that it can be the last resort everywhere."""
+        if not self.powered:
+            return
+        self.powered = False
+        self.torque = 0.0
+        for tell in (lambda: self.drive.write(0.0), self.drive.disable):  # the one even if the other fails
+            try:
+                tell()
+            except Exception as error:
+                self.note(f"could not be told to let go, its watchdog will: {error}")
+        self.note(why)
+
+    def close(self) -> None:
+        """Let go of all; never raises and may be called again."""
+        self.disable()
+        try:
+            self.drive.close()
+        except Exception as error:
+            self.note(f"closing failed: {error}")
+        if self._open:
+            self._open = False
+            self.note("closed")
+
+    def trip(self, what: str, *, braking: bool = False) -> None:
+        """Take the torque away and keep the fault, the first one; always raises.
+
+        Args:
+            what: happened, and what to do.
+            braking: whether the drive obeys and the encoder is credible, so that it could brake.
+
+        Raises:
+            Fault: what happened.
+        """
+        if self.fault is None:
+            self.fault = what
+            self.note(f"fault: {what}", logging.WARNING)
+            if braking and self.powered and self.config.fault.action == "brake":
+                self._brake()
+        self.disable("disabled by the fault")
+        raise Fault(self.fault)
+
+    def note(self, what: str, level: int = logging.INFO) -> None:
+        """Keep an event."""
+        self.events.append(Event(time.monotonic(), what))
+        log.log(level, what)
+        if self.config.log is not None:
+            try:
+                with self.config.log.open("a", encoding="utf-8") as file:
+                    file.write(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {what}\n")
+            except OSError as error:
+                log.warning("%s: %s", self.config.log, error)  # a full disk must not keep the torque on
+
+    def _allowed(self, torque: float, passed: float) -> float:
+        """Torque within the clamp, the slew limit over the time that passed [s], and the soft limit of velocity."""
+        limits, most = self.limits, self.config.max_torque
+        torque = min(max(torque, -most), most)
+        change = limits.slew * passed
+        torque = min(max(torque, self.torque - change), self.torque + change)
+        if torque * self.velocity > 0 and abs(self.velocity) > limits.soft_velocity:
+            room = max(limits.hard_velocity - limits.soft_velocity, 1e-9)
+            torque *= max(0.0, (limits.hard_velocity - abs(self.velocity)) / room)
+        return torque
+
+    def _plausible(self, reading: Reading) -> None:
+        """Take in a reading, unless it cannot be one of this arm."""
+        limits = self.limits
+        if self._seen is None:
+            self._seen = (reading.time, self.encoder.take(reading.counts))
+            return
+        begin, start = self._seen
+        span = max(reading.time - begin, SPAN)
+        moved = self.encoder.position + self.encoder.moved(reading.counts) - start
+        if abs(moved) > JUMP * limits.hard_velocity * span + 10 * abs(self.encoder.step):
+            self.trip(
+                f"the encoder jumped by {moved:.3g} rad in {1e3 * span:.3g} ms: check its cable, shield and supply"
+            )
+        position = self.encoder.take(reading.counts)
+        if reading.time - begin < SPAN:
+            return
+        self.velocity = moved / span
+        self._seen = (reading.time, position)
+        if not self.powered:
+            return
+        if abs(self.velocity) > limits.hard_velocity:
+            self.trip(
+                f"the arm turns at {self.velocity:.3g} rad/s, {limits.hard_velocity:g} are allowed "
+                "(limits.hard_velocity): lower the torque, and look for what drives it",
+                braking=True,
+            )
+        self._obeys(reading.time, moved)
+
+    def _obeys(self, now: float, moved: float) -> None:
+        """The arm has to move under a torque that overcomes gravity and friction, and not against it."""
+        limits, strong = self.limits, abs(self.torque) >= self.limits.stall_torque
+        if not strong or abs(moved) > abs(self.encoder.step):
+            self._still = None
+        elif self._still is None:
+            self._still = now
+        elif now - self._still > limits.stall_time:
+            self.trip(
+                f"the counts stand still under {self.torque:.3g} N m for {limits.stall_time:g} s: check the encoder's "
+                "cable, the motor's, and whether the arm is blocked"
+            )
+        against = strong and self.torque * self.velocity < 0
+        if not against or (self._against is not None and self._against[0] * self.torque < 0):
+            self._against = None
+        elif self._against is None or abs(self.velocity) < abs(self._against[1]):
+            self._against = (self.torque, self.velocity)
+        elif abs(self.velocity) > abs(self._against[1]) + RISE:
+            self.trip(
+                f"the arm speeds up against {self.torque:.3g} N m: the sign of the torque or of the encoder is wrong, "
+                "run `pendulum-ident hardware check`"
+            )
+
+    def _brake(self) -> None:
+        """Slow the arm down for a while, as well as it goes."""
+        until = time.monotonic() + self.config.fault.seconds
+        try:
+            while time.monotonic() < until and abs(self.velocity) > self.config.rest.velocity:
+                most = self.config.max_torque
+                torque = min(max(-self.config.fault.gain * self.velocity, -most), most)
+                self.drive.write(self.config.torque_sign * torque)
+                time.sleep(BRAKING_STEP)
+                reading = self.drive.read()
+                moved = self.encoder.moved(reading.counts)
+                begin, start = self._seen or (reading.time - SPAN, self.encoder.position)
+                if reading.fault is not None or abs(moved) > JUMP * self.limits.hard_velocity * SPAN * 5:
+                    return
+                position = self.encoder.take(reading.counts)
+                if reading.time - begin >= SPAN:
+                    self.velocity, self._seen = (position - start) / (reading.time - begin), (reading.time, position)
+        except DriveError as error:
+            self.note(f"braking ended: {error}")

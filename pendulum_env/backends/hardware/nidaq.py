@@ -1,0 +1,215 @@
+"""A National Instruments card: torque as a voltage to the drive, counts from its encoder, servo-enable on a line.
+
+All on demand: nothing is buffered, each task is started once. The watchdog of an X-series card does not cover analogue
+outputs, so it lets the line to servo-enable fall, without which the drive gives no current.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, TypeVar
+
+import grpc
+import nidaqmx
+from nidaqmx.constants import AngleUnits, EncoderType, Level
+from nidaqmx.stream_readers import CounterReader, DigitalSingleChannelReader
+from nidaqmx.stream_writers import AnalogSingleChannelWriter, DigitalSingleChannelWriter
+from nidaqmx.system.watchdog import DOExpirationState, WatchdogTask
+
+from pendulum_env.backends.hardware.config import DaqSettings, EncoderSettings, RigConfig
+from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent
+
+T = TypeVar("T")
+FULL_SCALE = 10.0  # [V]
+LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of when a count is taken: by the driver here, over gRPC
+RESERVED = -50103  # error code of NI-DAQmx
+TRIES = 3  # at a reading that takes twice as long as usual: nobody knows when in that time it was taken
+EDGES = {"X_1": 1, "X_2": 2, "X_4": 4}  # counts per pulse, by decoding
+
+
+class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
+    """Lets no call to the server take longer than a time; nidaqmx itself waits forever."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+
+    def intercept_unary_unary(self, continuation: Callable[[Any, Any], Any], details: Any, request: Any) -> Any:
+        return continuation(details._replace(timeout=self._seconds), request)
+
+
+class NiDaq:
+    """The Dynaserv's analogue drive behind a card."""
+
+    def __init__(self, link: DaqSettings, encoder: EncoderSettings, reply: float, watchdog: float) -> None:
+        """Take the channels, the encoder, the time to wait for a server's reply and that of the watchdog [s]."""
+        self._link, self._encoder, self._reply, self._timeout = link, encoder, reply, watchdog
+        self.noise = LOCAL if link.server is None else REMOTE
+        self._tasks: list[Any] = []
+        self._channel: grpc.Channel | None = None
+        self._fed = math.inf  # when the watchdog was; never, as long as it does not run
+        self._usual = math.inf  # time that reading the counter takes [s]
+
+    def open(self) -> None:
+        """Reserve the channels; zero volts, and no servo-enable."""
+        self._try(self._reserve)
+
+    def _reserve(self) -> None:
+        link = self._link
+        if link.server is not None:
+            self._channel = grpc.insecure_channel(link.server)
+        torque, encoder, enable = (self._task() for _ in range(3))
+        torque.ao_channels.add_ao_voltage_chan(link.torque, min_val=-FULL_SCALE, max_val=FULL_SCALE)
+        encoder.ci_channels.add_ci_ang_encoder_chan(
+            link.encoder,
+            decoding_type=EncoderType[link.decoding],
+            units=AngleUnits.TICKS,
+            pulses_per_rev=max(1, self._encoder.counts // EDGES[link.decoding]),
+        )
+        enable.do_channels.add_do_chan(link.enable)
+        self._volts = AnalogSingleChannelWriter(torque.out_stream, auto_start=False)
+        self._counter = CounterReader(encoder.in_stream)
+        self._enable = DigitalSingleChannelWriter(enable.out_stream, auto_start=False)
+        self._fault = None
+        if link.fault is not None:
+            fault = self._task()
+            fault.di_channels.add_di_chan(link.fault)
+            self._fault = DigitalSingleChannelReader(fault.in_stream)
+        for task in self._tasks:
+            task.start()
+        self._set(0.0)
+        self._enable.write_one_sample_one_line(False, self._reply)
+        device = link.enable.strip("/").partition("/")[0]
+        self._watchdog = WatchdogTask(device, timeout=self._timeout, grpc_options=self._options())
+        self._tasks.append(self._watchdog)
+        self._watchdog.cfg_watchdog_do_expir_states([DOExpirationState(link.enable, Level.LOW)])
+
+    def _task(self) -> nidaqmx.Task:
+        task = nidaqmx.Task(grpc_options=self._options())
+        self._tasks.append(task)
+        return task
+
+    def _options(self) -> nidaqmx.GrpcSessionOptions | None:
+        if self._channel is None:
+            return None
+        return nidaqmx.GrpcSessionOptions(grpc.intercept_channel(self._channel, _Timeout(self._reply)), "")
+
+    def enable(self) -> None:
+        """Zero volts, watchdog, servo-enable."""
+
+        def power() -> None:
+            self._set(0.0)
+            with suppress(nidaqmx.errors.DaqError):
+                self._watchdog.stop()
+            self._watchdog.start()
+            self._fed = time.monotonic()
+            with suppress(nidaqmx.errors.DaqError):  # there may be none
+                self._watchdog.clear_expiration()
+            self._enable.write_one_sample_one_line(True, self._reply)
+
+        self._try(power)
+
+    def write(self, torque: float) -> Sent:
+        """Set the torque [N m]."""
+
+        def send() -> Sent:
+            before = time.monotonic()
+            self._set(torque)
+            now = time.monotonic()
+            if now - self._fed > self._timeout / 8:  # each call takes its time
+                self._watchdog.reset_timer()
+                self._fed = now
+            return Sent(0.5 * (before + now), torque)
+
+        return self._try(send)
+
+    def read(self) -> Reading:
+        """Counts now."""
+
+        def look() -> Reading:
+            took, when, counts = self._count()
+            for _ in range(TRIES - 1):
+                if took <= 2 * self._usual:
+                    break
+                took, when, counts = min((took, when, counts), self._count())
+            self._usual = min(1.01 * self._usual, took)
+            level = self._fault.read_one_sample_one_line(self._reply) if self._fault is not None else None
+            why = None
+            if level is not None and level == (self._link.fault_active == "high"):
+                why = f"a fault, on {self._link.fault}: read the code on its front"
+            elif when - self._fed > self._timeout and self._watchdog.expired:
+                why = "the card's watchdog ran out and took servo-enable away: commands came too late"
+            return Reading(when, counts, why)
+
+        return self._try(look)
+
+    def _count(self) -> tuple[float, float, int]:
+        """How long it took to read the counter [s], the middle of that time [s], and the counts."""
+        before = time.monotonic()
+        counts = self._counter.read_one_sample_uint32(self._reply)
+        after = time.monotonic()
+        return after - before, 0.5 * (before + after), counts
+
+    def disable(self) -> None:
+        """Zero volts, no servo-enable."""
+
+        def rest() -> None:
+            self._set(0.0)
+            self._enable.write_one_sample_one_line(False, self._reply)
+            self._watchdog.stop()
+            self._fed = math.inf
+
+        self._try(rest)
+
+    def close(self) -> None:
+        """Give the channels back."""
+        tasks, self._tasks = self._tasks, []
+        for task in tasks:
+            with suppress(Exception):
+                task.close()
+            task._close_on_exit = False  # it has been tried: no warning when it is forgotten
+        channel, self._channel = self._channel, None
+        if channel is not None:
+            with suppress(Exception):
+                channel.close()
+
+    def _set(self, torque: float) -> None:
+        volts = torque / self._link.newton_metres_per_volt + self._link.volts_offset
+        self._volts.write_one_sample(min(max(volts, -FULL_SCALE), FULL_SCALE), self._reply)
+
+    def _try(self, work: Callable[[], T]) -> T:
+        """Do something with the card, and say in words what went wrong."""
+        if not self._tasks and work != self._reserve:
+            raise DriveError("the card is not open")
+        try:
+            return work()
+        except nidaqmx.errors.DaqNotFoundError:
+            raise DriveError(
+                "the NI-DAQmx driver is not installed: install it (`python -m nidaqmx installdriver`), or name an NI "
+                "gRPC device server (nidaq.server)"
+            ) from None
+        except nidaqmx.errors.RpcError as error:
+            raise DriveError(
+                f"the device server {self._link.server} did not answer within {1e3 * self._reply:.0f} ms "
+                f"({_line(error)}): check that it runs, and the network"
+            ) from None
+        except nidaqmx.errors.DaqError as error:
+            if error.error_code == RESERVED:
+                raise DriveError(
+                    "the card is reserved by another program, or by one that was killed: end it, or reset the device"
+                ) from None
+            raise DriveError(f"the card refuses ({_line(error)}): check the channels in [nidaq]") from None
+        except (nidaqmx.errors.Error, ValueError) as error:  # ValueError: a channel that was closed
+            raise DriveError(f"the card refuses ({_line(error)}): check the channels in [nidaq]") from None
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200].rstrip(".")
+
+
+def make(config: RigConfig) -> NiDaq:
+    """Drive of a configuration."""
+    assert isinstance(config.link, DaqSettings)
+    return NiDaq(config.link, config.encoder, config.limits.reply, config.limits.watchdog)

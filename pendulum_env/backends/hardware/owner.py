@@ -1,0 +1,64 @@
+"""One owner for each rig: two programs must not command one motor."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from pendulum_env.backends.hardware.drive import DriveError
+
+
+class Ownership:
+    """A lock on a name, held by one process at a time and let go by the system when that process ends, however."""
+
+    def __init__(self, what: str) -> None:
+        """Take the name of what is owned, such as `serial /dev/ttyACM0`."""
+        self.what = what
+        digest = hashlib.sha256(what.encode()).hexdigest()[:16]
+        self._path = Path(tempfile.gettempdir()) / f"pendulum-ident-{digest}.lock"
+        self._file: int | None = None
+
+    def acquire(self) -> None:
+        """Become the owner, if nobody is.
+
+        Raises:
+            DriveError: if another rig owns it, with its process.
+        """
+        if self._file is not None:
+            return
+        try:
+            file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError as error:  # another user's
+            raise DriveError(f"{self.what} is in use by another user: {self._path}: {error.strerror}") from None
+        try:
+            _lock(file)
+        except OSError:
+            owner = os.pread(file, 32, 1).decode(errors="replace") if hasattr(os, "pread") else ""
+            os.close(file)
+            who = f"process {owner}" if owner.isdigit() else "another program"
+            raise DriveError(f"{self.what} is in use by {who}: close its environment, or end it, first") from None
+        os.ftruncate(file, 0)
+        os.write(file, f" {os.getpid()}".encode())  # the first byte is what is locked
+        self._file = file
+
+    def release(self) -> None:
+        """Let go; may be called twice."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(file: int) -> None:
+        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+
+else:
+    import fcntl
+
+    def _lock(file: int) -> None:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

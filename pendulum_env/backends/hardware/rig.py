@@ -1,0 +1,194 @@
+"""The DM1015B rig as a backend: a drive behind a guard, paced, owned by one process, and let go of whatever happens."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+import weakref
+from collections.abc import Callable
+
+from pendulum_env.backends.hardware.adapters import make_drive
+from pendulum_env.backends.hardware.config import RigConfig, load
+from pendulum_env.backends.hardware.drive import Drive, DriveError
+from pendulum_env.backends.hardware.guard import Fault, Guard
+from pendulum_env.backends.hardware.owner import Ownership
+from pendulum_env.backends.hardware.pacing import Pacer, Timing, ordinary, realtime
+from pendulum_env.backends.hardware.signals import Signals
+from pendulum_env.backends.hardware.ticks import Ticks
+from pendulum_env.backends.port import Sample, Setup, Start, Status
+
+RESTING = 0.01  # [s] between looks at an arm that comes to rest
+SPEED = 10.0  # [rad/s], at which an uncertain time makes the angle uncertain
+
+
+class Rig:
+    """The motor with the arm, over one of the adapters.
+
+    A step sends its torque at once, waits for the next tick and reads the encoder there. Time is that of the ticks, and
+    position and torque are referred to them. After a fault every sample tells it, until the backend is cleared. The
+    motor has power from the first step of a run to its end, so whoever thinks before the first step may take as long
+    as they like; after the last one the drive's watchdog lets go if nobody else does.
+    """
+
+    follows = True
+
+    def __init__(self, config: RigConfig, make: Callable[[RigConfig], Drive] = make_drive) -> None:
+        """Take the configuration; nothing is connected yet."""
+        self.config = config
+        self.guard = Guard(make(config), config)
+        self._owner = Ownership(config.device)
+        self._pacer = Pacer(1.0 / config.rate)
+        # without a reference to self: it also runs when the rig is forgotten, and when Python ends
+        guard, owner = self.guard, self._owner
+        self._signals = Signals(lambda name: guard.disable(f"disabled by {name}"))
+        self._finalizer = weakref.finalize(self, _let_go, guard, owner, self._signals)
+        self._last = Sample(0.0, 0.0, None, 0.0)
+        self._waiting = False  # for the first torque of a run
+
+    @property
+    def rate(self) -> float:
+        """Samples per second [Hz]."""
+        return self.config.rate
+
+    @property
+    def counts(self) -> int:
+        """Of the encoder per turn, as far as its steps can be told from the uncertainty of time."""
+        blur = SPEED * self.guard.drive.noise * math.sqrt(12.0)  # [rad], step of an encoder that is as uncertain
+        return min(self.config.encoder.counts, int(2 * math.pi / blur)) if blur else self.config.encoder.counts
+
+    @property
+    def max_torque(self) -> float:
+        """Largest torque that is let pass [N m]."""
+        return self.config.max_torque
+
+    def open(self) -> None:
+        """Own the rig and connect; the motor has no power.
+
+        Raises:
+            DriveError: if another process owns it or the drive cannot be reached.
+        """
+        self._owner.acquire()
+        try:
+            self._signals.install()
+            with self._signals:
+                if self.config.realtime and not realtime():
+                    self.guard.note("no real-time priority: the system does not allow it to this user", logging.WARNING)
+                self.guard.open()
+        except BaseException:
+            self.close()
+            raise
+
+    def clear(self) -> None:
+        """Forget a fault, on somebody's word that its cause is gone.
+
+        Raises:
+            DriveError: if the drive cannot be reached.
+        """
+        with self._signals:
+            self.guard.clear()
+
+    def enable(self, start: Start) -> Sample:
+        """Wait until the arm rests: the first measurement, at time 0; power comes with the first torque.
+
+        Raises:
+            DriveError: if a fault is kept, or the arm does not come to rest.
+        """
+        self.disable()
+        try:
+            position = self._wait_for_rest()
+        except Fault as fault:
+            raise DriveError(
+                f"{fault}. The rig stays off until it is told that this is mended: "
+                "env.reset(options={'clear_fault': True})"
+            ) from None
+        self._waiting = True
+        self._last = Sample(0.0, position, None, 0.0, timing=Timing(0.0, 0))
+        return self._last
+
+    def _begin(self) -> None:
+        """Give power, at zero torque; time begins."""
+        self._waiting = False
+        self.guard.enable()
+        self.guard.write(0.0)
+        now, position = self.guard.read()
+        self._pacer.start(now)
+        self._ticks = Ticks(now, position)
+
+    def exchange(self, torque: float) -> Sample:
+        """Apply a torque [N m], wait for the next tick, measure. A fault is told by the sample, not raised."""
+        try:
+            with self._signals:
+                if self._waiting:
+                    self._begin()
+                sent = self.guard.write(torque)
+            self._pacer.wait()
+            with self._signals:
+                now, position = self.guard.read()
+                self.guard.late(now - self._pacer.tick, self._pacer.overruns)
+        except Fault as fault:
+            return self._last._replace(torque=0.0, status=Status.FAULT, fault=str(fault))
+        except BaseException:  # an interrupt, or a mistake in an adapter
+            self.guard.disable("disabled by an exception")
+            raise
+        self._ticks.commanded(*sent)
+        self._ticks.measured(now, position)
+        position, mean = self._ticks.advance(self._pacer.tick)
+        timing = Timing(now - self._pacer.tick, self._pacer.overruns)
+        self._last = Sample(self._pacer.time, position, None, mean, timing=timing)
+        return self._last
+
+    def disable(self) -> None:
+        """End a run: no torque, no power; never raises."""
+        self._waiting = False
+        with self._signals:
+            self.guard.disable()
+
+    def close(self) -> None:
+        """Let go of everything; may be called at any time, and twice; never raises."""
+        _let_go(self.guard, self._owner, self._signals)
+
+    def _wait_for_rest(self) -> float:
+        """Wait, without power, until the arm has been at rest for a while; returns where [rad].
+
+        Raises:
+            Fault: if one is kept, or the drive does not answer.
+            DriveError: if it takes too long.
+        """
+        rest = self.config.rest
+        with self._signals:
+            now, anchor = self.guard.read()
+        since, until = now, time.monotonic() + rest.timeout
+        while now - since < rest.seconds:
+            time.sleep(RESTING)
+            with self._signals:
+                now, position = self.guard.read()
+            if abs(position - anchor) > rest.velocity * rest.seconds:
+                anchor, since = position, now
+            if time.monotonic() > until:
+                raise DriveError(
+                    f"the arm does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, and look for "
+                    "what moves it"
+                )
+        return anchor
+
+
+def _let_go(guard: Guard, owner: Ownership, signals: Signals) -> None:
+    with signals:
+        guard.close()
+        owner.release()
+        if guard.config.realtime:
+            ordinary()
+    signals.restore()
+
+
+def make_rig(setup: Setup) -> Rig:
+    """Rig of an environment's setup.
+
+    Raises:
+        ValueError: if no configuration is named, or it cannot be used.
+        ModuleNotFoundError: if the extra `hardware` is not installed.
+    """
+    if setup.config is None:
+        raise ValueError("backend 'dm1015b' needs a configuration: pass config='rig.toml', see docs/hardware.md")
+    return Rig(load(setup.config))

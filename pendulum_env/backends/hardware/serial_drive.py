@@ -1,0 +1,123 @@
+"""A microcontroller with DAC, counter and watchdog on a serial port, USB or real; its protocol is in `frames.py`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import serial
+
+from pendulum_env.backends.hardware import frames
+from pendulum_env.backends.hardware.clock import DriveClock
+from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
+from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent
+
+TRIES = 4  # requests in the time allowed for a reply: a damaged frame alone ends no run
+
+
+class SerialDrive:
+    """The motor's analogue drive behind a microcontroller."""
+
+    noise = 0.0  # it tells the time of its readings
+
+    def __init__(self, link: SerialSettings, reply: float, watchdog: float) -> None:
+        """Take the port, the time to wait for a reply and that of the watchdog [s]."""
+        self._link, self._reply, self._watchdog = link, reply, watchdog
+        self._port: serial.Serial | None = None
+
+    def open(self) -> None:
+        """Open the port and set the watchdog."""
+        link = self._link
+        self._sequence, self._clock, self._splitter = 0, DriveClock(), frames.Splitter()
+        try:
+            self._port = serial.Serial(
+                link.port, link.baud, timeout=self._reply / TRIES, write_timeout=self._reply, exclusive=True
+            )
+            self._port.reset_input_buffer()
+            self._port.write(b"\0")  # ends whatever was begun
+        except (OSError, ValueError) as error:  # SerialException is an OSError
+            raise DriveError(f"serial port {link.port} cannot be opened ({error}): check serial.port") from None
+        self._ask(frames.SETUP, round(1e3 * self._watchdog))
+
+    def enable(self) -> None:
+        """Power."""
+        state, *_ = self._ask(frames.POWER, 1)
+        if not state.flags & frames.POWERED:
+            raise DriveError(f"the drive does not switch on: {_fault(state) or 'check its emergency stop and supply'}")
+
+    def write(self, torque: float) -> Sent:
+        """Set the torque [N m]."""
+        micro = round(torque / frames.MICRO)
+        now = time.monotonic()
+        self._send(frames.TORQUE, micro)
+        return Sent(now + self._clock.delay, frames.MICRO * micro)
+
+    def read(self) -> Reading:
+        """Counts now."""
+        state, *between = self._ask(frames.READ)
+        return Reading(self._clock.take(state.microseconds, *between), state.counts, _fault(state))
+
+    def disable(self) -> None:
+        """No torque, no power."""
+        self._ask(frames.POWER, 0)
+
+    def close(self) -> None:
+        """Close the port."""
+        port, self._port = self._port, None
+        if port is not None:
+            try:
+                port.close()
+            except OSError:
+                pass  # it is gone
+
+    def _ask(self, kind: int, *values: int) -> tuple[frames.State, float, float]:
+        """Send a request until it is answered: the answer, when it was asked for, and when it came [s]."""
+        until = time.monotonic() + self._reply
+        for left in range(TRIES, 0, -1):
+            now = time.monotonic()
+            sequence = self._send(kind, *values)
+            for state in self._answers(now + max(0.0, until - now) / left):
+                if state.sequence == sequence:
+                    return state, now, time.monotonic()
+        damaged = self._splitter.damaged
+        why = f"{damaged} damaged frames came, check cable and baud rate" if damaged else "check its supply and cable"
+        raise DriveError(f"the drive on {self._link.port} did not answer within {1e3 * self._reply:.0f} ms: {why}")
+
+    def _send(self, kind: int, *values: int) -> int:
+        port = self._port
+        if port is None:
+            raise DriveError("the serial port is not open")
+        self._sequence = (self._sequence + 1) % 256
+        try:
+            port.write(frames.pack(kind, self._sequence, *values))
+        except OSError as error:
+            raise DriveError(f"serial port {self._link.port} was lost ({error}): check its plug") from None
+        return self._sequence
+
+    def _answers(self, until: float) -> Iterator[frames.State]:
+        """States that arrive until a time [s]."""
+        assert self._port is not None  # something was sent
+        while time.monotonic() < until:
+            try:
+                data = self._port.read(1)
+                data += self._port.read(self._port.in_waiting) if data else b""
+            except (OSError, TypeError) as error:  # TypeError: pyserial, closed meanwhile
+                raise DriveError(f"serial port {self._link.port} was lost ({error}): check its plug") from None
+            for kind, *values in self._splitter.feed(data):
+                if kind == frames.STATE:
+                    yield frames.State(*values)
+
+
+def _fault(state: frames.State) -> str | None:
+    words = [text for bit, text in frames.FAULTS.items() if state.faults & bit]
+    if state.flags & frames.EXPIRED:
+        words.append("its watchdog ran out and took the power away: commands came too late")
+    elif not words and state.faults:
+        words.append(f"fault 0x{state.faults:02x}")
+    return ", ".join(words) or None
+
+
+def make(config: RigConfig) -> SerialDrive:
+    """Drive of a configuration."""
+    assert isinstance(config.link, SerialSettings)
+    return SerialDrive(config.link, config.limits.reply, config.limits.watchdog)

@@ -1,0 +1,93 @@
+"""What a person goes through with a new rig, with somebody who does as told beside an emulated one."""
+
+import io
+import time
+
+import pytest
+
+from pendulum_env.backends.hardware.check import STEPS, CheckFailed, check
+from pendulum_env.backends.hardware.config import load
+from workbench.cli import main
+
+THETA = {"viscous": 1.0, "coulomb": 0.3}  # moves as calmly as if it were held
+TO_A_QUARTER = 2.6  # [N m], takes the arm there in a second, and on slowly
+
+
+class Helper:
+    def __init__(self, rig):
+        self.rig, self.said, self.asked = rig, [], []
+
+    def say(self, text):
+        self.said.append(text)
+
+    def confirm(self, text):
+        self.asked.append(text)
+        if "quarter turn" in text:
+            self._push(TO_A_QUARTER)
+        elif "hang down" in text:
+            self._push(0.0)
+        return True
+
+    def _push(self, torque):
+        self.rig.tell(f"push {torque}")
+        self.rig.heard(b"push")
+        time.sleep(1.2)
+
+
+def wired(emulated, kind, *, top="", **encoder):
+    rig = emulated(
+        kind, theta=THETA, limits={"watchdog": 0.3, "gap": 0.25}, encoder={"counts": 1_024_000, **encoder}
+    )  # fmt: skip
+    rig.config.with_name("rig.toml.checked").unlink()
+    rig.config.write_text(top + rig.config.read_text())
+    return rig
+
+
+@pytest.mark.parametrize("kind", ["serial", "nidaq"])
+def test_a_rig_that_is_wired_right_passes_and_may_use_its_torque(emulated, kind):
+    rig = wired(emulated, kind)
+    helper = Helper(rig)
+    assert load(rig.config).max_torque == 2.0
+    check(load(rig.config), helper)
+    assert load(rig.config).max_torque == 6.0
+    assert len(helper.said) == 2 * len(STEPS) + 1
+    assert "the drive let go by itself" in helper.said[-2]
+    torques = [abs(value) for _, event, value in rig.events() if event == "command"]
+    assert 0.3 < max(torques) <= 2.0 + 1e-6
+    assert [value for _, event, value in rig.events() if event == "power"][-1] == 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "remedy"),
+    [
+        ({"sign": -1}, "the counts go the wrong way: set encoder.sign = 1"),
+        ({"counts": 256_000}, "a quarter turn came as .* degrees: encoder.counts is nearer to"),
+        ({"top": "torque_sign = -1\n"}, "set torque_sign = 1"),
+    ],
+)
+def test_a_rig_that_is_wired_wrong_is_told_what_to_change(emulated, wrong, remedy):
+    rig = wired(emulated, "serial", **wrong)
+    with pytest.raises(CheckFailed, match=remedy):
+        check(load(rig.config), Helper(rig))
+    assert load(rig.config).max_torque == 2.0
+    assert [0.0, *(value for _, event, value in rig.events() if event == "power")][-1] == 0
+
+
+def test_the_check_on_the_command_line(emulated, monkeypatch, capsys):
+    rig = wired(emulated, "serial")
+    for answers, said in ((["n"], "software is never the emergency stop"), ([], "needs somebody at a terminal")):
+        monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(answers)))
+        assert main(["hardware", "check", str(rig.config)]) == 2
+        out = capsys.readouterr()
+        assert "1 of 6: wiring" in out.out and said in out.err
+    assert main(["hardware", "check", "nowhere.toml"]) == 2
+    assert "nowhere.toml: cannot be read" in capsys.readouterr().err
+
+
+def test_somebody_who_is_not_ready_is_not_pushed(emulated):
+    rig = wired(emulated, "serial")
+    helper = Helper(rig)
+    helper.confirm = lambda text: False
+    with pytest.raises(CheckFailed, match="software is never the emergency stop"):
+        check(load(rig.config), helper)
+    assert not rig.events()

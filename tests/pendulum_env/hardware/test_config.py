@@ -1,0 +1,84 @@
+"""rig.toml: what is wrong is named."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from pendulum_env.backends.hardware.config import ADAPTERS, TABLES, ConfigError, load, mark_checked
+
+PLAIN = 'adapter = "serial"\n[serial]\nport = "/dev/ttyACM0"\n'
+DOCUMENTED = Path(__file__).parents[3] / "docs" / "hardware.md"
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text):
+        path = tmp_path / "rig.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("adapter = ", "is not TOML"),
+        ("", "adapter is missing"),
+        ('adapter = "can"\n', "adapter is 'can': it has to be one of serial, canopen402, nidaq"),
+        ('adapter = "serial"\n', r"there is no table \[serial\]: add it"),
+        ('adapter = "serial"\n[serial]\n', "serial.port is missing"),
+        ('adapter = "serial"\n[serial]\nport = 3\n', "serial.port is 3: it has to be a text in quotes"),
+        (PLAIN + "[limit]\ntorque = 3\n", "unknown table 'limit': did you mean limits"),
+        (PLAIN + "[limits]\ntorqe = 3\n", r"unknown key in \[limits\] 'torqe': did you mean torque"),
+        ("rat = 3\n" + PLAIN, "unknown key 'rat': did you mean rate"),
+        (PLAIN + "[limits]\ntorque = 20\n", "limits.torque is 20: it has to be a number from 0 to 15"),
+        (PLAIN + "[limits]\nunchecked_torque = 3\n", "limits.unchecked_torque is 3: it has to be a number from 0 to 2"),
+        (PLAIN + "[limits]\nslew = inf\n", "limits.slew is inf: it has to be finite"),
+        (PLAIN + "[limits]\nslew = nan\n", "limits.slew is nan: it has to be a number from 0 on"),
+        (PLAIN + "[limits]\nslew = true\n", "limits.slew is True: it has to be a number"),
+        (PLAIN + "[encoder]\ncounts = 1.5\n", "encoder.counts is 1.5: it has to be a whole number"),
+        (PLAIN + "[encoder]\nsign = 0\n", "encoder.sign is 0: it has to be one of 1, -1"),
+        (PLAIN + '[encoder]\nzero = "there"\n', "encoder.zero is 'there': .* or \"start\""),
+        (PLAIN + '[fault]\naction = "stop"\n', "fault.action is 'stop': it has to be one of zero, brake"),
+        (PLAIN + "[limits]\nsoft_velocity = 40\n", "limits.soft_velocity is above limits.hard_velocity"),
+        (PLAIN + "[limits]\ngap = 0.001\n", "limits.gap is below two periods of 0.001 s"),
+        (PLAIN + "[limits]\ngap = 0.1\n", "limits.gap is above limits.watchdog"),
+    ],
+)
+def test_a_mistake_is_named_with_its_file_and_key(written, text, said):
+    with pytest.raises(ConfigError, match="rig.toml: .*" + said):
+        load(written(text))
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"nowhere\.toml: cannot be read"):
+        load(tmp_path / "nowhere.toml")
+
+
+def test_the_check_allows_more_torque_until_the_wiring_changes(written):
+    path = written(PLAIN + "[limits]\ntorque = 5.0\n")
+    assert load(path).max_torque == 2.0
+    mark_checked(load(path))
+    assert load(path).max_torque == 5.0
+    assert load(written(PLAIN + "[limits]\ntorque = 7.0\n")).max_torque == 7.0  # no wiring
+    for change in ("[encoder]\nsign = -1\n", "[encoder]\ncounts = 4096\n"):
+        assert load(written(PLAIN + change)).max_torque == 2.0
+    assert load(written("torque_sign = -1\n" + PLAIN)).max_torque == 2.0
+
+
+def test_the_documented_configuration_is_whole_and_has_the_defaults(written):
+    """The page shows every table and key; what it shows as usual is what comes without it."""
+    block = DOCUMENTED.read_text().split("```toml\n")[1].split("```")[0]
+    shown = load(written(block))
+    for name, kind in {**TABLES, **ADAPTERS}.items():
+        table = block.split(f"[{name}]\n")[1].split("\n[")[0]
+        for field in fields(kind):
+            assert f"\n{field.name} = " in "\n" + table, f"{name}.{field.name}"
+    for key in ("adapter", "rate", "torque_sign", "realtime", "log"):
+        assert f"\n{key} = " in "\n" + block
+    plain = load(written(PLAIN))
+    assert (shown.encoder, shown.limits, shown.fault, shown.rest) == (
+        plain.encoder, plain.limits, plain.fault, plain.rest,
+    )  # fmt: skip

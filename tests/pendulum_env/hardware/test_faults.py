@@ -1,0 +1,255 @@
+"""What can go wrong does, each in a process of its own; whether the torque was gone in time is read in the motor's log.
+
+The motor's watchdog is set to 80 ms: 100 ms after the last good command there must be no torque, whatever happens.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from tests.pendulum_env.rigs import KINDS, TooSlow, once_in_time
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals of Unix")
+
+IN_TIME = 0.1  # [s]
+SLOW = ("was held up or is too slow", "commands came too late", "did not hear of this computer in time")
+
+HOST = """
+import sys, time
+import gymnasium as gym, numpy as np
+from pendulum_env.wrappers import RecordMeasurements
+config, path, trouble = sys.argv[1:]
+env = gym.make("pendulum_env/DirectDrivePendulum-v0", backend="dm1015b", config=config, max_episode_steps=-1)
+env = RecordMeasurements(env, path, overwrite=True)
+_, info = env.reset()
+rate, said = env.unwrapped.rate, False
+while True:
+    if info["time"] > 0.8 and not said:
+        print("running", flush=True)
+        said = True
+    torque = 0.5 + 3.0 * np.sin(8.0 * info["time"])
+    if said and trouble == "exception":
+        raise ArithmeticError("the policy has a mistake")
+    if said and trouble == "nan":
+        torque = np.nan
+    *_, terminated, _, info = env.step(np.array([torque], dtype=np.float32))
+    if terminated:
+        print("fault", info["fault"], flush=True)
+        break
+env.step(np.array([3.0], dtype=np.float32))  # is of no use
+env.close()
+"""
+
+
+class Scene:
+    """A rig that runs, about to go wrong."""
+
+    def __init__(self, emulated, host, tmp_path, kind, trouble="", **options):
+        self.rig = emulated(kind, **options)
+        self.path = tmp_path / f"{self.rig.folder.name}.csv"
+        self.host = host(HOST, self.rig.config, self.path, trouble)
+        line = self.host.process.stdout.readline()
+        if line.startswith("fault") and any(slow in line for slow in SLOW):
+            raise TooSlow(line)
+        assert line.startswith("running"), line + self.host.process.stderr.read()
+        self.rig.wait_for("power", 1.0)
+
+    def fault(self) -> str:
+        """What the host says is wrong."""
+        text = self.host.heard("fault")
+        code, _, err = self.host.finish()
+        assert code == 0, err
+        return text
+
+    def expect(self, *texts: str) -> None:
+        """The host says what happened, and what to do; torque is off in time; the recording is whole."""
+        text = self.fault()
+        if any(slow in text for slow in SLOW) and not any(part in text for part in texts):
+            raise TooSlow(text)
+        for part in texts:
+            assert part in text
+        self.safe()
+
+    def safe(self) -> None:
+        self.rig.wait_for("power", 0.0)
+        assert self.rig.off_after() < IN_TIME
+        self.recorded()
+
+    def recorded(self) -> None:
+        header, *rows = self.path.read_text().splitlines()
+        assert header == "time,position,torque,jitter,overruns"
+        table = np.array([[float(cell) for cell in row.split(",")] for row in rows])  # no row is half
+        np.testing.assert_allclose(table[:, 0], np.arange(len(table)) / self.rig.rate, atol=1e-9)
+        assert len(table) > 0.25 * self.rig.rate  # a killed process loses half a second at most
+        assert np.isfinite(table).all() and np.ptp(table[:, 1]) > 0.1
+
+
+each = pytest.mark.parametrize("kind", KINDS)
+one = pytest.mark.parametrize("kind", KINDS[:1])  # what does not depend on the adapter
+
+
+@pytest.fixture
+def scene(emulated, host, tmp_path):
+    return lambda kind, trouble="", **options: Scene(emulated, host, tmp_path, kind, trouble, **options)
+
+
+@each
+def test_a_host_that_is_killed(scene, kind):
+    def attempt():
+        s = scene(kind)
+        s.host.process.kill()
+        s.rig.wait_for("power", 0.0)
+        s.safe()
+        assert any(event == "expired" for _, event, _ in s.rig.events())  # nobody else could have
+
+    once_in_time(attempt)
+
+
+@one
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_host_that_is_told_to_end(scene, kind, number):
+    def attempt():
+        s = scene(kind)
+        os.kill(s.host.process.pid, number)
+        code, _, err = s.host.finish()
+        assert code in (128 + number, -number)
+        assert ("KeyboardInterrupt" in err) == (number == signal.SIGINT)
+        s.safe()
+        assert not any(event == "expired" for _, event, _ in s.rig.events())  # the watchdog was not needed
+
+    once_in_time(attempt)
+
+
+@one
+def test_an_exception_in_the_policy(scene, kind):
+    def attempt():
+        s = scene(kind, "exception")
+        code, _, err = s.host.finish()
+        assert code == 1 and "the policy has a mistake" in err
+        s.safe()
+
+    once_in_time(attempt)
+
+
+@one
+def test_a_host_that_is_frozen(scene, kind):
+    def attempt():
+        s = scene(kind)
+        os.kill(s.host.process.pid, signal.SIGSTOP)
+        s.rig.wait_for("power", 0.0)
+        assert s.rig.off_after() < IN_TIME
+        os.kill(s.host.process.pid, signal.SIGCONT)
+        text = s.fault()
+        assert any(part in text for part in SLOW)
+        s.safe()  # it did not go on where it was
+
+    once_in_time(attempt)
+
+
+@each
+def test_a_drive_that_dies(scene, kind):
+    def attempt():
+        s = scene(kind)
+        s.rig.process.kill()
+        text = s.fault()
+        if any(slow in text for slow in SLOW):
+            raise TooSlow(text)
+        assert "check" in text and ("lost" in text or "did not answer within 250 ms" in text)
+        s.recorded()
+
+    once_in_time(attempt)
+
+
+@each
+def test_a_drive_that_is_frozen(scene, kind):
+    def attempt():
+        s = scene(kind)
+        s.rig.signal(signal.SIGSTOP)
+        text = s.fault()
+        s.rig.signal(signal.SIGCONT)
+        if any(slow in text for slow in SLOW):
+            raise TooSlow(text)
+        assert "did not answer within 250 ms" in text and "check" in text
+        s.safe()
+
+    once_in_time(attempt)
+
+
+@pytest.mark.parametrize("kind", ["serial", "nidaq"])  # a pseudo-terminal, and a network
+def test_a_cable_that_is_pulled(scene, kind):
+    def attempt():
+        s = scene(kind)
+        s.rig.tell("unplug")
+        text = s.fault()
+        if any(slow in text for slow in SLOW):
+            raise TooSlow(text)
+        assert "check" in text and ("lost" in text or "did not answer" in text)
+        s.safe()
+
+    once_in_time(attempt)
+
+
+@one
+def test_a_cable_beside_a_strong_motor(scene, kind):
+    def attempt():
+        s = scene(kind)
+        s.rig.tell("corrupt 0.01")
+        s.expect("did not answer within 250 ms", "damaged frames", "check cable")
+
+    once_in_time(attempt)
+
+
+@each
+def test_a_fault_of_the_drive(scene, kind):
+    def attempt():
+        s = scene(kind)
+        s.rig.tell("fault")
+        s.expect("the drive reports", "fault, on Dev1" if kind == "nidaq" else "over-temperature")
+
+    once_in_time(attempt)
+
+
+@one
+def test_an_arm_that_runs_away(scene, kind):
+    def attempt():
+        s = scene(kind, limits={"hard_velocity": 20.0, "soft_velocity": 15.0})
+        s.rig.tell("push 12")
+        s.expect("rad/s, 20 are allowed (limits.hard_velocity)", "look for what drives it")
+
+    once_in_time(attempt)
+
+
+@one
+def test_an_action_that_is_no_number(scene, kind):
+    def attempt():
+        s = scene(kind, "nan")
+        code, _, err = s.host.finish()
+        assert code == 1 and "the action is nan: a torque in N m is needed" in err
+        s.safe()
+
+    once_in_time(attempt)
+
+
+@one
+def test_a_second_owner_is_refused_and_the_first_goes_on(scene, host, kind):
+    def attempt():
+        s = scene(kind)
+        second = host(HOST, s.rig.config, s.path.with_name("second.csv"), "")
+        code, _, err = second.finish()
+        if s.host.says(0.0):
+            raise TooSlow(s.fault())
+        assert code == 1 and f"is in use by process {s.host.process.pid}" in err
+        assert not s.host.says(0.3)  # no fault
+        before = len(s.rig.events())
+        time.sleep(0.2)
+        assert len(s.rig.events()) > before
+        s.host.process.terminate()
+        s.host.finish()
+        s.safe()
+
+    once_in_time(attempt)

@@ -1,0 +1,296 @@
+"""Each limit of the guard, on a drive that does as it is told, in a time that passes as it is told."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from pendulum_env.backends.hardware import guard as guards
+from pendulum_env.backends.hardware.config import Fault as OnFault
+from pendulum_env.backends.hardware.config import Limits, load
+from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent
+from pendulum_env.backends.hardware.guard import Fault, Guard
+
+PER_RADIAN = 1_024_000 / (2 * math.pi)
+DT = 0.005  # [s]
+
+
+class Clock:
+    def __init__(self):
+        self.now = 100.0
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+
+class FakeDrive:
+    """Turns as fast as it is told."""
+
+    noise = 0.0
+
+    def __init__(self, clock):
+        self.clock, self.powered, self.sent, self.angle, self.fault, self.dead = clock, False, [], 0.0, None, False
+        self.calls = []
+
+    def _reached(self, call):
+        self.calls.append(call)
+        if self.dead:
+            raise DriveError("the drive did not answer: check its cable")
+
+    def open(self):
+        self._reached("open")
+
+    def enable(self):
+        self._reached("enable")
+        self.powered = True
+
+    def write(self, torque):
+        self._reached("write")
+        self.sent.append(torque)
+        return Sent(self.clock.now, torque)
+
+    def read(self):
+        self._reached("read")
+        return Reading(self.clock.now, round(self.angle * PER_RADIAN) % 2**32, self.fault)
+
+    def disable(self):
+        self._reached("disable")
+        self.powered = False
+
+    def close(self):
+        self.calls.append("close")
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(guards, "time", clock)
+    return clock
+
+
+@pytest.fixture
+def make(clock, tmp_path):
+    def make(checked=True, on_fault=None, torque_sign=1, **limits):
+        path = tmp_path / "rig.toml"
+        path.write_text('adapter = "serial"\nrate = 200.0\n[serial]\nport = "/dev/none"\n')
+        config = replace(
+            load(path), checked=checked, torque_sign=torque_sign, limits=replace(Limits(), **limits),
+            fault=on_fault or OnFault(),
+        )  # fmt: skip
+        guard = Guard(FakeDrive(clock), config)
+        guard.open()
+        guard.enable()
+        guard.write(0.0)
+        guard.read()
+        return guard, guard.drive
+
+    return make
+
+
+def step(guard, clock, torque, velocity=0.0, dt=DT):
+    """One period: a torque, then what the arm did; returns what the drive was sent."""
+    guard.write(torque)
+    clock.now += dt
+    guard.drive.angle += velocity * dt
+    guard.read()
+    return guard.drive.sent[-1]
+
+
+def faulty(guard, match):
+    """The fault is raised, kept, and the drive has neither torque nor power."""
+    drive = guard.drive
+    for _ in range(2):
+        with pytest.raises(Fault, match=match):
+            guard.write(1.0)
+        with pytest.raises(Fault, match=match):
+            guard.read()
+        with pytest.raises(Fault, match=match):
+            guard.enable()
+    assert not drive.powered
+    assert drive.sent[-1] == 0.0
+
+
+@pytest.mark.parametrize("torque", [math.nan, math.inf, -math.inf])
+def test_what_is_no_number_is_refused(make, torque):
+    guard, drive = make()
+    with pytest.raises(Fault, match="was asked for: mend what computes it"):
+        guard.write(torque)
+    faulty(guard, "was asked for")
+    assert all(map(math.isfinite, drive.sent))
+
+
+def test_torque_is_clamped_more_closely_until_the_check_has_passed(make, clock):
+    for checked, most in ((True, 6.0), (False, 2.0)):
+        guard, _ = make(checked, slew=1e9)
+        assert step(guard, clock, 50.0) == most
+        assert step(guard, clock, -50.0) == -most
+        assert step(guard, clock, 1.5) == 1.5
+
+
+def test_torque_changes_no_faster_than_the_slew_limit(make, clock):
+    guard, _ = make(slew=100.0)
+    sent = [step(guard, clock, 3.0) for _ in range(10)]
+    assert sent == pytest.approx([min(3.0, 100.0 * DT * k) for k in range(1, 11)])
+    assert step(guard, clock, -3.0) == pytest.approx(3.0 - 100.0 * DT)
+
+
+def test_torque_that_speeds_up_fades_out_and_torque_that_brakes_does_not(make, clock):
+    guard, _ = make(slew=1e9, soft_velocity=10.0, hard_velocity=20.0)
+    for velocity, speeding in ((5.0, 2.0), (15.0, 1.0), (19.0, 0.2)):
+        for direction in (1.0, -1.0):
+            step(guard, clock, 0.0, direction * velocity)
+            assert step(guard, clock, direction * 2.0, direction * velocity) == pytest.approx(
+                direction * speeding, abs=0.01
+            )
+            assert step(guard, clock, -direction * 2.0, direction * velocity) == pytest.approx(-direction * 2.0)
+
+
+def test_an_arm_that_is_too_fast_is_a_fault(make, clock):
+    guard, _ = make(hard_velocity=30.0)
+    step(guard, clock, 0.0, 29.0)
+    with pytest.raises(Fault, match=r"31 rad/s, 30 are allowed \(limits.hard_velocity\)"):
+        step(guard, clock, 0.0, 31.0)
+    faulty(guard, "limits.hard_velocity")
+
+
+def test_an_encoder_that_jumps_is_a_fault(make, clock):
+    guard, _ = make()
+    with pytest.raises(Fault, match="the encoder jumped by 1 rad"):
+        step(guard, clock, 0.0, 1.0 / DT)
+    faulty(guard, "jumped")
+
+
+def test_counts_that_stand_still_under_torque_are_a_fault(make, clock):
+    guard, _ = make(stall_torque=4.0, stall_time=0.2)
+    for _ in range(100):
+        step(guard, clock, 3.9)  # friction and gravity may hold that
+    with pytest.raises(Fault, match=r"the counts stand still under 5 N m for 0\.2 s"):
+        for _ in range(100):
+            step(guard, clock, 5.0)
+    faulty(guard, "stand still")
+
+
+def test_an_arm_that_speeds_up_against_the_torque_is_a_fault(make, clock):
+    guard, _ = make(stall_torque=4.0)
+    for k in range(100):
+        step(guard, clock, 5.0, -10.0 + 0.1 * k)  # it is braked
+    with pytest.raises(Fault, match="the sign of the torque or of the encoder is wrong, run"):
+        for k in range(100):
+            step(guard, clock, 5.0, -0.05 * k)
+    faulty(guard, "sign")
+
+
+def test_a_swinging_arm_is_no_fault(make, clock):
+    """A fast reversal of torque finds the arm moving against it, but slowing down."""
+    guard, _ = make(stall_torque=4.0)
+    for k in range(400):
+        step(guard, clock, 6.0 * math.copysign(1.0, math.sin(10 * k * DT)), -8.0 * math.cos(10 * k * DT))
+    assert guard.fault is None
+
+
+def test_a_program_that_is_held_up_is_a_fault(make, clock):
+    guard, drive = make(gap=0.05)
+    step(guard, clock, 1.0, dt=0.049)
+    clock.now += 0.02
+    with pytest.raises(Fault, match="no command came for 69 ms, 50 ms are allowed"):
+        guard.write(1.0)
+    assert drive.sent.count(1.0) == 1
+    faulty(guard, "no command")
+
+
+def test_too_many_missed_ticks_are_a_fault(make):
+    guard, _ = make(overruns=10)
+    guard.late(0.0, 10)
+    with pytest.raises(Fault, match="11 ticks were missed, 10 are allowed"):
+        guard.late(0.0, 11)
+    faulty(guard, "ticks")
+
+
+def test_a_loop_that_falls_behind_is_a_fault(make):
+    guard, _ = make(behind=0.1)
+    guard.late(0.09, 0)
+    with pytest.raises(Fault, match="the loop is 110 ms behind, 100 ms are allowed"):
+        guard.late(0.11, 0)
+    faulty(guard, "behind")
+
+
+def test_power_goes_even_if_zero_torque_cannot_be_sent(make):
+    guard, drive = make()
+
+    def broken(torque):
+        raise OSError("half a plug")
+
+    drive.write = broken
+    guard.disable()
+    assert not drive.powered
+
+
+def test_what_the_drive_reports_is_a_fault(make, clock):
+    guard, drive = make()
+    drive.fault = "over-current"
+    with pytest.raises(Fault, match="the drive reports: over-current"):
+        step(guard, clock, 1.0)
+    faulty(guard, "over-current")
+
+
+def test_a_fault_is_kept_until_it_is_cleared_and_the_first_one_counts(make, clock):
+    guard, drive = make()
+    drive.dead = True
+    with pytest.raises(Fault, match="check its cable"):
+        guard.read()
+    assert drive.calls[-2:] == ["write", "disable"]  # at least it was tried
+    guard.disable()
+    guard.close()
+    with pytest.raises(DriveError):
+        guard.clear()  # it is still dead
+    with pytest.raises(Fault, match="check its cable"):
+        guard.enable()
+    drive.dead = False
+    guard.clear()
+    guard.enable()
+    assert drive.powered and step(guard, clock, 1.0) == 1.0
+
+
+def test_there_is_no_torque_without_power(make):
+    guard, drive = make()
+    guard.write(1.0)
+    guard.disable()
+    assert (drive.sent[-1], drive.powered) == (0.0, False)
+    with pytest.raises(Fault, match="has no power: reset"):
+        guard.write(1.0)
+    assert drive.sent[-1] == 0.0
+    assert guard.fault is None  # a slip, not a fault
+    guard.enable()
+    guard.write(0.0)
+    assert drive.sent[-1] == 0.0
+
+
+def test_braking_pushes_against_the_motion_and_ends(make, clock):
+    guard, drive = make(on_fault=OnFault("brake", gain=0.5, seconds=0.5), hard_velocity=10.0)
+
+    def slowed(seconds):
+        clock.now += seconds
+        drive.angle += 11.0 * seconds
+
+    clock.sleep = slowed
+    with pytest.raises(Fault, match="hard_velocity"):
+        step(guard, clock, 0.0, 11.0)
+    assert drive.sent[-2] == pytest.approx(-5.5, rel=0.01)
+    faulty(guard, "hard_velocity")
+
+
+def test_signs_of_the_wiring_are_taken_out(make, clock):
+    guard, _ = make(torque_sign=-1)
+    assert step(guard, clock, 2.0) == -2.0
+    assert guard.torque == 2.0
+
+
+def test_what_happened_is_kept_in_order(make, clock):
+    guard, _ = make()
+    guard.disable()
+    guard.close()
+    guard.close()
+    assert [event.text for event in guard.events] == ["opened", "enabled", "disabled", "closed"]

@@ -1,0 +1,88 @@
+"""From counts and clocks that are late by turns to samples on time."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pendulum_env.backends.hardware.clock import DriveClock
+from pendulum_env.backends.hardware.config import EncoderSettings
+from pendulum_env.backends.hardware.encoder import Encoder, difference
+from pendulum_env.backends.hardware.ticks import Ticks
+
+
+@given(st.integers(-(2**40), 2**40), st.integers(-(2**31), 2**31 - 1))
+def test_steps_are_found_however_the_counter_is_read(count, step):
+    """Signed or unsigned, before and after it rolled over."""
+    for low in (0, -(2**31)):
+        old, new = ((value - low) % 2**32 + low for value in (count, count + step))
+        assert difference(new, old) == step
+
+
+def test_an_encoder_unwraps_from_where_zero_is():
+    turn = 2 * math.pi
+    first = Encoder(EncoderSettings(counts=1000))
+    assert [first.take(c) for c in (2**31 - 250, 2**31, -(2**31) + 250)] == pytest.approx([0.0, turn / 4, turn / 2])
+    named = Encoder(EncoderSettings(counts=1000, sign=-1, zero=500))
+    assert named.take(750) == pytest.approx(-turn / 4)
+    assert named.take(-1750) == pytest.approx(2.25 * turn)
+
+
+def test_position_and_torque_are_referred_to_the_ticks():
+    """A swinging arm under a changing torque, commanded and read late at random, at 1 kHz."""
+    rng = np.random.default_rng(0)
+    period, count = 1e-3, 2000
+
+    def position(t):
+        return np.sin(8.0 * t)
+
+    ticks, found = Ticks(0.0, 0.0), []
+    torques = 3.0 * np.sin(2 * np.pi * np.arange(count) * period)
+    acted = []  # when each command came to act
+    for k in range(count):
+        acted.append(k * period + rng.uniform(0.0, 0.4e-3))
+        ticks.commanded(acted[-1], torques[k])
+        late = (k + 1) * period + rng.exponential(0.2e-3)
+        ticks.measured(late, position(late))
+        found.append(ticks.advance((k + 1) * period))
+    at = period * np.arange(1, count + 1)
+    assert np.abs(np.array(found)[:, 0] - position(at)).max() < 1e-6  # at the time of reading it would be 1e-2 off
+    # the impulse up to any tick is that of the commands, each from when it acted
+    edges = np.append(acted, np.inf)
+    impulse = [(torques * np.clip(t - edges[:-1], 0.0, np.diff(np.minimum(edges, 1e9)))).sum() for t in at[::100]]
+    assert np.cumsum(np.array(found)[:, 1] * period)[::100] == pytest.approx(impulse, abs=1e-9)
+
+
+def test_a_loop_that_was_held_up_catches_up():
+    """20 ms without a reading: the ticks between are interpolated, and the held torque counts for all of them."""
+    ticks = Ticks(0.0, 0.0)
+    for k in range(1, 51):
+        now = k * 1e-3
+        ticks.commanded(now - 1e-3, 1.0)
+        ticks.measured(now, 0.5 * 40.0 * now**2)
+        ticks.advance(now)
+    now = 70e-3
+    ticks.measured(now, 0.5 * 40.0 * now**2)
+    for k in range(51, 71):
+        position, torque = ticks.advance(k * 1e-3)
+        assert position == pytest.approx(0.5 * 40.0 * (k * 1e-3) ** 2, abs=1e-9)
+        assert torque == pytest.approx(1.0)
+
+
+def test_the_clock_of_a_drive_is_told_although_answers_are_late():
+    """Some answers come far too late, and the counter of microseconds rolls over."""
+    rng = np.random.default_rng(1)
+    clock, errors = DriveClock(), []
+    asked = 1000.0
+    for _ in range(5000):
+        asked += 1e-3
+        to, back = 50e-6 + rng.exponential(100e-6, 2)
+        taken = asked + to
+        micro = int(1e6 * (taken * (1 + 50e-6)) + 2**32 - 3_000_000) % 2**32  # 50 ppm fast
+        errors.append(clock.take(micro, asked, taken + back) - taken)
+    errors = np.array(errors[500:])
+    assert np.abs(errors).max() < 60e-6
+    assert np.abs(np.diff(errors)).max() < 20e-6  # what is constant does not matter, what jumps does
+    assert clock.delay == pytest.approx(50e-6, abs=60e-6)

@@ -1,0 +1,231 @@
+"""What the rig is for: parameters estimated while it runs, and a hidden effect found in what it recorded."""
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import estimators.search
+from estimators.wrappers import EstimateParameters
+from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.excitation import excitation
+from pendulum_env.physics import effects
+from pendulum_env.plant import PAPER
+from pendulum_env.policy import OpenLoop, rollout
+from pendulum_env.recording import read_recording
+from pendulum_env.registration import PENDULUM
+from tests.pendulum_env.rigs import KINDS, PATIENT, TooSlow, once_in_time
+from workbench.cli import main
+
+ONLINE = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 200.0}  # [Hz]
+TRUTH = np.array(list(PAPER.values()))
+STILL = 0.03  # [s]
+HANGING = {"zero": 0}  # a second attempt may begin wherever the first one came to rest
+PUSH = np.array([2.0], dtype=np.float32)
+
+
+def in_time(jitter):
+    """What was measured while the machine stood still is interpolated, and no measurement."""
+    worst = max(jitter)
+    if worst > STILL:
+        raise TooSlow(f"a sample was {worst:.3g} s late")
+
+
+def make(rig, **options):
+    return gym.make(PENDULUM, backend="dm1015b", config=rig.config, max_episode_steps=-1, **options)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_six_estimators_find_the_emulated_plant_while_it_runs(emulated, kind):
+    rig = emulated(kind, rate=ONLINE[kind], limits=PATIENT, encoder=HANGING)
+    signal = excitation("paper", np.random.default_rng(0))
+
+    def attempt():
+        env = EstimateParameters(make(rig))
+        infos = []
+        rollout(env, OpenLoop(signal, rig.rate), int(4.0 * rig.rate), watch=infos.append)
+        env.close()
+        in_time(info["jitter"] for info in infos)
+        assert "fault" not in infos[-1]
+        assert len(infos[-1]["estimates"]) == 6
+        for scheme, estimate in infos[-1]["estimates"].items():
+            np.testing.assert_allclose(estimate["theta"], TRUTH, rtol=0.02, err_msg=scheme)
+
+    once_in_time(attempt)
+
+
+def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, tmp_path, monkeypatch, capsys):
+    few = (
+        "torque_offset",
+        "coulomb_asymmetry",
+        "stribeck",
+        "quadratic_drag",
+        "cogging",
+    )  # a search among them is quick
+    known = {id: effects()[id] for id in few}
+    monkeypatch.setattr(estimators.search, "effects", lambda: known)
+    rig = emulated("canopen402", effects=["cogging"], limits=PATIENT, encoder=HANGING)
+    path = tmp_path / "run.csv"
+    command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "8", "-o", str(path)]
+
+    def attempt():
+        assert main(command) == 0
+        assert "after their tick" in capsys.readouterr().out
+        in_time(np.loadtxt(path, delimiter=",", skiprows=1)[:, 3])
+        assert main(["diagnose", str(path)]) == 0
+        assert "What is missing\n- cogging: " in capsys.readouterr().out
+
+    once_in_time(attempt)
+
+
+def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(emulated, tmp_path, capsys, monkeypatch):
+    rig = emulated("serial", limits=PATIENT)
+    step = OpenLoop.predict
+
+    def trouble(self, observation, state=None, *rest):
+        if state is not None and state[0] == 700:
+            rig.tell("fault")
+        return step(self, observation, state, *rest)
+
+    monkeypatch.setattr(OpenLoop, "predict", trouble)
+    path = tmp_path / "run.csv"
+    assert main(["record", "--backend", "dm1015b", "--config", str(rig.config), "-o", str(path)]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "over-temperature" in said and f"what was measured until then is in {path}" in said
+    assert len(read_recording(path)) >= 700
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--backend", "dm1015b", "-o", "run.csv"], "belong together"),
+        (["--config", "rig.toml", "-o", "run.csv"], "belong together"),
+        (["--backend", "dm1015b", "--config", "rig.toml", "-o", "run.npz"], "let the name end in .csv"),
+        (["--backend", "dm1015b", "--config", "rig.toml", "--effect", "spring", "-o", "run.csv"], "do not go with"),
+        (["--backend", "dm1015b", "--config", "nowhere.toml", "-o", "run.csv"], "nowhere.toml: cannot be read"),
+    ],
+)
+def test_record_refuses_what_does_not_go_together(options, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["record", *options]) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_gymnasiums_checker_has_nothing_to_say(emulated):
+    """With a bound of 1 N m: above, it recommends to normalise the action."""
+    rig = emulated("serial", limits={**PATIENT, "torque": 1.0})
+    env = make(rig)
+    assert env.action_space.high == pytest.approx(1.0)  # what the guard lets pass
+    env.unwrapped.spec.nondeterministic = True  # Gymnasium's word for what measures: no two runs are late alike
+    check_env(env.unwrapped, skip_render_check=True, skip_close_check=True)  # these make a second owner
+
+
+def test_a_fault_ends_the_episode_and_is_kept_until_it_is_cleared(emulated):
+    rig = emulated("serial", limits={**PATIENT, "stall_torque": 0.3, "stall_time": 0.05})
+    env = EstimateParameters(make(rig))
+    env.reset()
+    terminated = False
+    while not terminated:
+        *_, terminated, _, info = env.step(np.array([0.5], dtype=np.float32))  # friction holds that
+    assert "the counts stand still under 0.5 N m" in info["fault"]
+    assert env.step(PUSH)[4]["fault"] == info["fault"]
+    with pytest.raises(DriveError, match=r"stand still.*env.reset\(options={'clear_fault': True}\)"):
+        env.reset()
+    _, info = env.reset(options={"clear_fault": True})
+    assert "fault" not in info
+    *_, terminated, _, info = env.step(PUSH)
+    assert not terminated
+    env.close()
+    assert rig.off_after() < 0.1
+
+
+def test_a_slow_learner_trips_nothing_between_episodes(emulated):
+    """The first step gives power, the watchdog takes it after the last one if nobody else does; neither is a fault."""
+    rig = emulated("serial", limits={"behind": 5.0})  # with the watchdog at 80 ms
+    env = gym.make(PENDULUM, backend="dm1015b", config=rig.config, max_episode_steps=5)
+    for _ in range(2):
+        _, info = env.reset()
+        time.sleep(0.3)
+        truncated = False
+        while not truncated:
+            *_, truncated, info = env.step(PUSH)
+        assert "fault" not in info
+        time.sleep(0.3)
+    env.close()
+    assert [value for _, event, value in rig.events() if event == "power"] == [1.0, 0.0, 1.0, 0.0]
+    assert rig.off_after() < 0.1
+
+
+def test_an_environment_that_is_forgotten_lets_go(emulated):
+    rig = emulated("serial", limits=PATIENT)
+    env = make(rig)
+    env.reset()
+    env.step(PUSH)
+    assert [value for _, event, value in rig.events() if event == "torque"][-1] != 0
+    del env
+    gc.collect()
+    assert rig.off_after() < 0.5  # long before the watchdog
+    make(rig).close()  # and it can be opened again
+
+
+def test_handlers_of_signals_are_there_while_the_rig_is_open_and_restored_after(emulated):
+    rig = emulated("serial", limits=PATIENT)
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in numbers]
+    heard = []
+    signal.signal(signal.SIGHUP, lambda *_: heard.append("hup"))
+    env = make(rig)
+    env.reset()
+    env.step(PUSH)
+    os.kill(os.getpid(), signal.SIGHUP)
+    assert heard == ["hup"]  # somebody else's handler has its turn, after the motor
+    assert rig.off_after() < 0.5
+    assert "has no power" in env.step(PUSH)[4]["fault"]
+    env.close()
+    signal.signal(signal.SIGHUP, before[2])
+    assert [signal.getsignal(number) for number in numbers] == before
+
+
+def test_nothing_of_the_rig_is_imported_without_one():
+    code = (
+        "import sys, pendulum_env.env, estimators, pendulum_env.backends.emulators; "
+        "print(sorted({'serial', 'canopen', 'can', 'nidaqmx', 'grpc', 'torch'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_missing_extra_is_named_with_the_command(monkeypatch, tmp_path):
+    from pendulum_env.backends.hardware import adapters
+
+    path = tmp_path / "rig.toml"
+    path.write_text('adapter = "serial"\n[serial]\nport = "/dev/none"\n')
+    monkeypatch.setattr(adapters.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ModuleNotFoundError, match=r"pip install 'pendulum-ident\[hardware\]'"):
+        gym.make(PENDULUM, backend="dm1015b", config=path)
+
+
+def test_a_port_that_is_not_there_is_named(tmp_path):
+    pytest.importorskip("serial")
+    path = tmp_path / "rig.toml"
+    path.write_text('adapter = "serial"\n[serial]\nport = "/dev/none"\n')
+    with pytest.raises(DriveError, match=r"/dev/none cannot be opened .*check serial.port"):
+        gym.make(PENDULUM, backend="dm1015b", config=path)
+
+
+def test_a_card_without_its_driver_is_named(tmp_path):
+    pytest.importorskip("nidaqmx")
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        'adapter = "nidaq"\n[nidaq]\ntorque = "Dev1/ao0"\nencoder = "Dev1/ctr0"\nenable = "Dev1/port0/line0"\n'
+    )
+    with pytest.raises(DriveError, match="driver is not installed"):
+        gym.make(PENDULUM, backend="dm1015b", config=path)

@@ -1,0 +1,152 @@
+"""Emulated rigs, each in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+FIRST = """
+import contextlib, os
+with contextlib.suppress(OSError, AttributeError):
+    os.nice(-15)  # where it is allowed, a machine that is busy with other things does not disturb
+"""
+EMULATOR = """
+import json, sys
+from pathlib import Path
+from pendulum_env.backends.emulators import Emulation, emulate
+from pendulum_env.plant import make_plant
+asked = json.loads(sys.argv[1])
+emulate(
+    Emulation(
+        asked["kind"], make_plant(asked["theta"], asked["effects"]), Path(asked["config"]), asked["rate"],
+        asked["settings"], first=asked["first"], log=Path(asked["log"]),
+    ),
+    lambda text: print(text, flush=True),
+)
+"""
+KINDS = ("serial", "canopen402", "nidaq")
+RATES = {"serial": 500.0, "canopen402": 250.0, "nidaq": 100.0}  # [Hz], that they hold on a machine that is busy
+ATTEMPTS = 6  # a machine that stops both processes for 70 ms by itself trips the guard: then nothing was tested
+PATIENT = {"watchdog": 2.0, "gap": 1.5}  # where something else than the watchdog is tested
+
+
+class TooSlow(Exception):
+    """The machine itself was the first thing to go wrong."""
+
+
+def once_in_time(attempt):
+    """Try again what the machine was too slow for."""
+    for _ in range(ATTEMPTS):
+        try:
+            return attempt()
+        except TooSlow as error:
+            slow = error
+    pytest.skip(f"the machine is too busy to run a rig: {slow}")
+
+
+class EmulatedRig:
+    """An emulator, its configuration and its log."""
+
+    def __init__(self, folder: Path, kind: str, *, rate=None, theta=None, effects=(), first=0, limits=None, **tables):
+        self.kind, self.folder, self.rate = kind, folder, rate or RATES[kind]
+        self.config, self.log = folder / "rig.toml", folder / "motor.log"
+        settings = {"limits": {"reply": 0.25, "overruns": 10**9, "behind": 60.0, "gap": 0.07, **(limits or {})}}
+        settings |= {"rest": {"seconds": 0.1}, **tables}
+        asked = {
+            "kind": kind, "theta": theta, "effects": list(effects), "config": str(self.config), "rate": self.rate,
+            "settings": settings, "first": first, "log": str(self.log),
+        }  # fmt: skip
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", FIRST + EMULATOR, json.dumps(asked)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        try:
+            self.heard(b"ready")
+        except BaseException:
+            self.close()
+            raise
+
+    def heard(self, text: bytes) -> None:
+        """Wait until the emulator says something."""
+        line = self.process.stdout.readline()
+        assert line.startswith(text), line
+
+    def tell(self, mishap: str) -> None:
+        """Let something go wrong."""
+        self.process.stdin.write(mishap.encode() + b"\n")
+        self.process.stdin.flush()
+
+    def signal(self, number: int) -> None:
+        os.kill(self.process.pid, number)
+
+    def events(self) -> list[tuple[float, str, float]]:
+        """What the motor did: monotonic time [s], event, value."""
+        rows = [line.split() for line in self.log.read_text().splitlines()]
+        return [(float(at), event, float(value)) for at, event, value in rows]
+
+    def wait_for(self, event: str, value: float, seconds: float = 10.0) -> None:
+        """Wait until the log has an event."""
+        until = time.monotonic() + seconds
+        while not any(row[1:] == (event, value) for row in self.events()):
+            assert time.monotonic() < until, f"no {event} {value} in {self.events()[-5:]}"
+            time.sleep(0.02)
+
+    def off_after(self) -> float:
+        """Time from the last command with torque until the torque was zero for good [s]; the power is off too."""
+        events = self.events()
+        states = [value for _, event, value in events if event == "torque"]
+        assert states and states[-1] == 0, "the torque is on"
+        assert [value for _, event, value in events if event == "power"][-1] == 0, "the power is on"
+        off = max(at for at, event, value in events if event == "torque" and value == 0)
+        return off - max(at for at, event, value in events if event == "command" and value != 0 and at <= off)
+
+    def close(self) -> None:
+        try:
+            self.signal(signal.SIGCONT)
+            self.process.stdin.write(b"quit\n")
+            self.process.stdin.close()
+        except (OSError, ValueError):
+            pass
+        try:
+            self.process.wait(3)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+
+
+class Host:
+    """A program that uses a rig, in a process of its own."""
+
+    def __init__(self, code: str, *arguments: object):
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", FIRST + code, *map(str, arguments)],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+
+    def heard(self, text: str) -> str:
+        """Next line that it says, which has to begin so."""
+        line = self.process.stdout.readline()
+        assert line.startswith(text), line + (self.process.stderr.read() if not line else "")
+        return line.removeprefix(text).strip()
+
+    def says(self, seconds: float = 10.0) -> bool:
+        """Whether it says something within a time."""
+        return bool(select.select([self.process.stdout], [], [], seconds)[0])
+
+    def finish(self, seconds: float = 15.0) -> tuple[int, str, str]:
+        """Exit code and what is left of both streams."""
+        out, err = self.process.communicate(timeout=seconds)
+        return self.process.returncode, out, err
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.communicate()

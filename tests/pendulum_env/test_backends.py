@@ -1,0 +1,76 @@
+"""One contract for every backend: simulated, replayed, and the rig over each of its adapters."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from pendulum_env.backends import BACKENDS, Sensor, Setup, Start, Status
+from pendulum_env.excitation import excitation
+from pendulum_env.plant import paper_plant
+from pendulum_env.policy import OpenLoop, rollout
+from pendulum_env.recording import read_recording, write_recording
+from pendulum_env.registration import PENDULUM
+from pendulum_env.wrappers import RecordMeasurements
+from tests.pendulum_env.rigs import KINDS, PATIENT
+
+PUSH = np.array([2.0], dtype=np.float32)  # [N m], enough to move the arm
+
+
+@pytest.fixture(params=["pymunk", "replay", *KINDS])
+def settings(request, tmp_path):
+    """Arguments with which the environment has each backend."""
+    if request.param == "replay":
+        file = tmp_path / "played.csv"
+        signal = excitation("paper", np.random.default_rng(0))
+        write_recording(rollout(gym.make(PENDULUM), OpenLoop(signal, 1000.0), 1500, seed=0), file)
+        return {"backend": "replay", "recording": file}
+    if request.param in KINDS:
+        rig = request.getfixturevalue("emulated")(request.param, limits=PATIENT, first=2**31 - 1000)
+        return {"backend": "dm1015b", "config": rig.config}
+    return {"backend": "pymunk"}
+
+
+def test_an_environment_keeps_its_contract(settings, tmp_path):
+    env = RecordMeasurements(gym.make(PENDULUM, **settings), tmp_path / "run.csv")
+    rate = env.unwrapped.rate
+    for episode in (1, 2):
+        observation, info = env.reset(seed=episode)
+        assert env.observation_space.contains(observation)
+        assert (info["time"], info["torque"]) == (0.0, 0.0)
+        start, spent = info["position"], 0.0
+        for k in range(1, int(1.02 * rate)):
+            before = info
+            observation, reward, terminated, truncated, info = env.step(PUSH)
+            assert (reward, terminated, truncated) == (0.0, False, False), info.get("fault")
+            assert env.observation_space.contains(observation)
+            assert info["time"] == pytest.approx(k / rate, abs=1e-9)
+            assert info["velocity"] == pytest.approx((info["position"] - before["position"]) * rate, abs=1e-6)
+            np.testing.assert_allclose(observation[:2], [np.cos(info["position"]), np.sin(info["position"])], atol=1e-6)
+            spent += info["torque"] / rate
+        if info["follows"]:
+            assert 0.05 < info["position"] - start < 3.0  # the way it was pushed, also where the counter rolls over
+            assert info["torque"] == pytest.approx(2.0, abs=0.01)
+            assert spent == pytest.approx(2.0 * info["time"], rel=0.1)  # what came late is accounted for
+    env.close()
+    env.close()
+    for name in ("run.csv", "run-2.csv"):
+        assert read_recording(tmp_path / name).rate == pytest.approx(rate)
+
+
+def test_a_backend_keeps_its_contract(settings):
+    files = {name: str(value) for name, value in settings.items() if name != "backend"}
+    backend = BACKENDS[settings["backend"]](Setup(paper_plant(), 1e-3, 1, Sensor(), **files))
+    backend.close()  # at any time
+    backend.open()
+    for _ in range(2):
+        first = backend.enable(Start())
+        assert (first.time, first.torque, first.status) == (0.0, 0.0, Status.RUNNING)
+        samples = [backend.exchange(2.0) for _ in range(50)]
+        np.testing.assert_allclose(
+            [s.time for s in samples], np.arange(1, 51) / getattr(backend, "rate", 1000.0), atol=1e-9
+        )
+        assert all(s.status is Status.RUNNING and np.isfinite([s.position, s.torque]).all() for s in samples)
+        backend.disable()
+        backend.disable()
+    backend.close()
+    backend.close()

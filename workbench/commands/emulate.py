@@ -1,0 +1,72 @@
+"""`emulate`: a rig that is not there, to try everything without one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from pendulum_env.backends.emulators import EMULATORS, Emulation, emulate
+from pendulum_env.backends.emulators.emulator import MISHAPS
+from workbench.command import Command
+from workbench.inputs import InputError, check_outputs, number, plant_of, take_plant, whole
+from workbench.terminal import Terminal
+
+BEHIND = 5.0  # [s], on a machine that does other things as well
+GAP = 0.75  # of the watchdog's time, from which the guard stops the rig: it can say why
+RATES = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 250.0}  # [Hz], that each holds
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare kind, plant and outputs."""
+    parser.add_argument("kind", choices=list(EMULATORS), help="how the drive is reached")
+    parser.add_argument("-o", "--output", default="rig.toml", metavar="FILE", help="configuration (default rig.toml)")
+    take_plant(parser)
+    parser.add_argument(
+        "--rate",
+        type=number(10.0, 5000.0),
+        help=f"of the loop [Hz] (default {', '.join(f'{kind} {rate:g}' for kind, rate in RATES.items())})",
+    )
+    parser.add_argument("--log", metavar="FILE", help="what the motor does, line by line with monotonic times")
+    parser.add_argument("--first-count", type=whole(0), default=0, help="of the 32-bit counter (default 0)")
+    parser.add_argument("--realtime", action="store_true", help="ask for real-time priority, here and in the loop")
+    parser.add_argument(
+        "--watchdog", type=number(0.005, 5.0), default=0.08, help="the drive's, in the configuration [s]"
+    )
+    parser.add_argument(
+        "--reply", type=number(0.001, 5.0), default=0.25, help="to wait for the drive, in the configuration [s]"
+    )
+
+
+def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Run until interrupted."""
+    check_outputs([arguments.output, arguments.log])
+    rate = arguments.rate or RATES[arguments.kind]
+
+    def said(text: str) -> None:
+        terminal.say(text)
+        if text.startswith("ready"):
+            terminal.say(
+                f"try it: pendulum-ident record --backend dm1015b --config {arguments.output} --seconds 10 -o run.csv\n"
+                f"type a mishap to let it happen ({', '.join(MISHAPS)}), or quit"
+            )
+
+    patience = max(GAP * arguments.watchdog, 2.0 / rate)
+    limits = {"watchdog": arguments.watchdog, "gap": patience, "reply": arguments.reply}
+    limits |= {"behind": BEHIND, "overruns": 1_000_000}
+    emulation = Emulation(
+        arguments.kind,
+        plant_of(arguments),
+        Path(arguments.output),
+        rate,
+        {"limits": limits},
+        first=arguments.first_count,
+        realtime=arguments.realtime,
+        log=None if arguments.log is None else Path(arguments.log),
+    )
+    try:
+        emulate(emulation, said)
+    except ModuleNotFoundError as error:
+        raise InputError(str(error)) from None
+
+
+COMMAND = Command("emulate a rig behind a real protocol, with effects hidden in it if asked for", configure, run)

@@ -1,0 +1,49 @@
+"""`hardware check`: the first hours with a rig."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+
+from pendulum_env.backends.hardware.check import CheckFailed, check
+from pendulum_env.backends.hardware.config import ConfigError, load
+from pendulum_env.backends.hardware.drive import DriveError
+from workbench.command import Command
+from workbench.inputs import InputError
+from workbench.terminal import Terminal
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare what to do with which rig."""
+    parser.add_argument("what", choices=["check"], help="wiring, signs, zero and limits, step by step at low torque")
+    parser.add_argument("config", metavar="CONFIG", help="the rig's rig.toml, see docs/hardware.md")
+
+
+def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Go through the check with whoever sits at the terminal."""
+    try:
+        check(load(arguments.config), _Person(terminal))
+    except (CheckFailed, ConfigError, DriveError, ModuleNotFoundError) as error:
+        raise InputError(str(error)) from None
+
+
+@dataclass(frozen=True)
+class _Person:
+    """Whoever sits at the terminal."""
+
+    terminal: Terminal
+
+    def say(self, text: str) -> None:
+        """Print."""
+        self.terminal.say(text)
+
+    def confirm(self, text: str) -> bool:
+        """Ask; yes unless they say no."""
+        self.terminal.say(text)
+        try:
+            return input("[Y/n] ").strip().lower() in ("", "y", "yes")
+        except EOFError:
+            raise InputError("the check needs somebody at a terminal who answers") from None
+
+
+COMMAND = Command("check a rig, step by step", configure, run)

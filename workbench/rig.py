@@ -1,0 +1,92 @@
+"""Recording the rig: row by row, so that nothing is lost to a fault."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.pilot import Pilot
+from pendulum_env.backends.hardware.config import ConfigError, RigConfig, load
+from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.excitation import Excitation
+from pendulum_env.policy import OpenLoop, rollout
+from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.registration import PENDULUM
+from pendulum_env.wrappers import RecordMeasurements
+from workbench.inputs import InputError, wrote
+from workbench.terminal import Terminal
+
+
+def configured(arguments: argparse.Namespace) -> RigConfig | None:
+    """Configuration of the rig, if one is to be recorded.
+
+    Raises:
+        InputError: if the arguments do not go together, or the configuration cannot be used.
+    """
+    if (arguments.backend == "dm1015b") != (arguments.config is not None):
+        raise InputError("--backend dm1015b and --config FILE belong together: give both or neither")
+    if arguments.config is None:
+        return None
+    if arguments.effects or arguments.theta is not None:
+        raise InputError("--effect and --theta do not go with a rig: it has the plant that it has")
+    if not arguments.output.lower().endswith(".csv"):
+        raise InputError(f"{arguments.output}: a rig is recorded row by row as it runs: let the name end in .csv")
+    try:
+        return load(arguments.config)
+    except ConfigError as error:
+        raise InputError(str(error)) from None
+
+
+def record_rig(rig: RigConfig, command: Excitation | Pilot, steps: int, output: str, terminal: Terminal) -> None:
+    """Record the rig, row by row: what was measured up to a fault or an interrupt is kept.
+
+    Raises:
+        InputError: if there is a fault.
+    """
+    last: dict[str, Any] = {}
+    late: list[float] = []
+
+    def watch(info: dict[str, Any]) -> None:
+        last.update(info)
+        late.append(info["jitter"])
+        if len(late) % rig.rate < 1:
+            show(f"{info['time']:.0f} s", len(late) / steps)
+
+    try:
+        env = gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(rig.path))
+    except (DriveError, ModuleNotFoundError) as error:
+        raise InputError(str(error)) from None
+    env = RecordMeasurements(env, output, overwrite=True)
+    try:
+        if command.amplitude > rig.max_torque:
+            until = "limits.torque" if rig.checked else "until `hardware check` has passed"
+            terminal.say(f"torque is cut at {rig.max_torque:g} N m ({until}), {command.amplitude:g} were asked for")
+        with terminal.progress("running") as show:
+            recording = rollout(env, controller(command, rig.rate), steps, watch=watch)
+    except (DriveError, RecordingError) as error:
+        raise InputError(last.get("fault") or str(error)) from None
+    finally:
+        env.close()
+    jitter = 1e3 * np.percentile(late, (50, 99))
+    terminal.say(
+        f"samples {jitter[0]:.2g} ms after their tick, 99 % within {jitter[1]:.2g} ms; {last['overruns']} ticks missed"
+    )
+    describe(recording, terminal)
+    if "fault" in last:
+        raise InputError(f"{last['fault']}; what was measured until then is in {output}")
+    wrote([output], terminal)
+
+
+def controller(command: Excitation | Pilot, rate: float) -> OpenLoop | Pilot:
+    """What chooses the torque of every period."""
+    return command if isinstance(command, Pilot) else OpenLoop(command, rate)
+
+
+def describe(recording: Recording, terminal: Terminal) -> None:
+    """Say what was recorded."""
+    turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
+    terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
+    terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
