@@ -14,20 +14,12 @@ from estimators.diagnosis import Diagnosis, Step
 from estimators.equations import IdentificationError
 from estimators.evidence import Evidence
 from estimators.identifiability import identifiability
+from estimators.in_flight import BETTER, fly, grow_in_flight, has_hidden_state, hides, is_astray, position_error, strays
 from estimators.inputs import Recordings, Terms, chosen_recordings, chosen_terms, model_that_moves
 from estimators.measurements import measure
+from estimators.plausibility import impossible, objection
 from estimators.regions import Region, profiles, stand_out
-from estimators.search import (
-    BETTER,
-    Progress,
-    Search,
-    has_hidden_state,
-    impossible,
-    look,
-    no_progress,
-    objection,
-    position_error,
-)
+from estimators.search import Progress, Search, look, no_progress
 from estimators.verdicts import judge
 from estimators.windows import SLOWEST
 from pendulum_env._typing import Array
@@ -124,18 +116,18 @@ def _examine(
     """Find the effects that recordings of one plant call for."""
     search, steps = look(*evidence, base, progress)
     window_share = 1.0
-    if search.strays(steps[-1]) or has_hidden_state(steps[-1].model.terms):
+    if strays(search, steps[-1]) or has_hidden_state(steps[-1].model.terms):
         progress("fitting the flights", 0.9)
-        steps = search.fly(steps)
-    if search.hides(steps[-1]):
+        steps = fly(search, steps)
+    if hides(search, steps[-1]):
         # What happens near reversals shows in windows that come closer to them, if through more noise.
         closer, found = look(*gather(recordings, holdout, SHORTER), base, progress)
-        found = closer.fly(found)
+        found = fly(closer, found)
         without = min(position_error(steps[-1]), position_error(found[0]))
         if len(found) > 1 and position_error(found[-1]) < BETTER * without:
             search, steps, window_share = closer, found, SHORTER
-    if search.hides(steps[-1]):
-        steps = search.grow_in_flight(steps)
+    if hides(search, steps[-1]):
+        steps = grow_in_flight(search, steps)
     candidates, groups = judge(search, steps)
     doubts = identifiability([measure(recording) for recording in recordings], steps[-1].model.terms)
     progress("looking for the next experiment", 0.95)
@@ -189,7 +181,7 @@ def unexplained(search: Search, last: Step) -> list[Region]:
         return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
     if is_structured(left, search.floor):
         return regions
-    if search.is_astray(last):
+    if is_astray(search, last):
         error = last.errors["train"].position_rms
         text = (
             f"the torque fits where the joint moves freely, but free-running simulation errs by {error:.2g} rad: "

@@ -2,8 +2,7 @@
 
 1. add: the effect that best predicts stretches of the training data it was not fitted to;
 2. confirm: it must lower the error on held-out recordings, in torque and in free-running simulation;
-3. swap and prune: once all are in, each is challenged by every other effect and by its own absence;
-4. fly: where the motion goes astray although the torque fits, effects are fitted to the motion itself.
+3. swap and prune: once all are in, each is challenged by every other effect and by its own absence.
 
 It stops when nothing that is left lowers the errors by more than chance and by more than a few per cent.
 """
@@ -16,37 +15,25 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
-from estimators import output_error
 from estimators.diagnosis import Step
 from estimators.evidence import Evidence, fit_terms
 from estimators.free_running import position_noise
+from estimators.plausibility import HELD_OUT, beyond, impossible, objection
 from estimators.screen import Screen, Trial
 from estimators.unnamed import IMITATED, IMITATORS, PowerLaw
-from pendulum_env._typing import Array
-from pendulum_env.physics import BASE, Column, Model, Samples, Term, effects
+from pendulum_env.physics import BASE, Model, Term, effects
 
 MATERIAL = 0.97  # an effect has to lower the cross-validated torque error to this share of it
 SHARE = 0.2  # and to explain this much of what noise does not,
 NEEDED = 0.36  # or this much to stay once all others are in,
 WANDERING = 0.6  # or this much if it changes with time and the model does not fit: it would follow any slow drift
 PLAIN = float(np.sqrt(1 - NEEDED))  # which is this share of the error where noise is small
-HELD_OUT = 0.96  # and the held-out torque error to this
 SURPRISE = 10.0  # and to be this many nats likelier than its absence, besides the number of variants tried
 NOISY = 1.05  # times the noise floor, an error that noise may well explain
 TIE = 5.0  # nats within which two effects count as equally likely
 ALIKE = 1.15  # and ratio of held-out errors within which they do
-ASTRAY = 2.5  # times the position error that noise gives
-LEAST_POSITION = 1e-3  # and of this share of the motion, which no initial state or integration is worth chasing below
-BETTER = 0.8  # share of the held-out position error to which a refinement has to lower it
-SIMILAR = 1.25  # product of the ratios of both held-out errors that a refinement may cost, where it is the better fit
-HALF = 0.5  # share of the held-out error, whatever the state at the start, to which it then has to lower it
-FLIGHT = 0.93  # share of the error of flights, fitted and held out, to which an effect has to lower it
-SURE = 3.5  # standard errors by which flights have to gain
-IN_FLIGHT = 6  # starts from which they are fitted, of those that promise most
-NO_WORSE = 1.02  # ratio of held-out torque errors within which an effect may stay that only flights show
 TEMPER = 3.0  # likelihood ratios are flattened by this: model errors are not white noise
 LOOSE = 2.5  # times the noise floor: transmissions leave more than this, and take long to search
-SELDOM = 0.1  # share of the samples at which friction may come out as negative
 BRANCHES = 3  # effects, of those that promise most, from which a search may start
 TRIED = 8  # that are tried until one is confirmed
 MOST = 6  # effects in one model
@@ -140,13 +127,14 @@ class Search:
     def step(self, added: str | None, terms: Sequence[Term]) -> Step:
         """Fit the terms to the training data and take the errors; without standard errors, which take longer."""
         _, theta = self.screen.project(*self.screen.shared(terms))
-        return self._with_errors(added, Model.build(terms, theta))
+        return self.with_errors(added, Model.build(terms, theta))
 
     def report(self, added: str | None, terms: Sequence[Term]) -> Step:
         """The same with standard errors."""
-        return self._with_errors(added, fit_terms(self.train, terms)[0])
+        return self.with_errors(added, fit_terms(self.train, terms)[0])
 
-    def _with_errors(self, added: str | None, model: Model) -> Step:
+    def with_errors(self, added: str | None, model: Model) -> Step:
+        """A model as a step, with its errors on the training and on the held-out data."""
         return Step(added, model, {"train": self.train.errors(model), "holdout": self.holdout.errors(model)})
 
     def held_out_rms(self, terms: Sequence[Term]) -> float:
@@ -167,105 +155,9 @@ class Search:
         noise = position_noise(self.holdout.flights, chosen.model.terms, chosen.model.theta)
         return new.position_rms < max(ALIKE * old.position_rms, noise)
 
-    def strays(self, step: Step) -> bool:
-        """Whether free-running simulation from the measured state errs by much more than noise makes it."""
-        if has_transmission(step.model.terms):
-            return False  # its impacts are too sharp to follow as closely, and other effects would only paper over that
-        noise = position_noise(self.train.flights, step.model.terms, step.model.theta)
-        return step.errors["train"].position_rms > ASTRAY * max(self._least_position(), noise)
-
-    def is_astray(self, step: Step) -> bool:
-        """Whether it errs so from any state: a velocity that is badly known at the start is no fault of the model."""
-        if not self.strays(step):
-            return False
-        flights, point = self.train.flights, output_error.Point(step.model.terms, step.model.theta)
-        noise = max(self._least_position(), output_error.noise(flights, point))
-        return output_error.rms(flights, point, output_error.evenly(flights)) > ASTRAY * noise
-
-    def _least_position(self) -> float:
-        motion = np.concatenate([flight.position.ravel() for flight in self.train.flights])
-        return LEAST_POSITION * float(np.std(motion))
-
     def fits(self, step: Step) -> bool:
         """Whether the torque fits."""
         return step.errors["train"].torque_rms < LOOSE * self.floor
-
-    def hides(self, step: Step) -> bool:
-        """Whether the motion goes astray for something that the torque does not show."""
-        return self.unnamed is None and self.fits(step) and self.is_astray(step)
-
-    def fly(self, steps: list[Step]) -> list[Step]:
-        """The steps with the last model refined by free-running simulation, if held-out flights gain much by it.
-
-        Two cases in which the held-out errors may stay as they are: the model has a state that nobody measures, which
-        windows know from the measured motion only, and a simulation carries along; or the gain shows once the state at
-        the start of each flight is free, and is buried by what the measured velocity there is uncertain.
-        """
-        last, flights, checks = steps[-1], self.train.flights, self.holdout.flights
-        start = output_error.Point(last.model.terms, last.model.theta)
-        point = output_error.fit(flights, start.terms, start.theta)
-        refined = self._with_errors(last.added, output_error.model(flights, point))
-        torque = refined.errors["holdout"].torque_rms / last.errors["holdout"].torque_rms
-        position = position_error(refined) / position_error(last)
-        if position < BETTER and torque < NO_WORSE:
-            return [*steps[:-1], refined]
-        old, new = (output_error.rms(checks, one, output_error.evenly(checks)) for one in (start, point))
-        if torque * position < SIMILAR and (has_hidden_state(start.terms) or new < HALF * old):
-            return [*steps[:-1], refined]
-        return steps
-
-    def grow_in_flight(self, steps: list[Step]) -> list[Step]:
-        """Add effects that free-running simulation calls for where the torque is too noisy to show them.
-
-        Such an effect may leave the torque as it is beside the same terms fitted in the same way, but it has to lower
-        both errors of the step before.
-        """
-        while len(steps) <= MOST and self.is_astray(steps[-1]):
-            found = self._best_in_flight(steps[-1])
-            if found is None or (self.is_astray(found) and position_error(found) > PLAIN * position_error(steps[-1])):
-                break  # a small repair of a motion that lacks more than that
-            steps = [*steps, found]
-        return steps
-
-    def _best_in_flight(self, last: Step) -> Step | None:
-        flights, checks = self.train.flights, self.holdout.flights
-        # the effect has to beat the same terms fitted in the same way
-        start = output_error.fit(flights, last.model.terms, last.model.theta)
-        refitted = self._with_errors(last.added, Model.build(start.terms, start.theta))
-        weights, check_weights = output_error.weigh(flights, start), output_error.weigh(checks, start)
-        before = output_error.rms(flights, start, weights), output_error.rms(checks, start, check_weights)
-        ranked = []
-        missing = [e for e in self.library.values() if not e.rugged and e.id not in {t.id for t in last.model.terms}]
-        for done, kind in enumerate(missing):
-            self.progress(f"flying {kind.id}", done / len(missing))
-            trial = self.screen.best(last.model.terms, kind)
-            variants = [trial.terms[-1]] if trial is not None else []
-            if kind.kind == "dissipative" and kind.shapes:  # friction near reversals, which windows hardly see
-                variants += list(kind.grid(self.train.samples, self.screen.residual(last.model.terms)))[::2]
-            points = [
-                output_error.Point((*start.terms, v), np.append(start.theta, np.zeros(len(v.columns))))
-                for v in variants
-            ]
-            promises = [output_error.promise(flights, point, weights) for point in points]
-            for i in np.argsort(promises)[:2]:
-                ranked.append((promises[i], complexity(variants[i]), points[i]))
-        ranked.sort(key=lambda entry: entry[:2])
-        best, error = None, FLIGHT * before[0]
-        for _, _, point in ranked[:IN_FLIGHT]:
-            self.progress(f"fitting the flights with {point.terms[-1].id}", 0.9)
-            point = output_error.fit(flights, point.terms, point.theta)
-            trained, checked = output_error.rms(flights, point, weights), output_error.rms(checks, point, check_weights)
-            if trained < error and checked < FLIGHT * before[1] and self._beats(point, start):
-                step = self._with_errors(point.terms[-1].id, output_error.model(flights, point))
-                if self.is_confirmed(step, refitted, NO_WORSE) and self.is_confirmed(step, last, torque=1.0):
-                    best, error = step, trained
-        return best
-
-    def _beats(self, point: output_error.Point, start: output_error.Point) -> bool:
-        """Whether flights err less by far more than they scatter, fitted and held-out ones taken together."""
-        flights = (*self.train.flights, *self.holdout.flights)
-        gains = np.log(output_error.sizes(flights, start) / output_error.sizes(flights, point))
-        return float(gains.mean()) > SURE * float(gains.std(ddof=1)) / np.sqrt(len(gains))
 
     def settle(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Search every shape parameter again, now that all terms are in."""
@@ -438,70 +330,9 @@ class Search:
         return all(self.is_confirmed(after, before) for before, after in pairwise(steps))
 
 
-def impossible(model: Model, x: Samples) -> list[str]:
-    """What came out negative though no body has it so: inertia, or the power that friction takes along the samples.
-
-    One kind of friction alone may come out negative where the others outweigh it at every speed that was seen.
-    """
-    inertia = model.estimates["inertia"].value if "inertia" in model.estimates else 1.0
-    power, first = np.zeros_like(x.velocity), 0
-    for term in model.terms:
-        theta, first = model.theta[first : first + len(term.columns)], first + len(term.columns)
-        if term.kind == "dissipative" and not has_memory(term):
-            power += sum(value * column.power(x) for value, column in zip(theta, term.columns, strict=True))
-    negative = ["friction"] if np.mean(power < 0) > SELDOM else []
-    return ["inertia", *negative] if inertia <= 0 else negative
-
-
-def beyond(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
-    """Linear parameters theta (P,) that no body has so, whatever else it has."""
-    columns = [column for term in terms for column in term.columns]
-    return [(column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.allows(value)]
-
-
-def objection(after: Step, before: Step, x: Samples, torque: float = HELD_OUT) -> str | None:
-    """What speaks against an added effect, None if nothing does.
-
-    Args:
-        after: the step with the effect.
-        before: the step without it.
-        x: samples of the training data.
-        torque: share of the held-out torque error to which it has to lower it.
-    """
-    new, old = after.errors["holdout"], before.errors["holdout"]
-    wrong = impossible(after.model, x)
-    if wrong:
-        return f"makes {' and '.join(wrong)} negative"
-    for column, value in beyond(after.model.terms, after.model.theta):
-        return f"would have {column.name} = {value:.3g} {column.unit}, which no body has"
-    if new.position_rms >= old.position_rms:
-        return (
-            f"does not lower the held-out error of free-running simulation "
-            f"({old.position_rms:.3g} -> {new.position_rms:.3g} rad)"
-        )
-    if new.torque_rms >= torque * old.torque_rms:
-        return f"does not clearly lower the held-out torque error ({old.torque_rms:.3g} -> {new.torque_rms:.3g} N m)"
-    return None
-
-
-def position_error(step: Step) -> float:
-    """Held-out error of free-running simulation [rad]."""
-    return step.errors["holdout"].position_rms
-
-
 def has_transmission(terms: Sequence[Term]) -> bool:
     """Whether one of the terms is a loose or elastic transmission."""
     return any(term.kind == "transmission" for term in terms)
-
-
-def has_hidden_state(terms: Sequence[Term]) -> bool:
-    """Whether the motion depends on a state that nobody measures: of a link, or of bristles."""
-    return any(term.kind in ("transmission", "dissipative") and has_memory(term) for term in terms)
-
-
-def has_memory(term: Term) -> bool:
-    """Whether the torque of a term depends on the past."""
-    return type(term).start is not Term.start
 
 
 def complexity(term: Term) -> int:

@@ -8,8 +8,9 @@ from itertools import pairwise
 import numpy as np
 
 from estimators.diagnosis import Candidate, Step, Verdict
+from estimators.plausibility import HELD_OUT, objection
 from estimators.screen import Trial
-from estimators.search import HELD_OUT, SURPRISE, TEMPER, Search, complexity, objection
+from estimators.search import SURPRISE, TEMPER, Search, complexity
 from estimators.unnamed import IMITATORS
 from pendulum_env.physics import Term
 

@@ -164,6 +164,11 @@ class Term:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     @property
+    def remembers(self) -> bool:
+        """Whether its torque depends on the past."""
+        return type(self).start is not Term.start
+
+    @property
     def free(self) -> tuple[Shape, ...]:
         """Shape parameters that are to be told: those that are not at their usual value."""
         return tuple(shape for shape in self.shapes if np.any(getattr(self, shape.name) != shape.usual))
