@@ -22,7 +22,7 @@ bench: .venv/dev
 docs: .venv/dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-# Runs what README, docs/ and the tutorial show, and puts in what is printed now; `git diff` shows what has changed.
+# Runs what README, docs/ and the tutorial show, and puts in what is printed now; `git diff` shows what changed.
 pages: tutorial
 	$(BIN)/python -m tests.refresh
 

@@ -2,6 +2,9 @@
 
 import doctest
 import importlib
+import importlib.util
+import re
+import tomllib
 
 import pytest
 
@@ -43,6 +46,27 @@ def test_examples_in_docstrings_come_out_as_they_say(path):
     module = importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
     found = doctest.testmod(module)
     assert found.attempted and not found.failed
+
+
+@pytest.mark.parametrize(
+    "path", [README, ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")], ids=lambda path: path.name
+)
+def test_what_a_page_names_exists(path):
+    page = path.read_text(encoding="utf-8")
+    if path.parent == ROOT:  # mkdocs looks after links between the others
+        links = re.findall(r"\]\(([^)#:]+)\)", page)
+        assert not [link for link in links if not (ROOT / link).exists()]
+    rooms = "pendulum_env|estimators|agents|workbench|tests|benchmarks|examples|docs"
+    files = re.findall(rf"(?<![\w/.-])((?:{rooms})/[\w./*-]*\w/?)", page)
+    assert not [file for file in files if not any(ROOT.glob(file)) and not re.search(r"-v\d$", file)]
+    modules = re.findall(rf"python -m ((?:{rooms})[\w.]*)", page)
+    assert not [module for module in modules if importlib.util.find_spec(module) is None]
+    targets = re.findall(r"(?m)(?:^    |`)make (\w+)", page)
+    rules = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert not [target for target in targets if not re.search(rf"(?m)^{target}:", rules)]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    named = [*re.findall(r"extra `(\w+)`", page), *",".join(re.findall(r"'[\w.-]+\[([\w,]+)\]'", page)).split(",")]
+    assert not set(named) - {*extras, ""}
 
 
 def test_numbers_in_the_prose_are_those_of_the_code():
