@@ -1,8 +1,8 @@
 """Put what is printed now into README and the pages of docs/: python -m tests.refresh [PAGE ...].
 
 An output that still comes out is left alone. Of a stale one, each shown line becomes the next printed line that says
-the same with other numbers, or else the next one that resembles it; lines that were left out stay out. A line that
-resembles nothing is left, and told: somebody has to look. `git diff` shows the rest.
+the same with other numbers, or else, of those further on, the one most like it; lines that were left out stay out. A
+line like none is left, and told: somebody has to look. `git diff` shows the rest.
 """
 
 import difflib
