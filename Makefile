@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test lint bench docs tutorial clean
+.PHONY: demo test lint bench docs pages tutorial clean
 
 demo: .venv/core
 	$(BIN)/pendulum-ident demo
@@ -21,6 +21,10 @@ bench: .venv/dev
 
 docs: .venv/dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+# Runs what README, docs/ and the tutorial show, and puts in what is printed now; `git diff` shows what changed.
+pages: tutorial
+	$(BIN)/python -m tests.refresh
 
 # Runs the tutorial notebook and stores what comes out in it.
 tutorial: .venv/dev

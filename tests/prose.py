@@ -10,7 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pendulum_env.backends import BACKENDS
+from pendulum_env.physics import library
 from workbench.cli import main
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+RUN_IN_README = "The workflow"  # the other sections take too long, or need a rig
+BY_HAND = {"hardware.md", "app.md"}  # what they show needs a rig, or somebody at a browser
+PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.name not in BY_HAND)
 
 FENCE = re.compile(
     r"(?:<!-- not run: (?P<why>[^>]+) -->\n+)?^```(?P<language>\w*)[^\n]*\n(?P<text>.*?)^```$", re.M | re.S
@@ -26,20 +34,37 @@ class Block:
 
     language: str
     text: str
+    start: int  # characters of the page before it
     line: int
     why: str | None
 
 
+@dataclass(frozen=True)
+class Output:
+    """What a page shows of an output, and what was printed."""
+
+    where: str
+    start: int  # characters of the page before it
+    shown: str
+    printed: str
+
+
 def blocks(page: str, heading: str | None = None) -> list[Block]:
     """Fenced blocks of a page, or of the part under one of its second headings."""
-    start, end = 0, len(page)
+    first, end = 0, len(page)
     if heading is not None:
-        start = page.index(f"\n## {heading}\n")
-        end = page.find("\n## ", start + 1) % (len(page) + 1)
+        first = page.index(f"\n## {heading}\n")
+        end = page.find("\n## ", first + 1) % (len(page) + 1)
     return [
-        Block(found["language"], found["text"], page.count("\n", 0, found.start("text")), found["why"])
-        for found in FENCE.finditer(page, start, end)
+        Block(found["language"], found["text"], start, page.count("\n", 0, start), found["why"])
+        for found in FENCE.finditer(page, first, end)
+        for start in [found.start("text")]
     ]
+
+
+def runnable(path: Path) -> list[Block]:
+    """Blocks of a page that can be run."""
+    return blocks(path.read_text(encoding="utf-8"), RUN_IN_README if path == README else None)
 
 
 def first_untold(expected: str, printed: str) -> str | None:
@@ -47,21 +72,25 @@ def first_untold(expected: str, printed: str) -> str | None:
 
     Lines may be left out, blanks and where lines break do not matter.
     """
-    printed, place = " ".join(printed.split()), 0
+    place = 0
     for line in expected.splitlines():
-        wanted = " ".join(line.split())
-        if wanted in ("", "..."):
+        if is_left_out(line):
             continue
-        after = next((found.end() for found in _candidates(wanted, printed, place) if _close(wanted, found[0])), None)
-        if after is None:
+        found = next((found for found in candidates(line, printed, place) if _close(line, found[0])), None)
+        if found is None:
             return line
-        place = after
+        place = found.end()
     return None
 
 
-def _candidates(wanted: str, printed: str, place: int) -> Iterator[re.Match[str]]:
-    """Places where the line stands but for its numbers."""
-    words = [re.escape(part) for part in NUMBER.split(wanted)]
+def is_left_out(line: str) -> bool:
+    """Whether a shown line stands for others, or for nothing."""
+    return line.strip() in ("", "...")
+
+
+def candidates(line: str, printed: str, place: int = 0) -> Iterator[re.Match[str]]:
+    """Where the line stands in what was printed, but for its numbers and blanks."""
+    words = [re.escape(part).replace(r"\ ", r"\s+") for part in NUMBER.split(" ".join(line.split()))]
     pattern = re.compile(NUMBER.pattern.join(words), re.I)
     while found := pattern.search(printed, place):
         yield found
@@ -81,10 +110,10 @@ def _same(a: str, b: str) -> bool:
     return abs(first - second) <= max(1.01 * last_place if "." in a else 0.0, SHARE * abs(first))
 
 
-def commands(text: str) -> list[tuple[list[str], str]]:
-    """Commands of a console block, each with the output that the page shows."""
-    parts = re.split(r"^\$ ", text, flags=re.M)[1:]
-    return [(shlex.split(command), output) for command, _, output in (part.partition("\n") for part in parts)]
+def commands(text: str) -> list[tuple[list[str], int, str]]:
+    """Commands of a console block, each with the output that the page shows and the characters before that."""
+    found = re.finditer(r"^\$ (?P<command>.*)\n(?P<output>(?:(?!\$ ).*\n)*)", text, re.M)
+    return [(shlex.split(one["command"]), one.start("output"), one["output"]) for one in found]
 
 
 def run_command(words: list[str]) -> str:
@@ -98,8 +127,22 @@ def run_command(words: list[str]) -> str:
     return out.getvalue()
 
 
-def check(path: Path, found: list[Block]) -> None:
-    """Run blocks in order, Python in one namespace; what a page shows of their output must come out."""
+@contextlib.contextmanager
+def own_folder(folder: Path) -> Iterator[None]:
+    """A folder to run in; what a page adds to the library is forgotten afterwards."""
+    registries: list[dict[str, Any]] = [library._registered, BACKENDS]
+    before = [dict(registry) for registry in registries]
+    try:
+        with contextlib.chdir(folder):
+            yield
+    finally:
+        for registry, content in zip(registries, before, strict=True):
+            registry.clear()
+            registry.update(content)
+
+
+def outputs(path: Path, found: list[Block]) -> Iterator[Output]:
+    """Run blocks in order, Python in one namespace; yields each output that the page shows, once it is printed."""
     names: dict[str, Any] = {"__name__": "__main__"}
     printed = ""
     for block in found:
@@ -112,10 +155,16 @@ def check(path: Path, found: list[Block]) -> None:
                 exec(compile("\n" * block.line + block.text, str(path), "exec"), names)
             printed = out.getvalue()
         elif block.language == "text":
-            line = first_untold(block.text, printed)
-            assert line is None, f"{where} shows what is not printed: {line}\n\n{printed}"
+            yield Output(where, block.start, block.text, printed)
         elif block.language == "console":
-            for words, output in commands(block.text):
+            for words, start, shown in commands(block.text):
                 printed = run_command(words)
-                line = first_untold(output, printed)
-                assert line is None, f"{where}, {' '.join(words)}: shows what is not printed: {line}\n\n{printed}"
+                yield Output(f"{where}, {' '.join(words)}", block.start + start, shown, printed)
+
+
+def check(path: Path) -> None:
+    """Run a page; what it shows of outputs must come out."""
+    for output in outputs(path, runnable(path)):
+        line = first_untold(output.shown, output.printed)
+        told = f"{output.where}: shows what is not printed, run `make pages`: {line}"
+        assert line is None, f"{told}\n\n{output.printed}"

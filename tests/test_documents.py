@@ -2,7 +2,9 @@
 
 import doctest
 import importlib
-from pathlib import Path
+import importlib.util
+import re
+import tomllib
 
 import pytest
 
@@ -10,42 +12,33 @@ from estimators import search
 from estimators.free_running import SECONDS
 from estimators.recursion import PRIOR
 from estimators.schemes import CUTOFF, GUARD, Energy
-from pendulum_env.backends import BACKENDS
 from pendulum_env.physics import library
-from tests.prose import blocks, check, first_untold
+from tests import prose
+from tests.prose import PAGES, README, ROOT, check, first_untold
+from tests.refresh import refreshed
 
-ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted(
     path
     for package in ("pendulum_env", "estimators", "agents", "workbench")
     for path in (ROOT / package).rglob("*.py")
     if ">>> " in path.read_text(encoding="utf-8")
 )
-BY_HAND = {"hardware.md", "app.md"}  # what they show needs a rig, or somebody at a browser
-PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.name not in BY_HAND)
 
 
 @pytest.fixture
-def own_folder(tmp_path, monkeypatch):
-    """A folder to run in; what a page adds to the library is forgotten afterwards."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(library, "_registered", dict(library._registered))
-    backends = dict(BACKENDS)
-    yield
-    BACKENDS.clear()
-    BACKENDS.update(backends)
+def own_folder(tmp_path):
+    with prose.own_folder(tmp_path):
+        yield
 
 
 def test_the_workflow_of_the_readme_is_what_happens(own_folder):
-    path = ROOT / "README.md"
-    found = blocks(path.read_text(encoding="utf-8"), "The workflow")
-    assert len(found) > 5
-    check(path, found)
+    assert len(prose.runnable(README)) > 5
+    check(README)
 
 
 @pytest.mark.parametrize("path", PAGES, ids=[str(path.relative_to(ROOT / "docs")) for path in PAGES])
 def test_code_of_a_page_runs_and_prints_what_it_shows(own_folder, path):
-    check(path, blocks(path.read_text(encoding="utf-8")))
+    check(path)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
@@ -55,9 +48,30 @@ def test_examples_in_docstrings_come_out_as_they_say(path):
     assert found.attempted and not found.failed
 
 
+@pytest.mark.parametrize(
+    "path", [README, ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")], ids=lambda path: path.name
+)
+def test_what_a_page_names_exists(path):
+    page = path.read_text(encoding="utf-8")
+    if path.parent == ROOT:  # mkdocs looks after links between the others
+        links = re.findall(r"\]\(([^)#:]+)\)", page)
+        assert not [link for link in links if not (ROOT / link).exists()]
+    rooms = "pendulum_env|estimators|agents|workbench|tests|benchmarks|examples|docs"
+    files = re.findall(rf"(?<![\w/.-])((?:{rooms})/[\w./*-]*\w/?)", page)
+    assert not [file for file in files if not any(ROOT.glob(file)) and not re.search(r"-v\d$", file)]
+    modules = re.findall(rf"python -m ((?:{rooms})[\w.]*)", page)
+    assert not [module for module in modules if importlib.util.find_spec(module) is None]
+    targets = re.findall(r"(?m)(?:^    |`)make (\w+)", page)
+    rules = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert not [target for target in targets if not re.search(rf"(?m)^{target}:", rules)]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    named = [*re.findall(r"extra `(\w+)`", page), *",".join(re.findall(r"'[\w.-]+\[([\w,]+)\]'", page)).split(",")]
+    assert not set(named) - {*extras, ""}
+
+
 def test_numbers_in_the_prose_are_those_of_the_code():
     library_size = f"a library of {len(library.BUILT_IN)} effects"
-    assert library_size in " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert library_size in " ".join(README.read_text(encoding="utf-8").split())
     assert library_size in " ".join((ROOT / "docs" / "index.md").read_text(encoding="utf-8").split())
     theory = " ".join((ROOT / "docs" / "theory.md").read_text(encoding="utf-8").split())
     for told in (
@@ -78,3 +92,12 @@ def test_output_that_drifted_is_noticed():
     assert first_untold("inertia 0.08951 kg m^2", printed) is not None  # another text
     assert first_untold("gravity 2.01 N m\ninertia 0.08951 ± 0.00012", printed) is not None  # another order
     assert first_untold("spring 3 N m", printed) is not None
+
+
+def test_stale_output_is_refreshed_and_what_was_left_out_stays_out():
+    printed = "theta          unit\ninertia  0.0896 kg m^2  ##\nviscous  0.36 N m s\ngravity  2.01 N m\nall is well\n"
+    stale = "theta     unit\ninertia  0.1 kg m^2\n...\n  gravity  1.9 N m\nall is not well\n"
+    fresh = "theta          unit\ninertia  0.0896 kg m^2\n...\n  gravity  2.01 N m\nall is well\n"
+    assert refreshed(stale, printed) == (fresh, [])
+    assert refreshed(fresh, printed) == (fresh, [])
+    assert refreshed("spring 3 N m\n", printed) == ("spring 3 N m\n", ["spring 3 N m"])  # somebody has to look

@@ -1,0 +1,55 @@
+"""Put what is printed now into README and the pages of docs/: python -m tests.refresh [PAGE ...].
+
+An output that still comes out is left alone. Of a stale one, each shown line becomes the next printed line that says
+the same with other numbers, or else, of those further on, the one most like it; lines that were left out stay out. A
+line like none is left, and told: somebody has to look. `git diff` shows the rest.
+"""
+
+import difflib
+import sys
+import tempfile
+from pathlib import Path
+
+from tests.prose import PAGES, README, candidates, first_untold, is_left_out, outputs, own_folder, runnable
+
+
+def refreshed(shown: str, printed: str) -> tuple[str, list[str]]:
+    """What a page should show instead, and the lines that nothing takes the place of."""
+    if first_untold(shown, printed) is None:
+        return shown, []
+    lines, gone, place = [], [], 0
+    for line in shown.splitlines():
+        new, after = line, place
+        if not is_left_out(line):
+            indent = line[: len(line) - len(line.lstrip())]
+            if found := next(candidates(line, printed, place), None):
+                new, after = indent + found[0], found.end()
+            elif alike := difflib.get_close_matches(line, printed[place:].splitlines(), n=1):
+                new, after = alike[0].rstrip(), printed.index(alike[0], place) + len(alike[0])
+            else:
+                gone.append(line)
+        lines.append(new)
+        place = after
+    return "".join(line + "\n" for line in lines), gone
+
+
+def refresh(path: Path) -> list[str]:
+    """Run a page and rewrite its stale outputs; returns what somebody has to look at."""
+    page, shift, to_do = path.read_text(encoding="utf-8"), 0, []
+    for output in outputs(path, runnable(path)):
+        new, gone = refreshed(output.shown, output.printed)
+        start = output.start + shift
+        page = page[:start] + new + page[start + len(output.shown) :]
+        shift += len(new) - len(output.shown)
+        to_do += [f"{output.where}: is not printed any more: {line}" for line in gone]
+    path.write_text(page, encoding="utf-8")
+    return to_do
+
+
+if __name__ == "__main__":
+    to_do = []
+    for path in [Path(name).resolve() for name in sys.argv[1:]] or [README, *PAGES]:
+        print(f"running {path.name}", flush=True)
+        with tempfile.TemporaryDirectory() as folder, own_folder(Path(folder)):
+            to_do += refresh(path)
+    sys.exit("\n".join(to_do) or None)
