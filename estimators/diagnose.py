@@ -17,9 +17,10 @@ from estimators.identifiability import identifiability
 from estimators.in_flight import BETTER, fly, grow_in_flight, has_hidden_state, hides, is_astray, position_error, strays
 from estimators.inputs import Recordings, Terms, chosen_recordings, chosen_terms, model_that_moves
 from estimators.measurements import measure
-from estimators.plausibility import impossible, objection
+from estimators.plausibility import impossible, objection, wrong_signs
 from estimators.regions import Region, profiles, stand_out
 from estimators.search import Progress, Search, look, no_progress
+from estimators.timing import late_torque
 from estimators.verdicts import judge
 from estimators.windows import SLOWEST
 from pendulum_env._typing import Array
@@ -28,6 +29,7 @@ from pendulum_env.physics import effect as find_effect
 from pendulum_env.recording import Recording
 
 HOLDOUT_SHARE = 0.3  # end of each recording that is held out when no recording is
+NEAREST = 3  # effects beside which late torque is looked for where nothing fits
 SHORTER = 0.5  # share of the windows' length at a second look
 
 
@@ -114,6 +116,9 @@ def _examine(
     limit: float,
 ) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
+    late = late_torque(recordings, base)
+    if late is not None:
+        return _untimely(Search(*evidence, progress), base, late)
     search, steps = look(*evidence, base, progress)
     window_share = 1.0
     if strays(search, steps[-1]) or has_hidden_state(steps[-1].model.terms):
@@ -128,6 +133,12 @@ def _examine(
             search, steps, window_share = closer, found, SHORTER
     if hides(search, steps[-1]):
         steps = grow_in_flight(search, steps)
+    tried = [step.model.terms for step in steps[1:]]
+    if not search.fits(steps[-1]):  # late torque may hide the effect that would be found without it
+        tried += [trial.terms for trial in search.alternatives(steps[-1].model.terms)[:NEAREST]]
+    late = next(filter(None, (late_torque(recordings, terms) for terms in tried)), None)
+    if late is not None:
+        return _untimely(search, base, late)
     candidates, groups = judge(search, steps)
     doubts = identifiability([measure(recording) for recording in recordings], steps[-1].model.terms)
     progress("looking for the next experiment", 0.95)
@@ -147,7 +158,7 @@ def _examine(
         advice=(
             *look_alike,
             *(doubt.text for doubt in doubts),
-            *upside_down(steps[-1].model),
+            *wrong_signs(steps[-1].model),
             *([suggestion.text] if suggestion else []),
         ),
         suggestion=suggestion,
@@ -156,12 +167,11 @@ def _examine(
     )
 
 
-def upside_down(model: Model) -> list[str]:
-    """A word of doubt where gravity has the wrong sign."""
-    gravity = model.estimates.get("gravity")
-    if gravity is None or gravity.value > -3 * gravity.std:
-        return []
-    return ["gravity came out negative: position 0 seems to be the upright position, it should hang down"]
+def _untimely(search: Search, base: Sequence[Term], text: str) -> Diagnosis:
+    """What is said of torque that is late: no effect is named before that is mended."""
+    step = search.report(None, search.settle(base))
+    region = Region("time", 0.0, float(search.train.samples.time.max()), 0.0, 0.0, text)
+    return Diagnosis((step,), (), (), (region,), search.floor, (text,))
 
 
 def unexplained(search: Search, last: Step) -> list[Region]:

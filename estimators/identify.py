@@ -7,13 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators.agreement import disagreements
+from estimators.dataset import prepare
 from estimators.equations import Equations, IdentificationError
 from estimators.identifiability import Doubt, identifiability, is_driven
 from estimators.inputs import Recordings, Schemes, Terms, chosen_recordings, chosen_schemes, chosen_terms
 from estimators.least_squares import Fit, solve
 from estimators.measurements import Measurements, measure, remember
+from estimators.plausibility import wrong_signs
 from estimators.recursion import evenly, history
 from estimators.schemes import SCHEMES, FilteredDynamic, FilteredHamiltonian, FilteredPower, Scheme, give
+from estimators.timing import late_torque
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Model, Term
@@ -180,7 +184,19 @@ def identify(
             raise ValueError(f"{scheme.id} borrows the inertia of {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
         results[scheme.id] = _fit(scheme, data, terms, lender, points, withheld)
-    return Identification(results, doubts, tuple(recording.name for recording in recordings))
+    first = next(iter(results.values())).model
+    mistakes = [Doubt(text) for text in (*wrong_signs(first), *_mistakes(recordings, terms))]
+    return Identification(results, (*doubts, *mistakes), tuple(recording.name for recording in recordings))
+
+
+def _mistakes(recordings: Sequence[Recording], terms: Sequence[Term]) -> list[str]:
+    """What seems to be wrong with the recordings themselves: torque beside the wrong row, another plant."""
+    try:
+        late = late_torque(recordings, terms)
+        odd = disagreements([prepare(recordings)], terms, only_if_all_fit=True)
+    except IdentificationError:  # windows need more motion than some schemes
+        return []
+    return [*([late] if late else []), *(f"{one.text}: leave it out, or find out what was changed" for one in odd)]
 
 
 def _slowed(scheme: Scheme, rate: float) -> Scheme:

@@ -11,6 +11,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, Samples, Term
 
 HELD_OUT = 0.96  # share of the held-out torque error to which an effect has to lower it
+NOTHING = 1.5  # standard errors, within which a parameter may as well be zero
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
 
 
@@ -33,6 +34,22 @@ def beyond(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
     """Linear parameters theta (P,) that no body has so, whatever else it has."""
     columns = [column for term in terms for column in term.columns]
     return [(column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.allows(value)]
+
+
+def wrong_signs(model: Model) -> list[str]:
+    """A word on parameters whose sign says that a column of the recording has another sign, or another zero."""
+    inertia, gravity = (model.estimates.get(name) for name in ("inertia", "gravity"))
+    if inertia is not None and inertia.value < -3 * inertia.std:
+        return ["inertia came out negative: torque and position have opposite signs, turn one of them round"]
+    if gravity is not None and gravity.value < -3 * gravity.std:
+        return ["gravity came out negative: position 0 seems to be the upright position, it should hang down"]
+    return []
+
+
+def is_nothing(model: Model, term: Term) -> bool:
+    """Whether every linear parameter of a term is as good as zero by its own standard error."""
+    own = [model.estimates[column.name] for column in term.columns]
+    return bool(own) and all(abs(estimate.value) < NOTHING * estimate.std for estimate in own)
 
 
 def objection(after: Step, before: Step, x: Samples, torque: float = HELD_OUT) -> str | None:

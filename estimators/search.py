@@ -18,7 +18,7 @@ import numpy as np
 from estimators.diagnosis import Step
 from estimators.evidence import Evidence, fit_terms
 from estimators.free_running import position_noise
-from estimators.plausibility import HELD_OUT, beyond, impossible, objection
+from estimators.plausibility import HELD_OUT, beyond, impossible, is_nothing, objection
 from estimators.screen import Screen, Trial
 from estimators.unnamed import IMITATED, IMITATORS, PowerLaw
 from pendulum_env.physics import BASE, Model, Term, effects
@@ -235,6 +235,7 @@ class Search:
         challenged = self.challenge(base, terms)
         if {term.id for term in challenged} != {term.id for term in terms}:
             challenged = self.settle(challenged)
+        challenged = self.without_nothings(base, challenged)
         steps = self.ladder(base, challenged)
         if self.are_confirmed(steps):
             return steps
@@ -266,6 +267,17 @@ class Search:
         new, old = rival.errors["holdout"], chosen.errors["holdout"]
         possible = not impossible(rival.model, self.train.samples)
         return possible and ALIKE * new.torque_rms < old.torque_rms and ALIKE * new.position_rms < old.position_rms
+
+    def without_nothings(self, base: tuple[Term, ...], terms: tuple[Term, ...]) -> tuple[Term, ...]:
+        """The terms without added ones whose parameters come out as good as zero, the least missed first."""
+        while len(terms) > len(base):
+            model, _ = fit_terms(self.train, terms)
+            nothings = [term for term in terms[len(base) :] if is_nothing(model, term)]
+            if not nothings:
+                break
+            kept = (trial.terms for trial in self._weakest_first(base, terms))
+            terms = next(others for others in kept if any(term not in others for term in nothings))
+        return terms
 
     def _is_level(self, one: Trial, other: Trial) -> bool:
         """Whether two trials tie, and their last terms are equally complex."""

@@ -17,6 +17,8 @@ def tell(diagnosis: Diagnosis, terminal: Terminal) -> None:
     if diagnosis.selected:
         for id in diagnosis.selected:
             terminal.say(f"- {id}: {effect(id).law}")
+        if diagnosis.unexplained:
+            terminal.say("- and more, which no effect of the library explains: see what is left unexplained")
     elif diagnosis.unexplained:
         terminal.say("something, but no effect of the library explains it: see what is left unexplained")
     else:

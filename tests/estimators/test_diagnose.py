@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import Diagnosis, IdentificationError, add, diagnose
+from estimators import Diagnosis, IdentificationError, add, diagnose, identify
 from estimators.diagnose import gather
 from estimators.evidence import fit_terms
 from estimators.search import Search
@@ -145,6 +145,30 @@ def test_an_unusual_exponent_of_stribeck_friction_is_found_and_a_usual_one_is_no
     usual = diagnosis("stribeck").model
     assert "stribeck.exponent" not in usual.estimates
     assert Model.from_json(usual.json()) == usual
+
+
+@pytest.mark.parametrize("name", ["paper's encoder", "filtered noise", "stribeck"])
+def test_torque_that_is_logged_a_sample_late_is_told_and_nothing_else_is(recordings, name):
+    """As in a log that appends state and torque after each step: the torque has acted by then."""
+    good = recordings[name]
+    late = Recording("late", good.time[1:], good.position[1:], good.torque[:-1])
+    found = diagnose([late])
+    assert found.selected == ()
+    assert "one sample late" in found.advice[0]
+    assert [region.text for region in found.unexplained] == [found.advice[0]]
+    assert any("one sample late" in doubt.text for doubt in identify([late], effects_of(name)).doubts)
+    assert not any("late" in doubt.text for doubt in identify([good], effects_of(name)).doubts)
+
+
+def effects_of(name: str) -> tuple[Term, ...]:
+    return (*BASE, *(effect(id)() for id in CASES[name].hidden))
+
+
+def test_torque_of_the_other_sign_is_told():
+    (r,) = simulate([(PLANT, run(1, 8.0))])
+    turned = Recording("turned", r.time, r.position, -r.torque)
+    assert any("opposite signs" in doubt.text for doubt in identify([turned]).doubts)
+    assert any("opposite signs" in line for line in diagnose([turned]).advice)
 
 
 @pytest.mark.parametrize("seed", range(3))
