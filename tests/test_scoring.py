@@ -73,7 +73,7 @@ def test_the_true_parameters_explain_the_recording(id: str) -> None:
     truth = Truth.of(id, run.truth)
     kind, values = effect(id), dict(truth.parameters)
     values |= {f"{id}.{shape.name}": values[shape.follows] for shape in kind.shapes if shape.follows}
-    term = kind(**{shape.name: values[f"{id}.{shape.name}"] for shape in kind.shapes})
+    term = kind(**{shape.name: values.get(f"{id}.{shape.name}", shape.usual) for shape in kind.shapes})
     evidence = Evidence.of([Recording(id, run.time, run.position, run.torque)])
 
     def error(*terms) -> float:

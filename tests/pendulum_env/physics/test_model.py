@@ -157,7 +157,7 @@ def test_a_save_that_fails_leaves_the_old_model_and_nothing_else(tmp_path, monke
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    for step in ("write_text", "replace"):
+    for step in ("write_bytes", "replace"):
         with monkeypatch.context() as patch:
             patch.setattr(f"pathlib.Path.{step}", full)
             with pytest.raises(OSError, match="No space left"):
