@@ -194,6 +194,20 @@ def test_handlers_of_signals_are_there_while_the_rig_is_open_and_restored_after(
     assert [signal.getsignal(number) for number in numbers] == before
 
 
+def test_an_interrupt_while_the_rig_is_closed_leaves_no_handler_behind(emulated, monkeypatch):
+    rig = emulated("serial", limits=PATIENT)
+    before = signal.getsignal(signal.SIGINT)
+    env = make(rig)
+    guard = env.unwrapped.backend.guard
+    close = guard.drive.close
+    monkeypatch.setattr(guard.drive, "close", lambda: (os.kill(os.getpid(), signal.SIGINT), close()))
+    with pytest.raises(KeyboardInterrupt):
+        env.close()
+    monkeypatch.undo()
+    assert signal.getsignal(signal.SIGINT) == before
+    make(rig).close()  # all was let go
+
+
 def test_nothing_of_the_rig_is_imported_without_one():
     code = (
         "import sys, pendulum_env.env, estimators, pendulum_env.backends.emulators; "
