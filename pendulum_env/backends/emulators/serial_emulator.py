@@ -49,7 +49,7 @@ class SerialEmulator:
             motor.switch(False)
             motor.watchdog = 1e-3 * values[0]
         elif kind == frames.POWER:
-            motor.switch(bool(values[0]))
+            motor.switch(bool(values[0]) and not self._faults)
         elif kind != frames.READ:
             return
         flags = frames.POWERED * motor.powered + frames.EXPIRED * motor.expired
