@@ -9,6 +9,7 @@ from typing import Any
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import cia402
+from pendulum_env.backends.hardware.encoder import difference
 
 NODE = 1
 RATED = 15.0  # [N m]
@@ -82,7 +83,7 @@ class CanEmulator:
                 motor.watchdog = 1e-3 * (beat & 0xFFFF)
                 motor.feed()
         elif id == cia402.SYNC:
-            counts = (motor.counts() + 2**31) % 2**32 - 2**31
+            counts = difference(motor.counts(), 0)
             torque = round(motor.torque / (1e-3 * RATED))
             self._send(cia402.TPDO1 + NODE, cia402.STATE.pack(self._status, counts, torque))
             if self._identifier(cia402.TPDO2) == cia402.NO_REMOTE | (cia402.TPDO2 + NODE):

@@ -102,7 +102,7 @@ def _zero(rig: Rig, person: Person) -> str:
 
 
 def _torque(rig: Rig, person: Person) -> str:
-    most = rig.config.limits.unchecked_torque
+    most = rig.max_torque
     _confirmed(person.confirm(f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?"))
     found = []
     for direction in (1.0, -1.0):

@@ -12,6 +12,7 @@ from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
 from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent
 
+REFUSED = 5  # torques in a row that are not set: more than damaged frames
 TRIES = 4  # requests in the time allowed for a reply: a damaged frame alone ends no run
 
 
@@ -25,6 +26,7 @@ class SerialDrive:
         self._link, self._reply, self._watchdog = link, reply, watchdog
         self._port: serial.Serial | None = None
         self._on = False  # whether there has to be power
+        self._micro, self._refused = 0, 0  # torque as last sent [uN m], and in how many answers it was not set
 
     def open(self) -> None:
         """Open the port, wait for a board that starts anew with that, and set the watchdog."""
@@ -49,13 +51,14 @@ class SerialDrive:
         state, *_ = self._ask(frames.POWER, 1)
         if not state.flags & frames.POWERED:
             raise DriveError(f"the drive does not switch on: {_fault(state) or 'check its emergency stop and supply'}")
-        self._on = True
+        self._on, self._micro, self._refused = True, 0, 0
 
     def write(self, torque: float) -> Sent:
         """Set the torque [N m]."""
         micro = round(torque / frames.MICRO)
         now = time.monotonic()
         self._send(frames.TORQUE, micro)
+        self._micro = micro
         return Sent(now + self._clock.delay, frames.MICRO * micro)
 
     def read(self) -> Reading:
@@ -64,6 +67,9 @@ class SerialDrive:
         why = _fault(state)
         if why is None and self._on and not state.flags & frames.POWERED:
             why = "it has no power any more: check its emergency stop and supply, it may have started anew"
+        self._refused = self._refused + 1 if self._on and state.torque != self._micro else 0
+        if why is None and self._refused >= REFUSED:
+            why = f"it does not set {frames.MICRO * self._micro:.3g} N m: firmware and limits.torque have to agree"
         return Reading(self._clock.take(state.microseconds, *between), state.counts, why)
 
     def disable(self) -> None:

@@ -40,6 +40,19 @@ def test_power_that_is_gone_without_a_word_is_a_fault(emulated):
     drive.close()
 
 
+def test_a_torque_that_the_firmware_refuses_is_a_fault(emulated):
+    """It knows what the motor stands, and keeps the last torque that was within."""
+    _, drive = opened(emulated, "serial")
+    drive.enable()
+    for torque, fault in ((1.0, False), (20.0, True)):
+        for _ in range(10):
+            drive.write(torque)
+            why = drive.read().fault
+        assert (why is not None and "does not set 20 N m" in why) == fault
+    drive.disable()
+    drive.close()
+
+
 def test_the_drives_rated_torque_is_the_one_that_torque_is_scaled_by(emulated):
     with pytest.raises(DriveError, match=r"rated torque is 15 N m \(object 6076h\).*rated_torque says 5"):
         opened(emulated, "canopen402", canopen402={"rated_torque": 5.0})

@@ -75,7 +75,7 @@ def test_a_rig_that_is_wired_wrong_is_told_what_to_change(emulated, wrong, remed
 
 def test_the_check_on_the_command_line(emulated, monkeypatch, capsys):
     rig = wired(emulated, "serial")
-    for answers, said in ((["n"], "software is never the emergency stop"), ([], "needs somebody at a terminal")):
+    for answers, said in ((["", "n"], "software is never the emergency stop"), ([], "needs somebody at a terminal")):
         monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(answers)))
         assert main(["hardware", "check", str(rig.config)]) == 2
         out = capsys.readouterr()

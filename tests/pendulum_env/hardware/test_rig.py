@@ -227,6 +227,15 @@ def test_a_missing_extra_is_named_with_the_command(monkeypatch, tmp_path):
         gym.make(PENDULUM, backend="dm1015b", config=path)
 
 
+def test_an_emulator_overwrites_no_real_rigs_configuration(tmp_path, capsys):
+    pytest.importorskip("serial")
+    path = tmp_path / "rig.toml"
+    path.write_text('adapter = "serial"\n')
+    assert main(["emulate", "serial", "-o", str(path)]) == 2
+    assert "rig.toml: exists, and no emulator wrote it" in capsys.readouterr().err
+    assert path.read_text() == 'adapter = "serial"\n' and not path.with_name("rig.toml.checked").exists()
+
+
 def test_a_port_that_is_not_there_is_named(tmp_path):
     pytest.importorskip("serial")
     path = tmp_path / "rig.toml"
