@@ -95,7 +95,8 @@ def emulate(emulation: Emulation, said: Callable[[str], None]) -> None:
 
     Raises:
         ModuleNotFoundError: if the extra `hardware` is not installed.
-        ValueError: if there is no such emulator, or the configuration is somebody else's file.
+        ValueError: if there is no such emulator.
+        FileExistsError: if the configuration is somebody else's file.
     """
     find("emulator", emulation.kind, EMULATORS)
     need(emulation.kind)
@@ -175,7 +176,7 @@ def _rig_toml(emulation: Emulation, link: Link) -> str:
 def _own(path: Path) -> None:
     """Refuse to overwrite what describes a real rig."""
     if path.exists() and not path.read_text(encoding="utf-8", errors="replace").startswith(MARK):
-        raise ValueError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")
+        raise FileExistsError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")
 
 
 def _toml(value: Any) -> str:
