@@ -164,7 +164,8 @@ def _mishap(words: list[str], link: Link, motor: Motor) -> str:
 
 def _rig_toml(emulation: Emulation, link: Link) -> str:
     """Text of the configuration."""
-    tables: dict[str, dict[str, Any]] = {emulation.kind: link.settings()}
+    # its arm hangs down at the first count, and later rests wherever friction holds it
+    tables: dict[str, dict[str, Any]] = {emulation.kind: link.settings(), "encoder": {"zero": emulation.first % 2**32}}
     for name, values in emulation.settings.items():
         tables[name] = {**tables.get(name, {}), **values}
     lines = [f'adapter = "{emulation.kind}"', f"rate = {emulation.rate!r}", f"realtime = {_toml(emulation.realtime)}"]

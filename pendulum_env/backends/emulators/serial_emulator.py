@@ -20,7 +20,7 @@ class SerialEmulator:
     def __init__(self, motor: Motor) -> None:
         """Take the motor."""
         self.motor, self._wire, self._splitter, self._faults = motor, Wire(), frames.Splitter(), 0
-        self._set = 0  # [uN m]
+        self._set, self._ready = 0, False  # torque [uN m]; whether there has been a SETUP
 
     @property
     def place(self) -> str:
@@ -50,10 +50,10 @@ class SerialEmulator:
             return
         if kind == frames.SETUP:
             motor.switch(False)
-            self._set = 0
+            self._set, self._ready = 0, True
             motor.watchdog = 1e-3 * values[0]
         elif kind == frames.POWER:
-            motor.switch(bool(values[0]) and not self._faults)
+            motor.switch(bool(values[0]) and self._ready and not self._faults)
             self._set = 0
         elif kind != frames.READ:
             return

@@ -99,7 +99,10 @@ def _zero(rig: Rig, person: Person) -> str:
         f"it hangs at {math.degrees(off):.0f} degrees: start the check with the arm hanging down, or set encoder.zero "
         f"to {rig.guard.drive.read().counts}",
     )
-    return f"zero is {abs(math.degrees(off)):.1f} degrees off; a diagnosis finds what is left as gravity_tilt"
+    return (
+        f"zero is {abs(math.degrees(off)):.1f} degrees off, the count is {rig.guard.drive.read().counts}: a diagnosis "
+        "finds what is left as gravity_tilt, as long as zero stays the same (encoder.zero)"
+    )
 
 
 def _torque(rig: Rig, person: Person) -> str:
