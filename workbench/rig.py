@@ -19,6 +19,8 @@ from pendulum_env.wrappers import RecordMeasurements
 from workbench.inputs import InputError, wrote
 from workbench.terminal import Terminal
 
+STALE = 0.03  # [s], how late a sample may be: what is interpolated over more than that is no measurement
+
 
 def configured(arguments: argparse.Namespace) -> RigConfig | None:
     """Configuration of the rig, if one is to be recorded.
@@ -74,6 +76,11 @@ def record_rig(rig: RigConfig, command: Excitation | Pilot, steps: int, output: 
     terminal.say(
         f"samples {jitter[0]:.2g} ms after their tick, 99 % within {jitter[1]:.2g} ms; {last['overruns']} ticks missed"
     )
+    if (worst := max(late)) > STALE:
+        terminal.say(
+            f"at worst {1e3 * worst:.0f} ms late, over which samples are interpolated: a diagnosis would find that, "
+            "record again on a machine that does nothing else, or with realtime = true"
+        )
     describe(recording, terminal)
     if "fault" in last:
         raise InputError(f"{last['fault']}; what was measured until then is in {output}")

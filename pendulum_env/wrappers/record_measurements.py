@@ -78,8 +78,10 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 
     def close(self) -> None:
         """Write what is left and close the environment."""
-        self._finish()
-        super().close()
+        try:
+            super().close()
+        finally:  # a motor stops before a file is written
+            self._finish()
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy goes on in the next file that is free: two must not write one."""

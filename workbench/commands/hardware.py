@@ -38,10 +38,12 @@ class _Person:
         self.terminal.say(text)
 
     def confirm(self, text: str) -> bool:
-        """Ask; yes unless they say no."""
+        """Ask until they say yes or no: a key that is pressed once too often moves no motor."""
         self.terminal.say(text)
         try:
-            return input("[Y/n] ").strip().lower() in ("", "y", "yes")
+            while (answer := input("[y/n] ").strip().lower()) not in ("y", "yes", "n", "no"):
+                pass
+            return answer.startswith("y")
         except EOFError:
             raise InputError("the check needs somebody at a terminal who answers") from None
 

@@ -9,6 +9,7 @@ from typing import Any
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import cia402
+from pendulum_env.backends.hardware.encoder import difference
 
 NODE = 1
 RATED = 15.0  # [N m]
@@ -29,6 +30,7 @@ class CanEmulator:
             self._objects |= {(parameters, k): bytes(4) for k in (1, 2)} | {(mapping, k): bytes(4) for k in range(9)}
         for where in (cia402.CONSUMER_HEARTBEAT, cia402.ON_LOST_HOST, cia402.ON_FAULT, cia402.MODE):
             self._objects[where] = bytes(4)
+        self._objects[cia402.RATED_TORQUE] = struct.pack("<I", round(1e3 * RATED))
         self._status, self._control, self._error, self._kept = 0x40, 0, 0, False
         self._operational = False
 
@@ -81,10 +83,10 @@ class CanEmulator:
                 motor.watchdog = 1e-3 * (beat & 0xFFFF)
                 motor.feed()
         elif id == cia402.SYNC:
-            counts = (motor.counts() + 2**31) % 2**32 - 2**31
+            counts = difference(motor.counts(), 0)
             torque = round(motor.torque / (1e-3 * RATED))
             self._send(cia402.TPDO1 + NODE, cia402.STATE.pack(self._status, counts, torque))
-            if self._identifier(cia402.TPDO2) == cia402.TPDO2 + NODE:
+            if self._identifier(cia402.TPDO2) == cia402.NO_REMOTE | (cia402.TPDO2 + NODE):
                 self._send(cia402.TPDO2 + NODE, cia402.STAMP.pack(int(1e6 * motor.moment) % 2**32))
 
     def _identifier(self, base: int) -> int:
@@ -119,6 +121,7 @@ class CanEmulator:
         kind, index, subindex = struct.unpack("<BHB", data[:4])
         where = struct.pack("<HB", index, subindex)
         self._objects[cia402.ERROR_CODE] = struct.pack("<H", self._error)
+        self._objects[cia402.MODE_SHOWN] = self._objects[cia402.MODE]
         value = self._objects.get((index, subindex))
         if value is None:
             answer = b"\x80" + where + struct.pack("<I", NO_OBJECT)

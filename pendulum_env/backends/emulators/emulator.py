@@ -24,6 +24,7 @@ EMULATORS = {  # where each is
     "serial": "serial_emulator",
     "nidaq": "daq_emulator",
 }
+MARK = "# written by an emulator, and overwritten by the next one\n"
 TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which acts in time anyway
 MISHAPS = {
     "fault": "the drive reports over-temperature",
@@ -95,12 +96,14 @@ def emulate(emulation: Emulation, said: Callable[[str], None]) -> None:
     Raises:
         ModuleNotFoundError: if the extra `hardware` is not installed.
         ValueError: if there is no such emulator.
+        FileExistsError: if the configuration is somebody else's file.
     """
     find("emulator", emulation.kind, EMULATORS)
     need(emulation.kind)
     module = importlib.import_module(f"pendulum_env.backends.emulators.{EMULATORS[emulation.kind]}")
     if emulation.realtime:
         realtime()
+    _own(emulation.config)
     motor = Motor(emulation.plant, first=emulation.first, log=emulation.log)
     link: Link = module.make(motor)
     try:
@@ -161,13 +164,20 @@ def _mishap(words: list[str], link: Link, motor: Motor) -> str:
 
 def _rig_toml(emulation: Emulation, link: Link) -> str:
     """Text of the configuration."""
-    tables: dict[str, dict[str, Any]] = {emulation.kind: link.settings()}
+    # its arm hangs down at the first count, and later rests wherever friction holds it
+    tables: dict[str, dict[str, Any]] = {emulation.kind: link.settings(), "encoder": {"zero": emulation.first % 2**32}}
     for name, values in emulation.settings.items():
         tables[name] = {**tables.get(name, {}), **values}
     lines = [f'adapter = "{emulation.kind}"', f"rate = {emulation.rate!r}", f"realtime = {_toml(emulation.realtime)}"]
     for name, values in tables.items():
         lines += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
-    return "\n".join(lines) + "\n"
+    return MARK + "\n".join(lines) + "\n"
+
+
+def _own(path: Path) -> None:
+    """Refuse to overwrite what describes a real rig."""
+    if path.exists() and not path.read_text(encoding="utf-8", errors="replace").startswith(MARK):
+        raise FileExistsError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")
 
 
 def _toml(value: Any) -> str:

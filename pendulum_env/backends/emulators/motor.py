@@ -71,6 +71,8 @@ class Motor:
                 self._off(self._now)
                 return
             self.expired = False
+            self._arriving.clear()
+            self._act(self._now, 0.0)
             if not self.powered:
                 self.powered = True
                 self._tell(self._now, "power", 1.0)

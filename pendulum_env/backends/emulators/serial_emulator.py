@@ -8,6 +8,7 @@ from typing import Any
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import frames
+from pendulum_env.backends.hardware.encoder import difference
 from pendulum_env.interface import MAX_TORQUE
 
 OVER_TEMPERATURE = 0x02
@@ -19,6 +20,7 @@ class SerialEmulator:
     def __init__(self, motor: Motor) -> None:
         """Take the motor."""
         self.motor, self._wire, self._splitter, self._faults = motor, Wire(), frames.Splitter(), 0
+        self._set, self._ready = 0, False  # torque [uN m]; whether there has been a SETUP
 
     @property
     def place(self) -> str:
@@ -44,19 +46,21 @@ class SerialEmulator:
             if abs(torque) <= MAX_TORQUE:  # else it is no torque of this motor, whatever the check says
                 motor.command(torque)
                 motor.feed()
+                self._set = values[0]
             return
         if kind == frames.SETUP:
             motor.switch(False)
+            self._set, self._ready = 0, True
             motor.watchdog = 1e-3 * values[0]
         elif kind == frames.POWER:
-            motor.switch(bool(values[0]))
+            motor.switch(bool(values[0]) and self._ready and not self._faults)
+            self._set = 0
         elif kind != frames.READ:
             return
         flags = frames.POWERED * motor.powered + frames.EXPIRED * motor.expired
-        counts = motor.counts()
-        counts = (counts + 2**31) % 2**32 - 2**31
+        counts = difference(motor.counts(), 0)
         micro = int(motor.moment / frames.MICRO) % 2**32
-        torque = round(motor.torque / frames.MICRO)
+        torque = self._set if motor.powered else 0
         self._wire.write(frames.pack(frames.STATE, sequence, flags, self._faults, micro, counts, torque))
 
     def fault(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import queue
 import struct
 import time
@@ -14,7 +15,7 @@ from canopen.sdo.exceptions import SdoError
 from pendulum_env.backends.hardware import cia402
 from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import CanSettings, RigConfig
-from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent
+from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent
 
 POLL = 0.002  # [s] between looks whether the bus has died
 SWITCHING = 2.0  # [s] that a drive may take to switch on
@@ -90,10 +91,8 @@ class Canopen402:
         link = self._link
         objects = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
         node = network.add_node(canopen.RemoteNode(link.node, objects))
-        node.sdo.RESPONSE_TIMEOUT = self._reply
+        node.sdo.RESPONSE_TIMEOUT = max(OPENING, self._reply)
         self._sdo = node.sdo
-        for base in (cia402.TPDO1, cia402.TPDO2):
-            network.subscribe(base + link.node, self._received)
         network.send_message(cia402.NMT, bytes([cia402.PRE_OPERATIONAL, link.node]))
 
         def put(index: int, subindex: int, layout: str, value: int) -> None:
@@ -102,19 +101,30 @@ class Canopen402:
         for base, ((parameters, mapping), entries) in cia402.PDOS.items():
             if base == cia402.TPDO2 and not link.timestamp:
                 continue
-            put(parameters, 1, "<I", cia402.INVALID | (base + link.node))
+            identifier = base + link.node
+            if base != cia402.RPDO1:
+                network.subscribe(identifier, self._received)
+                identifier |= cia402.NO_REMOTE
+            put(parameters, 1, "<I", cia402.INVALID | identifier)
             put(parameters, 2, "<B", cia402.AT_ONCE if base == cia402.RPDO1 else cia402.AT_SYNC)
             put(mapping, 0, "<B", 0)
             for k, entry in enumerate(entries, start=1):
                 put(mapping, k, "<I", entry)
             put(mapping, 0, "<B", len(entries))
-            put(parameters, 1, "<I", base + link.node)
+            put(parameters, 1, "<I", identifier)
+        (rated,) = struct.unpack("<I", self._sdo.upload(*cia402.RATED_TORQUE))
+        if not math.isclose(1e-3 * rated, link.rated_torque, rel_tol=0.01):
+            raise DriveError(
+                f"the drive's rated torque is {1e-3 * rated:g} N m (object 6076h), canopen402.rated_torque says "
+                f"{link.rated_torque:g}: every torque would be wrong by as much, write the drive's there"
+            )
         put(*cia402.MODE, "<b", cia402.TORQUE_MODE)
         put(*cia402.ON_LOST_HOST, "<h", 1)
         put(*cia402.ON_FAULT, "<h", 0)
         put(*cia402.CONSUMER_HEARTBEAT, "<I", link.host << 16 | round(1e3 * self._watchdog))
         network.send_message(cia402.NMT, bytes([cia402.START, link.node]))
         network.send_message(cia402.RPDO1 + link.node, cia402.COMMAND.pack(cia402.DISABLE_VOLTAGE, 0))
+        node.sdo.RESPONSE_TIMEOUT = self._reply
 
     def _received(self, id: int, data: bytearray, timestamp: float) -> None:
         self._come.put((id, bytes(data), time.monotonic()))
@@ -126,9 +136,14 @@ class Canopen402:
         while True:
             status, _ = self._sync()
             name, control = cia402.state(status)
-            if name == cia402.ENABLED:
+            mode = self._mode() if name == cia402.ENABLED else None
+            if mode == cia402.TORQUE_MODE:
                 return
             if time.monotonic() > until:
+                if mode is not None:
+                    raise DriveError(
+                        f"the drive is in mode {mode} (object 6061h), not in cyclic synchronous torque, 10"
+                    )
                 raise DriveError(f"the drive stays in state '{name}' ({self._error()}): mend that, or switch it on")
             if control == last == cia402.FAULT_RESET:
                 control = cia402.DISABLE_VOLTAGE  # the reset acts at the edge
@@ -150,7 +165,10 @@ class Canopen402:
     def disable(self) -> None:
         """No torque, no power."""
         self._send(cia402.DISABLE_VOLTAGE, 0)
-        self._sync()  # it has come through
+        until = time.monotonic() + self._reply
+        while cia402.state(self._sync()[0])[0] == cia402.ENABLED:
+            if time.monotonic() > until:
+                raise DriveError("the drive says that it has power still: use the emergency stop")
 
     def close(self) -> None:
         """Leave the bus."""
@@ -215,6 +233,13 @@ class Canopen402:
 
     def _lost(self, error: Exception) -> DriveError:
         return DriveError(f"the CAN bus {self._link.channel} was lost ({error}): check its plug")
+
+    def _mode(self) -> int:
+        """Mode of operation that the drive is in."""
+        try:
+            return int.from_bytes(self._sdo.upload(*cia402.MODE_SHOWN)[:1], "little", signed=True)
+        except (SdoError, can.CanError, OSError) as error:
+            raise DriveError(f"the drive does not say in which mode it is ({error}): check the bus's cable") from None
 
     def _error(self) -> str:
         """What the drive says is wrong."""

@@ -20,6 +20,7 @@ QUARTER = 0.5 * math.pi  # [rad], that the arm is turned by hand
 ROUGHLY = 0.5  # [rad], how well a hand does it
 RAMP = 1.0  # [N m/s]
 MOVED = 0.1  # [rad], that the motor has to turn the arm
+STEP = 0.005  # [s]
 PATIENCE = 3.0  # watchdog times after which the drive must have let go
 
 
@@ -98,12 +99,20 @@ def _zero(rig: Rig, person: Person) -> str:
         f"it hangs at {math.degrees(off):.0f} degrees: start the check with the arm hanging down, or set encoder.zero "
         f"to {rig.guard.drive.read().counts}",
     )
-    return f"zero is {abs(math.degrees(off)):.1f} degrees off; a diagnosis finds what is left as gravity_tilt"
+    return (
+        f"zero is {abs(math.degrees(off)):.1f} degrees off, the count is {rig.guard.drive.read().counts}: a diagnosis "
+        "finds what is left as gravity_tilt, as long as zero stays the same (encoder.zero)"
+    )
 
 
 def _torque(rig: Rig, person: Person) -> str:
-    most = rig.config.limits.unchecked_torque
+    most = rig.max_torque
     _confirmed(person.confirm(f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?"))
+    _need(
+        _moved_without_power(rig, most) < MOVED,
+        "the arm moves although it must have no power: servo-enable does not get through to the drive, so nothing "
+        "takes a torque away: check that line, that it is pulled down, and the drive's setting for it",
+    )
     found = []
     for direction in (1.0, -1.0):
         start = rig.enable(Start())
@@ -120,7 +129,26 @@ def _torque(rig: Rig, person: Person) -> str:
             f"{-rig.config.torque_sign}",
         )
         found.append(abs(torque))
-    return f"the arm starts to turn at {found[0]:.2g} and {found[1]:.2g} N m, the right way"
+    return (
+        f"without power it stays; with power it starts to turn at {found[0]:.2g} and {found[1]:.2g} N m, the right way"
+    )
+
+
+def _moved_without_power(rig: Rig, most: float) -> float:
+    """How far a torque turns the arm past the guard, while the drive must not have power [rad]."""
+    rig.disable()
+    drive, sign, moved = rig.guard.drive, rig.config.torque_sign, 0.0
+    _, start = rig.guard.read()
+    try:
+        for k in range(round(most / RAMP / STEP)):
+            drive.write(sign * RAMP * k * STEP)
+            time.sleep(STEP)
+            moved = abs(rig.guard.read()[1] - start)
+            if moved > MOVED:
+                break
+    finally:
+        drive.write(0.0)
+    return moved
 
 
 def _clamp(rig: Rig, person: Person) -> str:

@@ -16,7 +16,9 @@ CONSUMER_HEARTBEAT = (0x1016, 1)  # u32: node of the producer << 16 | time [ms]
 ON_LOST_HOST = (0x6007, 0)  # i16: 1 is a fault
 ON_FAULT = (0x605E, 0)  # i16: 0 takes the power away at once
 MODE = (0x6060, 0)  # i8
+MODE_SHOWN = (0x6061, 0)  # i8
 TORQUE_MODE = 10  # cyclic synchronous
+RATED_TORQUE = (0x6076, 0)  # u32 [mN m]
 ERROR_CODE = (0x603F, 0)  # u16
 
 PDOS = {  # parameters, and objects as index << 16 | subindex << 8 | bits
@@ -29,6 +31,7 @@ STATE = struct.Struct("<Hih")  # TPDO1
 STAMP = struct.Struct("<I")  # TPDO2
 AT_ONCE, AT_SYNC = 255, 1  # transmission types
 INVALID = 0x80000000  # bit of an identifier while its PDO is laid out
+NO_REMOTE = 0x40000000  # bit of a TPDO's identifier: it is not asked for by remote frames, which many drives cannot do
 
 SHUTDOWN, SWITCH_ON, ENABLE, DISABLE_VOLTAGE, FAULT_RESET = 0x06, 0x07, 0x0F, 0x00, 0x80  # controlwords
 STATES = (  # mask and value of the statusword, and the controlword that leads on towards operation

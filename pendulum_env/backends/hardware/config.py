@@ -240,6 +240,9 @@ def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
         raise ValueError(f"limits.gap is below two periods of {1 / top.rate:g} s: make it longer, or rate higher")
     if limits.gap > limits.watchdog:
         raise ValueError("limits.gap is above limits.watchdog: the drive would let go before the guard says why")
+    rest = _read(Rest, "rest", tables.get("rest", {}))
+    if rest.timeout <= rest.seconds:
+        raise ValueError("rest.timeout is not above rest.seconds: no arm would ever be at rest in time")
     log = None if top.log is None else path.parent / top.log
     config = RigConfig(
         top.adapter,
@@ -249,7 +252,7 @@ def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
         encoder,
         limits,
         _read(Fault, "fault", tables.get("fault", {})),
-        _read(Rest, "rest", tables.get("rest", {})),
+        rest,
         checked=False,
         realtime=top.realtime,
         path=path.resolve(),

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+OPENING = 2.0  # [s] to wait for an answer at least while the drive is opened, without power: it may set itself up
+
 
 class DriveError(RuntimeError):
     """The drive cannot be reached or does not obey; the message says what happened and what to do about it."""

@@ -22,10 +22,10 @@ again. time: of a free-running counter, latched together with the counts; it rol
 quadrature, two's complement, rolling over. torque: as it is set.
 
 What the firmware has to do: SETUP sets the watchdog, takes the power away and the torque to zero. POWER 1 clears the
-faults that can be cleared, sets the torque to zero, gives power and starts the watchdog; POWER 0 sets the torque to
-zero and takes the power away. TORQUE sets the DAC if there is power and the torque is within what motor and drive
-stand, and restarts the watchdog; nothing else restarts it. When the watchdog runs out, or a fault occurs, torque and
-power go, and come back with POWER 1 only.
+faults that can be cleared, sets the torque to zero, and, unless a fault remains or no SETUP has come since the start,
+gives power and starts the watchdog; POWER 0 sets the torque to zero and takes the power away. TORQUE sets the DAC if
+there is power and the torque is within what motor and drive stand, and restarts the watchdog; nothing else restarts it.
+When the watchdog runs out, or a fault occurs, torque and power go, and come back with POWER 1 only.
 """
 
 from __future__ import annotations

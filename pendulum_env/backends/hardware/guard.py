@@ -69,6 +69,8 @@ class Guard:
         """
         try:
             self._open = True
+            self.encoder = Encoder(self.config.encoder)  # zero is where it hangs now, if it is not a count
+            self._forget()
             self.drive.open()
             self.encoder.take(self.drive.read().counts)
         except BaseException as error:
@@ -178,14 +180,22 @@ class Guard:
         """Zero torque and no power; never raises, so that it can be the last resort everywhere."""
         if not self.powered:
             return
+        failures = self._let_go()
+        for error in failures:
+            self.note(f"could not be told to let go, its watchdog will: {error}")
+        self.note(why)
+
+    def _let_go(self) -> list[Exception]:
+        """Zero torque and no power, before a word about it is written anywhere; returns what went wrong."""
         self.powered = False
         self.torque = 0.0
+        failures = []
         for tell in (lambda: self.drive.write(0.0), self.drive.disable):  # the one even if the other fails
             try:
                 tell()
             except Exception as error:
-                self.note(f"could not be told to let go, its watchdog will: {error}")
-        self.note(why)
+                failures.append(error)
+        return failures
 
     def close(self) -> None:
         """Let go of all; never raises and may be called again."""
@@ -208,12 +218,21 @@ class Guard:
         Raises:
             Fault: what happened.
         """
+        first, powered = self.fault is None, self.powered
         if self.fault is None:
             self.fault = what
+        failures: list[Exception] = []
+        # with signs that nobody has tried, a brake may be a push
+        if first and braking and powered and self.config.fault.action == "brake" and self.config.checked:
+            failures += self._brake()
+        if powered:
+            failures += self._let_go()
+        if first:
             self.note(f"fault: {what}", logging.WARNING)
-            if braking and self.powered and self.config.fault.action == "brake":
-                self._brake()
-        self.disable("disabled by the fault")
+        for error in failures:
+            self.note(f"could not be told to brake or to let go, its watchdog will: {error}")
+        if powered:
+            self.note("disabled by the fault")
         raise Fault(self.fault)
 
     def note(self, what: str, level: int = logging.INFO) -> None:
@@ -224,7 +243,7 @@ class Guard:
             try:
                 with self.config.log.open("a", encoding="utf-8") as file:
                     file.write(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {what}\n")
-            except OSError as error:
+            except (OSError, ValueError) as error:  # ValueError: a name that is no Unicode, in an error's text
                 log.warning("%s: %s", self.config.log, error)  # a full disk must not keep the torque on
 
     def _allowed(self, torque: float, passed: float) -> float:
@@ -289,9 +308,10 @@ class Guard:
                 "run `pendulum-ident hardware check`"
             )
 
-    def _brake(self) -> None:
-        """Slow the arm down for a while, as well as it goes."""
+    def _brake(self) -> list[Exception]:
+        """Slow the arm down for a while, unless it speeds up; returns what went wrong."""
         until = time.monotonic() + self.config.fault.seconds
+        slowest = abs(self.velocity)
         try:
             while time.monotonic() < until and abs(self.velocity) > self.config.rest.velocity:
                 most = self.config.max_torque
@@ -302,9 +322,13 @@ class Guard:
                 moved = self.encoder.moved(reading.counts)
                 begin, start = self._seen or (reading.time - SPAN, self.encoder.position)
                 if reading.fault is not None or abs(moved) > JUMP * self.limits.hard_velocity * SPAN * 5:
-                    return
+                    break
                 position = self.encoder.take(reading.counts)
                 if reading.time - begin >= SPAN:
                     self.velocity, self._seen = (position - start) / (reading.time - begin), (reading.time, position)
-        except DriveError as error:
-            self.note(f"braking ended: {error}")
+                slowest = min(slowest, abs(self.velocity))
+                if abs(self.velocity) > slowest + RISE:
+                    break  # this is no brake
+        except Exception as error:
+            return [error]
+        return []

@@ -20,7 +20,7 @@ from nidaqmx.stream_writers import AnalogSingleChannelWriter, DigitalSingleChann
 from nidaqmx.system.watchdog import DOExpirationState, WatchdogTask
 
 from pendulum_env.backends.hardware.config import DaqSettings, EncoderSettings, RigConfig
-from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent
+from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent
 
 T = TypeVar("T")
 FULL_SCALE = 10.0  # [V]
@@ -34,10 +34,10 @@ class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
     """Lets no call to the server take longer than a time; nidaqmx itself waits forever."""
 
     def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
+        self.seconds = seconds
 
     def intercept_unary_unary(self, continuation: Callable[[Any, Any], Any], details: Any, request: Any) -> Any:
-        return continuation(details._replace(timeout=self._seconds), request)
+        return continuation(details._replace(timeout=self.seconds), request)
 
 
 class NiDaq:
@@ -49,12 +49,15 @@ class NiDaq:
         self.noise = LOCAL if link.server is None else REMOTE
         self._tasks: list[Any] = []
         self._channel: grpc.Channel | None = None
+        self._patience = _Timeout(reply)
         self._fed = math.inf  # when the watchdog was; never, as long as it does not run
         self._usual = math.inf  # time that reading the counter takes [s]
 
     def open(self) -> None:
         """Reserve the channels; zero volts, and no servo-enable."""
+        self._patience.seconds = max(OPENING, self._reply)
         self._try(self._reserve)
+        self._patience.seconds = self._reply
 
     def _reserve(self) -> None:
         link = self._link
@@ -94,7 +97,7 @@ class NiDaq:
     def _options(self) -> nidaqmx.GrpcSessionOptions | None:
         if self._channel is None:
             return None
-        return nidaqmx.GrpcSessionOptions(grpc.intercept_channel(self._channel, _Timeout(self._reply)), "")
+        return nidaqmx.GrpcSessionOptions(grpc.intercept_channel(self._channel, self._patience), "")
 
     def enable(self) -> None:
         """Zero volts, watchdog, servo-enable."""
@@ -116,12 +119,12 @@ class NiDaq:
 
         def send() -> Sent:
             before = time.monotonic()
-            self._set(torque)
+            acts = self._set(torque)
             now = time.monotonic()
             if now - self._fed > self._timeout / 8:  # each call takes its time
                 self._watchdog.reset_timer()
                 self._fed = now
-            return Sent(0.5 * (before + now), torque)
+            return Sent(0.5 * (before + now), acts)
 
         return self._try(send)
 
@@ -156,8 +159,10 @@ class NiDaq:
         """Zero volts, no servo-enable."""
 
         def rest() -> None:
-            self._set(0.0)
-            self._enable.write_one_sample_one_line(False, self._reply)
+            try:
+                self._set(0.0)
+            finally:  # the line also if the voltage cannot be set
+                self._enable.write_one_sample_one_line(False, self._reply)
             self._watchdog.stop()
             self._fed = math.inf
 
@@ -175,9 +180,12 @@ class NiDaq:
             with suppress(Exception):
                 channel.close()
 
-    def _set(self, torque: float) -> None:
-        volts = torque / self._link.newton_metres_per_volt + self._link.volts_offset
-        self._volts.write_one_sample(min(max(volts, -FULL_SCALE), FULL_SCALE), self._reply)
+    def _set(self, torque: float) -> float:
+        """Set as much of a torque as the voltage reaches; returns that [N m]."""
+        scale, offset = self._link.newton_metres_per_volt, self._link.volts_offset
+        volts = min(max(torque / scale + offset, -FULL_SCALE), FULL_SCALE)
+        self._volts.write_one_sample(volts, self._reply)
+        return scale * (volts - offset)
 
     def _try(self, work: Callable[[], T]) -> T:
         """Do something with the card, and say in words what went wrong."""
@@ -192,7 +200,7 @@ class NiDaq:
             ) from None
         except nidaqmx.errors.RpcError as error:
             raise DriveError(
-                f"the device server {self._link.server} did not answer within {1e3 * self._reply:.0f} ms "
+                f"the device server {self._link.server} did not answer within {1e3 * self._patience.seconds:.0f} ms "
                 f"({_line(error)}): check that it runs, and the network"
             ) from None
         except nidaqmx.errors.DaqError as error:

@@ -6,6 +6,7 @@ import hashlib
 import os
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from pendulum_env.backends.hardware.drive import DriveError
@@ -30,9 +31,12 @@ class Ownership:
         if self._file is not None:
             return
         try:
-            file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
-        except OSError as error:  # another user's
-            raise DriveError(f"{self.what} is in use by another user: {self._path}: {error.strerror}") from None
+            try:
+                file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
+            except PermissionError:  # another user has left it, and may have let go
+                file = os.open(self._path, os.O_RDONLY)
+        except OSError as error:
+            raise DriveError(f"{self.what} cannot be locked: {self._path}: {error.strerror}") from None
         try:
             _lock(file)
         except OSError:
@@ -40,9 +44,10 @@ class Ownership:
             os.close(file)
             who = f"process {owner}" if owner.isdigit() else "another program"
             raise DriveError(f"{self.what} is in use by {who}: close its environment, or end it, first") from None
-        os.ftruncate(file, 0)
-        os.write(file, f" {os.getpid()}".encode())  # the first byte is what is locked
         self._file = file
+        with suppress(OSError):  # another user's can be locked, but not written
+            os.ftruncate(file, 0)
+            os.write(file, f" {os.getpid()}".encode())  # the first byte is what is locked
 
     def release(self) -> None:
         """Let go; may be called twice."""

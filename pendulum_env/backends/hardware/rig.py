@@ -129,7 +129,8 @@ class Rig:
         except Fault as fault:
             return self._last._replace(torque=0.0, status=Status.FAULT, fault=str(fault))
         except BaseException:  # an interrupt, or a mistake in an adapter
-            self.guard.disable("disabled by an exception")
+            with self._signals:
+                self.guard.disable("disabled by an exception")
             raise
         self._ticks.commanded(*sent)
         self._ticks.measured(now, position)
@@ -174,12 +175,14 @@ class Rig:
 
 
 def _let_go(guard: Guard, owner: Ownership, signals: Signals) -> None:
-    with signals:
-        guard.close()
-        owner.release()
-        if guard.config.realtime:
-            ordinary()
-    signals.restore()
+    try:
+        with signals:
+            guard.close()
+            owner.release()
+            if guard.config.realtime:
+                ordinary()
+    finally:  # a signal that came meanwhile has its turn when all is let go, and may raise
+        signals.restore()
 
 
 def make_rig(setup: Setup) -> Rig:

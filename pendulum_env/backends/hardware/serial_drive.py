@@ -10,8 +10,9 @@ import serial
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
-from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent
+from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent
 
+REFUSED = 5  # torques in a row that are not set: more than damaged frames
 TRIES = 4  # requests in the time allowed for a reply: a damaged frame alone ends no run
 
 
@@ -24,10 +25,12 @@ class SerialDrive:
         """Take the port, the time to wait for a reply and that of the watchdog [s]."""
         self._link, self._reply, self._watchdog = link, reply, watchdog
         self._port: serial.Serial | None = None
+        self._on = False  # whether there has to be power
+        self._micro, self._refused = 0, 0  # torque as last sent [uN m], and in how many answers it was not set
 
     def open(self) -> None:
-        """Open the port and set the watchdog."""
-        link = self._link
+        """Open the port, wait for a board that starts anew with that, and set the watchdog."""
+        link, self._on = self._link, False
         self._sequence, self._clock, self._splitter = 0, DriveClock(), frames.Splitter()
         try:
             self._port = serial.Serial(
@@ -37,29 +40,44 @@ class SerialDrive:
             self._port.write(b"\0")  # ends whatever was begun
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise DriveError(f"serial port {link.port} cannot be opened ({error}): check serial.port") from None
-        self._ask(frames.SETUP, round(1e3 * self._watchdog))
+        self._set_up(max(OPENING, self._reply))
+
+    def _set_up(self, patience: float) -> None:
+        self._ask(frames.SETUP, round(1e3 * self._watchdog), patience=patience)
 
     def enable(self) -> None:
-        """Power."""
+        """Power, under this watchdog, also if the board has started anew since it was opened."""
+        self._set_up(self._reply)
         state, *_ = self._ask(frames.POWER, 1)
         if not state.flags & frames.POWERED:
             raise DriveError(f"the drive does not switch on: {_fault(state) or 'check its emergency stop and supply'}")
+        self._on, self._micro, self._refused = True, 0, 0
 
     def write(self, torque: float) -> Sent:
         """Set the torque [N m]."""
         micro = round(torque / frames.MICRO)
         now = time.monotonic()
         self._send(frames.TORQUE, micro)
+        self._micro = micro
         return Sent(now + self._clock.delay, frames.MICRO * micro)
 
     def read(self) -> Reading:
         """Counts now."""
         state, *between = self._ask(frames.READ)
-        return Reading(self._clock.take(state.microseconds, *between), state.counts, _fault(state))
+        why = _fault(state)
+        if why is None and self._on and not state.flags & frames.POWERED:
+            why = "it has no power any more: check its emergency stop and supply, it may have started anew"
+        self._refused = self._refused + 1 if self._on and state.torque != self._micro else 0
+        if why is None and self._refused >= REFUSED:
+            why = f"it does not set {frames.MICRO * self._micro:.3g} N m: firmware and limits.torque have to agree"
+        return Reading(self._clock.take(state.microseconds, *between), state.counts, why)
 
     def disable(self) -> None:
         """No torque, no power."""
-        self._ask(frames.POWER, 0)
+        self._on = False
+        state, *_ = self._ask(frames.POWER, 0)
+        if state.flags & frames.POWERED:
+            raise DriveError("the drive says that it has power still: use the emergency stop")
 
     def close(self) -> None:
         """Close the port."""
@@ -70,9 +88,10 @@ class SerialDrive:
             except OSError:
                 pass  # it is gone
 
-    def _ask(self, kind: int, *values: int) -> tuple[frames.State, float, float]:
+    def _ask(self, kind: int, *values: int, patience: float | None = None) -> tuple[frames.State, float, float]:
         """Send a request until it is answered: the answer, when it was asked for, and when it came [s]."""
-        until = time.monotonic() + self._reply
+        patience = self._reply if patience is None else patience
+        until = time.monotonic() + patience
         for left in range(TRIES, 0, -1):
             now = time.monotonic()
             sequence = self._send(kind, *values)
@@ -81,7 +100,7 @@ class SerialDrive:
                     return state, now, time.monotonic()
         damaged = self._splitter.damaged
         why = f"{damaged} damaged frames came, check cable and baud rate" if damaged else "check its supply and cable"
-        raise DriveError(f"the drive on {self._link.port} did not answer within {1e3 * self._reply:.0f} ms: {why}")
+        raise DriveError(f"the drive on {self._link.port} did not answer within {1e3 * patience:.0f} ms: {why}")
 
     def _send(self, kind: int, *values: int) -> int:
         port = self._port

@@ -21,7 +21,7 @@ class Signals:
         """Take what stops the motor; it is told the signal's name and must be safe to call at any time."""
         self._stop = stop
         self._before: dict[int, Any] = {}
-        self._held: int | None = None
+        self._held: list[int] = []
         self._depth = 0
 
     def install(self) -> None:
@@ -49,16 +49,18 @@ class Signals:
 
     def __exit__(self, *_: object) -> None:
         self._depth -= 1
-        if self._depth == 0 and self._held is not None:
-            number, self._held = self._held, None
-            self._handle(number, None)
+        while self._depth == 0 and self._held:
+            self._handle(self._held.pop(0), None)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self._depth:
-            self._held = number
+            self._held.append(number)
             return
         with self:  # a second signal waits until the motor has been stopped
             self._stop(signal.Signals(number).name)
+        if threading.current_thread() is not threading.main_thread():
+            signal.raise_signal(number)  # it came while another thread spoke to the drive; the main one is meant
+            return
         before = self._before.get(number, signal.SIG_DFL)
         if callable(before):
             before(number, frame)

@@ -73,9 +73,27 @@ def test_a_rig_that_is_wired_wrong_is_told_what_to_change(emulated, wrong, remed
     assert [0.0, *(value for _, event, value in rig.events() if event == "power")][-1] == 0
 
 
+def test_a_servo_enable_that_does_nothing_is_found(emulated, monkeypatch):
+    """Then no watchdog could take the torque away either."""
+    rig = wired(emulated, "nidaq")
+    from pendulum_env.backends.hardware.nidaq import NiDaq
+
+    reserve = NiDaq._reserve
+
+    def always_on(self):
+        reserve(self)
+        self._enable.write_one_sample_one_line(True, 1.0)
+
+    monkeypatch.setattr(NiDaq, "_reserve", always_on)
+    with pytest.raises(CheckFailed, match="although it must have no power"):
+        check(load(rig.config), Helper(rig))
+    commands = [value for _, event, value in rig.events() if event == "command"]
+    assert max(commands) < 2.0 and commands[-1] == 0.0
+
+
 def test_the_check_on_the_command_line(emulated, monkeypatch, capsys):
     rig = wired(emulated, "serial")
-    for answers, said in ((["n"], "software is never the emergency stop"), ([], "needs somebody at a terminal")):
+    for answers, said in ((["", "n"], "software is never the emergency stop"), ([], "needs somebody at a terminal")):
         monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(answers)))
         assert main(["hardware", "check", str(rig.config)]) == 2
         out = capsys.readouterr()

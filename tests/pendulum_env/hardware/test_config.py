@@ -44,6 +44,7 @@ def written(tmp_path):
         (PLAIN + '[fault]\naction = "stop"\n', "fault.action is 'stop': it has to be one of zero, brake"),
         (PLAIN + "[limits]\nsoft_velocity = 40\n", "limits.soft_velocity is above limits.hard_velocity"),
         (PLAIN + "[limits]\ngap = 0.001\n", "limits.gap is below two periods of 0.001 s"),
+        (PLAIN + "[rest]\ntimeout = 0.2\n", "rest.timeout is not above rest.seconds"),
         (PLAIN + "[limits]\ngap = 0.1\n", "limits.gap is above limits.watchdog"),
     ],
 )

@@ -282,6 +282,51 @@ def test_braking_pushes_against_the_motion_and_ends(make, clock):
     faulty(guard, "hard_velocity")
 
 
+def test_a_brake_that_pushes_is_let_go(make, clock):
+    """With a wrong sign of torque or encoder, braking speeds the arm up: 0.5 N m s/rad would go on doing so for 2 s."""
+    guard, drive = make(on_fault=OnFault("brake", gain=0.5, seconds=2.0), hard_velocity=10.0)
+    speed = [11.0]
+
+    def pushed(seconds):
+        clock.now += seconds
+        speed[0] += 60.0 * seconds
+        drive.angle += speed[0] * seconds
+
+    clock.sleep = pushed
+    with pytest.raises(Fault, match="hard_velocity"):
+        step(guard, clock, 0.0, 11.0)
+    assert drive.sent[-2] < 0.0  # it was tried
+    assert speed[0] < 14.0
+    faulty(guard, "hard_velocity")
+
+
+def test_what_nobody_has_checked_does_not_brake(make, clock):
+    guard, drive = make(checked=False, on_fault=OnFault("brake"), hard_velocity=10.0)
+    with pytest.raises(Fault, match="hard_velocity"):
+        step(guard, clock, 0.0, 11.0)
+    assert set(drive.sent) == {0.0}
+
+
+def test_torque_and_power_go_before_a_word_is_written(make, clock, monkeypatch):
+    """A log on a busy disk may take its time."""
+    guard, drive = make()
+    guard.write(1.0)
+    states = []
+    monkeypatch.setattr(guard, "note", lambda *words: states.append((drive.sent[-1], drive.powered)))
+    drive.fault = "over-current"
+    with pytest.raises(Fault):
+        guard.read()
+    assert set(states) == {(0.0, False)}
+
+
+def test_zero_is_where_the_arm_hangs_when_the_rig_is_opened_again(make, clock):
+    guard, drive = make()
+    drive.angle += 1.0  # its counter has lost its place meanwhile
+    guard.close()
+    guard.open()
+    assert guard.read()[1] == 0.0
+
+
 def test_signs_of_the_wiring_are_taken_out(make, clock):
     guard, _ = make(torque_sign=-1)
     assert step(guard, clock, 2.0) == -2.0

@@ -194,6 +194,20 @@ def test_handlers_of_signals_are_there_while_the_rig_is_open_and_restored_after(
     assert [signal.getsignal(number) for number in numbers] == before
 
 
+def test_an_interrupt_while_the_rig_is_closed_leaves_no_handler_behind(emulated, monkeypatch):
+    rig = emulated("serial", limits=PATIENT)
+    before = signal.getsignal(signal.SIGINT)
+    env = make(rig)
+    guard = env.unwrapped.backend.guard
+    close = guard.drive.close
+    monkeypatch.setattr(guard.drive, "close", lambda: (os.kill(os.getpid(), signal.SIGINT), close()))
+    with pytest.raises(KeyboardInterrupt):
+        env.close()
+    monkeypatch.undo()
+    assert signal.getsignal(signal.SIGINT) == before
+    make(rig).close()  # all was let go
+
+
 def test_nothing_of_the_rig_is_imported_without_one():
     code = (
         "import sys, pendulum_env.env, estimators, pendulum_env.backends.emulators; "
@@ -211,6 +225,15 @@ def test_a_missing_extra_is_named_with_the_command(monkeypatch, tmp_path):
     monkeypatch.setattr(adapters.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ModuleNotFoundError, match=r"pip install 'pendulum-ident\[hardware\]'"):
         gym.make(PENDULUM, backend="dm1015b", config=path)
+
+
+def test_an_emulator_overwrites_no_real_rigs_configuration(tmp_path, capsys):
+    pytest.importorskip("serial")
+    path = tmp_path / "rig.toml"
+    path.write_text('adapter = "serial"\n')
+    assert main(["emulate", "serial", "-o", str(path)]) == 2
+    assert "rig.toml: exists, and no emulator wrote it" in capsys.readouterr().err
+    assert path.read_text() == 'adapter = "serial"\n' and not path.with_name("rig.toml.checked").exists()
 
 
 def test_a_port_that_is_not_there_is_named(tmp_path):

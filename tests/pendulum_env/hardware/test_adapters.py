@@ -1,0 +1,82 @@
+"""What an adapter itself has to notice, with a drive that does not as it should."""
+
+import os
+
+import numpy as np
+import pytest
+
+from pendulum_env.backends.hardware import frames
+from pendulum_env.backends.hardware.adapters import make_drive
+from pendulum_env.backends.hardware.config import load
+from pendulum_env.backends.hardware.drive import DriveError
+from tests.pendulum_env.rigs import PATIENT
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals of Unix")
+
+
+def opened(emulated, kind, **tables):
+    rig = emulated(kind, limits=PATIENT, **tables)
+    drive = make_drive(load(rig.config))
+    try:
+        drive.open()
+    except DriveError:
+        drive.close()
+        raise
+    return rig, drive
+
+
+def test_power_that_is_gone_without_a_word_is_a_fault(emulated):
+    """A microcontroller that starts anew has no power and no fault to tell of."""
+    rig, drive = opened(emulated, "serial")
+    assert drive.read().fault is None  # nobody has asked for power yet
+    drive.enable()
+    assert drive.read().fault is None
+    drive._ask(frames.POWER, 0)  # behind the adapter's back
+    assert "it has no power any more" in drive.read().fault
+    rig.tell("fault")
+    rig.heard(b"fault")
+    with pytest.raises(DriveError, match="does not switch on: over-temperature"):
+        drive.enable()
+    drive.close()
+
+
+def test_a_torque_that_the_firmware_refuses_is_a_fault(emulated):
+    """It knows what the motor stands, and keeps the last torque that was within."""
+    _, drive = opened(emulated, "serial")
+    drive.enable()
+    for torque, fault in ((1.0, False), (20.0, True)):
+        for _ in range(10):
+            drive.write(torque)
+            why = drive.read().fault
+        assert (why is not None and "does not set 20 N m" in why) == fault
+    drive.disable()
+    drive.close()
+
+
+def test_the_drives_rated_torque_is_the_one_that_torque_is_scaled_by(emulated):
+    with pytest.raises(DriveError, match=r"rated torque is 15 N m \(object 6076h\).*rated_torque says 5"):
+        opened(emulated, "canopen402", canopen402={"rated_torque": 5.0})
+
+
+def test_a_voltage_that_reaches_less_torque_says_so(emulated):
+    """10 V are 15 N m here, and 5 N m at the scale in the file: more than these cannot be sent."""
+    _, drive = opened(emulated, "nidaq", nidaq={"newton_metres_per_volt": 0.5, "volts_offset": 1.0})
+    drive.enable()
+    sent = [drive.write(torque).torque for torque in (3.0, 6.0, -6.0)]
+    drive.disable()
+    drive.close()
+    np.testing.assert_allclose(sent, [3.0, 4.5, -5.5])
+
+
+def test_servo_enable_falls_although_the_voltage_cannot_be_set(emulated, monkeypatch):
+    rig, drive = opened(emulated, "nidaq")
+    drive.enable()
+
+    def broken(torque):
+        raise ValueError("the output is gone")
+
+    monkeypatch.setattr(drive, "_set", broken)
+    with pytest.raises(DriveError, match="the output is gone"):
+        drive.disable()
+    assert [value for _, event, value in rig.events() if event == "power"] == [1.0, 0.0]
+    drive.close()
