@@ -13,6 +13,8 @@ from pendulum_env.registration import PENDULUM
 from pendulum_env.wrappers import RecordMeasurements
 from tests.pendulum_env.rigs import KINDS, PATIENT
 
+pytestmark = pytest.mark.realtime
+
 PUSH = np.array([2.0], dtype=np.float32)  # [N m], enough to move the arm
 
 

@@ -11,7 +11,7 @@ from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError
 from tests.pendulum_env.rigs import PATIENT
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals of Unix")
+pytestmark = [pytest.mark.realtime, pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals of Unix")]
 
 
 def opened(emulated, kind, **tables):

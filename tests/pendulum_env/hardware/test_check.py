@@ -9,6 +9,8 @@ from pendulum_env.backends.hardware.check import STEPS, CheckFailed, check
 from pendulum_env.backends.hardware.config import load
 from workbench.cli import main
 
+pytestmark = pytest.mark.realtime
+
 THETA = {"viscous": 1.0, "coulomb": 0.3}  # moves as calmly as if it were held
 TO_A_QUARTER = 2.6  # [N m], takes the arm there in a second, and on slowly
 

@@ -14,7 +14,10 @@ import pytest
 
 from tests.pendulum_env.rigs import KINDS, TooSlow, once_in_time
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals of Unix")
+pytestmark = [
+    pytest.mark.realtime,
+    pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals of Unix"),
+]
 
 IN_TIME = 0.1  # [s]
 SLOW = ("was held up or is too slow", "commands came too late", "did not hear of this computer in time")

@@ -24,6 +24,8 @@ from pendulum_env.registration import PENDULUM
 from tests.pendulum_env.rigs import KINDS, PATIENT, TooSlow, once_in_time
 from workbench.cli import main
 
+pytestmark = pytest.mark.realtime
+
 ONLINE = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 200.0}  # [Hz]
 TRUTH = np.array(list(PAPER.values()))
 STILL = 0.03  # [s]
