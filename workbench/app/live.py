@@ -1,4 +1,4 @@
-"""A pendulum that runs in real time while the six schemes estimate its parameters, in a thread of its own."""
+"""A pendulum, simulated or real, that runs while the six schemes estimate its parameters, in a thread of its own."""
 
 from __future__ import annotations
 
@@ -15,14 +15,17 @@ from estimators.identify import Convergence, Identification, Identified
 from estimators.schemes import SCHEMES
 from estimators.wrappers import EstimateParameters
 from pendulum_env._typing import Array
+from pendulum_env.backends.hardware.config import load
+from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.backends.simulated import TORQUE_NOISE
-from pendulum_env.excitation import Excitation, excitation
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics import BASE, Model
-from pendulum_env.policy import OpenLoop
+from pendulum_env.policy import Controller
 from pendulum_env.recording import Recording
 from pendulum_env.registration import PENDULUM
+from workbench.app.torques import LEARNT, torque_of
 from workbench.inputs import MISTAKES, sentence
+from workbench.rig import controller, cut_at
 
 RATE = 500.0  # [Hz]
 LONGEST = 120.0  # [s] of a run
@@ -30,6 +33,7 @@ SLICE = 0.02  # [s] of the run between two looks at the clock
 LOOK = 0.1  # [s] between two entries of the history
 FRAMES = 50  # samples of the motion that the page draws between two looks
 UNSEEN = 8.0  # [s] after which a run that no page asks about stops
+UNSEEN_RIG = 3.0  # [s], of a motor that nobody watches
 SETTLED = 0.5  # [s] from the start, before which standard errors mean nothing
 
 
@@ -39,12 +43,13 @@ class Setup:
 
     Attributes:
         backend: of the environment.
-        excitation: name of the torque signal.
+        excitation: name of the torque signal, or of a policy.
         amplitude: bound of the torque [N m]; None for the usual one.
         effects: hidden in a simulated plant.
         seconds: length of the run.
         seed: of all random numbers.
         recording: file that a replay plays.
+        rig: configuration of the rig, for the backend "dm1015b".
     """
 
     backend: str
@@ -54,6 +59,7 @@ class Setup:
     seconds: float
     seed: int
     recording: Path | None = None
+    rig: Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +74,7 @@ class Look:
         truth: parameters of the simulated plant, by name; empty where nobody knows them.
         running: whether it goes on.
         trouble: why it ended, if it should not have.
+        remark: what else is to be known of it.
     """
 
     time: float
@@ -77,34 +84,51 @@ class Look:
     truth: dict[str, float]
     running: bool
     trouble: str
+    remark: str
 
 
 class Run:
     """One run: `start`, then `look` as often as one likes, and `stop`."""
 
     def __init__(self, setup: Setup) -> None:
-        """Make the environment.
+        """Make the environment; a rig is owned and connected from now on, and has no power.
 
         Raises:
-            ValueError: if an argument is unknown or out of its range.
+            ValueError: if an argument is unknown or out of its range, or the rig's configuration cannot be used.
             RecordingError: if a replay's recording cannot be read.
+            DriveError: if the rig cannot be reached or is in use.
+            ModuleNotFoundError: if the extra `hardware` is not installed.
         """
         rng = np.random.default_rng(setup.seed)
         self.setup = setup
-        self._signal: Excitation = excitation(setup.excitation, rng, setup.seconds, setup.amplitude)
         replayed = setup.recording is not None
-        options: dict[str, Any] = {"recording": setup.recording} if replayed else {"effects": list(setup.effects)}
+        if replayed and setup.excitation in LEARNT:
+            raise ValueError("a replay does not follow a policy: choose another backend, or any signal")
+        rig = None if setup.rig is None else load(setup.rig)
+        command = torque_of(setup.excitation, rng, setup.seconds, setup.amplitude, RATE if rig is None else rig.rate)
+        self._remark = "" if rig is None else cut_at(rig, command)
+        options: dict[str, Any] = {"effects": list(setup.effects)}
+        if replayed:
+            options = {"recording": setup.recording}
+        elif rig is not None:
+            options = {"config": rig.path}
         env = gym.make(
             PENDULUM,
             max_episode_steps=-1,
             backend=setup.backend,
             rate=RATE,
             torque_noise=0.0 if replayed else TORQUE_NOISE,
-            max_torque=max(MAX_TORQUE, self._signal.amplitude),
+            max_torque=max(MAX_TORQUE, command.amplitude),
             **options,
         )
-        self._env = EstimateParameters(env)
+        try:
+            self._env = EstimateParameters(env)
+        except ValueError:
+            env.close()
+            raise
         self.rate = float(env.unwrapped.rate)  # type: ignore[attr-defined]
+        self._policy = controller(command, self.rate)
+        self._patience = UNSEEN if rig is None else UNSEEN_RIG
         plant: Model | None = env.unwrapped.model if getattr(env.unwrapped, "simulated", False) else None  # type: ignore[attr-defined]
         self._truth = {name: e.value for name, e in plant.estimates.items()} if plant is not None else {}
         self._lock, self._stop = Lock(), Event()
@@ -143,6 +167,7 @@ class Run:
             truth=self._truth,
             running=self.running,
             trouble=trouble,
+            remark=self._remark,
         )
 
     def recording(self, name: str) -> Recording:
@@ -158,25 +183,29 @@ class Run:
     def _go(self) -> None:
         try:
             self._run()
-        except (*MISTAKES, ValueError) as mistake:
+        except (*MISTAKES, ValueError, DriveError) as mistake:
             self._trouble = sentence(mistake)
         finally:
             self._env.close()
 
     def _run(self) -> None:
-        policy, state = OpenLoop(self._signal, self.rate), None
+        policy, state = self._policy, None
         observation, info = self._env.reset(seed=self.setup.seed)
         began, due = time.monotonic(), LOOK
         ended, first = False, True
-        while not (ended or self._stop.is_set() or time.monotonic() - self._seen > UNSEEN):
+        while not (ended or self._stop.is_set() or time.monotonic() - self._seen > self._patience):
             rows = []
             for _ in range(max(1, round(SLICE * self.rate))):
-                action, state = policy.predict(observation, state, np.array(first))
+                if isinstance(policy, Controller):
+                    action: Any = np.array([policy.torque(info)])
+                else:
+                    action, state = policy.predict(observation, state, np.array(first))
                 row = info["time"], info["position"]
                 observation, _, terminated, truncated, info = self._env.step(action)
-                rows.append((*row, info["torque"]))  # the torque acts from the sample before
                 first, ended = False, terminated or truncated or info["time"] >= self.setup.seconds
-                if ended:
+                if "fault" not in info:  # with one, nothing was measured
+                    rows.append((*row, info["torque"]))  # the torque acts from the sample before
+                if ended or self._stop.is_set():
                     break
             now, passed = float(info["time"]), time.monotonic() - began
             entry = _entry(info) if now >= due and info["estimates_time"] > SETTLED else None
