@@ -11,7 +11,6 @@ from dash.exceptions import PreventUpdate
 
 from pendulum_env._typing import JSON
 from pendulum_env.backends import BACKENDS
-from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import write_recording
 from workbench.app import live
@@ -219,7 +218,7 @@ def connect(bench: Bench) -> None:
             session.run.stop()
         try:
             session.run = live.Run(setup)
-        except (ValueError, DriveError, ModuleNotFoundError) as error:
+        except ValueError as error:
             raise InputError(str(error)) from None
         session.run.start()
 
