@@ -232,18 +232,21 @@ class Sessions:
         if not isinstance(id, str) or ID.fullmatch(id) is None:
             raise InputError("this page has no session: load it again")
         with self._lock:
-            session = self._all.pop(id, None) or self._new()
+            known = self._all.pop(id, None)
+            session = known or Session(Path(tempfile.mkdtemp(dir=self._root.name)), self._rig)
+            if known is None:
+                session.lock.acquire()  # who asks for it next waits for its recordings, who asks for another does not
             self._all[id] = session  # the one used last is last
             oldest = next(iter(self._all))
             gone = self._all.pop(oldest) if len(self._all) > MOST_SESSIONS else None
+        if known is None:
+            try:
+                if self._initial:
+                    session.act(lambda: session.copy(self._initial, self._unwrap))
+            finally:
+                session.lock.release()
         if gone is not None:
             gone.end()
-        return session
-
-    def _new(self) -> Session:
-        session = Session(Path(tempfile.mkdtemp(dir=self._root.name)), self._rig)
-        if self._initial:
-            session.act(lambda: session.copy(self._initial, self._unwrap))
         return session
 
     def close(self) -> None:

@@ -4,8 +4,10 @@ import base64
 import json
 import pickle
 import shlex
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -184,6 +186,29 @@ def test_sessions_are_apart_and_the_oldest_gives_way(monkeypatch: pytest.MonkeyP
     assert not second.folder.exists() and first.folder.exists()
     sessions.close()
     assert not first.folder.exists()
+
+
+def test_a_session_that_is_still_reading_its_recordings_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    sessions = Sessions()
+    other = sessions.of(IDS[0])
+    reading, read = Event(), Event()
+
+    def slow(self: Session, files: object, unwrap: bool) -> None:
+        reading.set()
+        assert read.wait(30)
+        self.notice = "read"
+
+    monkeypatch.setattr(Session, "copy", slow)
+    sessions._initial = (Path("swing.csv"),)
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(sessions.of, IDS[1])
+        assert reading.wait(30)
+        try:
+            assert pool.submit(sessions.of, IDS[0]).result(30) is other and not first.done()
+        finally:
+            read.set()
+        assert first.result(30).notice == "read"
+    sessions.close()
 
 
 def test_nothing_is_done_while_a_job_works_on_the_state(session: Session) -> None:
