@@ -25,13 +25,6 @@ from workbench.commands.effects import parameters
 ROOT = Path(__file__).parents[1]
 WIDTH = "84"  # characters of a line of help
 ARITHMATEX = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<latex>.*?)</(?P=tag)>', re.S)
-OPTIONAL = {"hardware.md": "Run on the rig", "app.md": "Work in the browser"}  # pages that may be there
-
-
-def on_config(config: MkDocsConfig) -> None:
-    """Put optional pages into the navigation where they exist."""
-    how_to = next(section["How to"] for section in config.nav or [] if "How to" in section)
-    how_to += [{title: name} for name, title in OPTIONAL.items() if Path(config.docs_dir, name).exists()]
 
 
 def on_files(files: Files, config: MkDocsConfig) -> None:
