@@ -11,14 +11,27 @@ import pytest
 
 from pendulum_env.backends.hardware.adapters import need
 from pendulum_env.recording import write_recording
-from tests.pendulum_env.rigs import EmulatedRig
+from tests.pendulum_env.rigs import EmulatedRig, Host
 from tests.workbench.app.plants import recorded
 from workbench.app import live
 from workbench.app.live import Run, Setup
 from workbench.app.session import Session, Sessions
 
 PATIENCE = 30.0  # [s]
-LIMITS = {"torque": 4.0, "gap": 2.0, "watchdog": 3.0}  # [N m], [s]; a busy machine is no fault here
+LIMITS = {"torque": 4.0, "reply": 1.0, "gap": 2.0, "watchdog": 3.0}  # [N m], [s]; a busy machine is no fault here
+SERVER = """
+import sys, time
+from pathlib import Path
+from workbench.app.live import Run, Setup
+run = Run(Setup("dm1015b", "paper", None, (), 60.0, 1, rig=Path(sys.argv[1])))
+run.start()
+while run.look().time < 0.3:
+    time.sleep(0.02)
+print("running", flush=True)
+while True:
+    run.look()
+    time.sleep(0.1)
+"""
 ID, OTHER = "0" * 32, "1" * 32
 
 
@@ -171,3 +184,15 @@ def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig: EmulatedRig, sessions:
     wait_until(lambda: not run.look().running)
     assert run.look().trouble != ""
     assert np.isfinite(run.recording("rig").position).all() and (np.diff(run.recording("rig").time) > 0).all()
+
+
+def test_the_rig_has_no_torque_once_the_server_is_killed(rig: EmulatedRig) -> None:
+    host = Host(SERVER, rig.config)
+    try:
+        host.heard("running")
+        assert not is_off(rig)
+        host.process.kill()
+        wait_until(lambda: is_off(rig))
+        assert not any(event == "expired" for _, event, _ in rig.events())  # it need not come to the watchdog
+    finally:
+        host.close()

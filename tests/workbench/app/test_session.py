@@ -275,6 +275,12 @@ def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path: Path) -
     bench.close()
 
 
+def test_a_rig_that_is_not_described_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["app", "--no-browser", "--port", "0", "--config", str(tmp_path / "none.toml")]) == 2
+    error = capsys.readouterr().err
+    assert "none.toml: cannot be read" in error and error.count("\n") == 1
+
+
 def test_a_recording_by_a_policy_is_the_command_lines_own() -> None:
     words = options("rl-rms", 10, "", None, 0)
     assert {"--excitation=rl", "--policy=rms"} <= set(words)
