@@ -8,9 +8,10 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+from estimators.search import Progress
 from pendulum_env.files import write_whole
 from pendulum_env.recording import Recording, read_recording
-from workbench.app.jobs import Job, Progress, Workers
+from workbench.app.jobs import Job, Workers
 from workbench.app.session import Session
 from workbench.app.state import Loaded, State
 from workbench.app.torques import LEARNT
