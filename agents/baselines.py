@@ -14,20 +14,19 @@ import numpy as np
 from agents import multisine
 from agents.foresight import foresee
 from agents.knowledge import COUNT, CRITERIA, NOMINAL
-from agents.observer import CONSTRAINTS, TICK, Batch, Constraint, read
+from agents.observer import CONSTRAINTS, EPISODE, TICK, Batch, Constraint, read
 from pendulum_env._typing import Array
 from pendulum_env.excitation import excitation
 from pendulum_env.lookup import find
 from pendulum_env.policy import Policy, State
 
-SECONDS = 10.0  # [s], length of an episode
 HEAD_START = 50  # steps; before, log det grows as it will
 
 
 class Signals:
     """A signal drawn anew for every pendulum and episode, as large as the constraint allows."""
 
-    def __init__(self, name: str, constraint: Constraint, seed: int, seconds: float = SECONDS) -> None:
+    def __init__(self, name: str, constraint: Constraint, seed: int, seconds: float = EPISODE) -> None:
         """Take the kind of signal, the constraint, the seed of what is drawn, and the length of an episode [s]."""
         self.name, self.constraint, self.seconds = name, constraint, seconds
         self._rng = np.random.default_rng(seed)
@@ -92,7 +91,7 @@ class LookAhead:
 
     def _cost(self, time_left: Array) -> Array:
         """What the energy of the sequences is worth by now (B, C) [nat]."""
-        step = HEAD_START + (1.0 - time_left) * SECONDS / TICK
+        step = HEAD_START + (1.0 - time_left) * EPISODE / TICK
         energy = self.ticks * (self._sequences**2).sum(axis=0)  # in that of an even step
         return (COUNT / step)[:, None] * energy
 

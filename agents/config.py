@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -72,14 +73,47 @@ class Config:
         for name, choices in USUAL.items():
             usual |= find(name, str(settings.get(name, known[name].default)), choices)
         config = cls(**{**usual, **settings})
+        for name, (low, high) in RANGES.items():
+            _check(name, getattr(config, name), low, high, isinstance(known[name].default, int))
+        if not isinstance(config.levels, tuple) or len(config.levels) < 2:
+            raise ValueError(f"levels should be a list of two or more shares of the peak, not {config.levels!r}")
+        for level in config.levels:
+            _check("a level", level, -1.0, 1.0, False)
         decisions = config.pendulums * config.rollout
-        if config.steps < 1 or config.batch < 1:
-            raise ValueError(f"steps ({config.steps}) and batch ({config.batch}) have to be above zero")
         if config.algorithm == "ppo" and config.batch > decisions:
             raise ValueError(f"batch ({config.batch}) has to be within the {decisions} decisions of a rollout")
         return config
 
 
+def _check(name: str, value: object, low: float, high: float, whole: bool) -> None:
+    """Refuse what is no number of a range.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    right = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+    if not right or not low <= value <= high:  # type: ignore[operator]  # a number by then
+        bounds = f"{low:.15g} or more" if high == math.inf else f"from {low:.15g} to {high:.15g}"
+        raise ValueError(f"{name} should be a {'whole ' if whole else ''}number, {bounds}, not {value!r}")
+
+
+RANGES: dict[str, tuple[float, float]] = {  # of the settings that are numbers
+    "seed": (0, 2**20 - 1),  # beyond, plants of an evaluation would be drawn
+    "steps": (1, math.inf),
+    "pendulums": (1, math.inf),
+    "batch": (1, math.inf),
+    "learning_rate": (0.0, 1.0),
+    "gamma": (0.0, 1.0),
+    "hidden": (1, math.inf),
+    "rollout": (1, math.inf),
+    "epochs": (1, math.inf),
+    "entropy": (0.0, math.inf),
+    "replay": (1, math.inf),
+    "updates": (1, math.inf),
+    "price_rate": (0.0, math.inf),
+    "head_start": (0, math.inf),
+    "checkpoint": (1, math.inf),
+}
 USUAL: dict[str, dict[str, dict[str, Any]]] = {  # what a choice changes
     "constraint": {
         "peak": {},

@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from agents.knowledge import CRITERIA, Knowledge
-from agents.observer import BOUND, CONSTRAINTS, Batch, Observer
+from agents.observer import BOUND, CONSTRAINTS, EPISODE, Batch, Observer
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
@@ -51,7 +51,7 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         criterion: str = "D",
         max_speed: float | None = None,
         max_turns: float | None = None,
-        seconds: float = 10.0,
+        seconds: float = EPISODE,
         spread: float = 0.3,
         effects: Sequence[str] = (),
         counts: int = COUNTS,

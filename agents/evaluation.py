@@ -19,6 +19,7 @@ from agents.knowledge import COUNT, NOMINAL, log_det
 from agents.observer import TICK
 from estimators.online import OnlineEstimator
 from estimators.schemes import scheme
+from estimators.search import Progress
 from pendulum_env._typing import JSON, Array
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.physics import BASE
@@ -31,7 +32,6 @@ CLOSE = (0.01, 0.003)  # shares of its value that every parameter has to stay wi
 RESAMPLES = 2000
 FRESH = 2**20  # added to seeds, for plants that no training has drawn
 PART = 160  # plants at most that are simulated together; how many workers there are changes nothing
-Tell = Callable[[str, float], None]
 Statistic = Callable[[Array, Array], float]
 Contender = Callable[[int], Policy]  # makes a policy from the seed of what it draws
 
@@ -103,7 +103,7 @@ def compare(
     effects: Sequence[str] = (),
     scheme_id: str = "filtered_dynamic",
     executor: Executor | None = None,
-    tell: Tell | None = None,
+    tell: Progress | None = None,
 ) -> dict[str, Outcome]:
     """Let every policy excite the same fresh plants for 10 s.
 
@@ -141,7 +141,7 @@ def compare(
     return {name: Outcome.join([done[name, part] for part in range(len(sizes))]) for name in contenders}
 
 
-def _watch(tell: Tell, name: str, before: float, share: float) -> Callable[[float], None]:
+def _watch(tell: Progress, name: str, before: float, share: float) -> Callable[[float], None]:
     return lambda part: tell(name, before + share * part)
 
 
@@ -185,9 +185,9 @@ def observe(
     state: State = None
     acting = 0.0
     for k in range(steps):
-        begun = time.process_time()
+        begun = time.thread_time()  # what other workers do is not the policy's
         action, state = policy.predict(observation, state, np.full(plants, k == 0), deterministic=True)
-        acting += time.process_time() - begun
+        acting += time.thread_time() - begun
         observation, _, _, _, info = env.step(action)
         for j in range(held):
             now = np.full(plants, (k * held + j + 1) / RATE)

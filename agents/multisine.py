@@ -8,7 +8,6 @@ Source: Hansen, The CMA Evolution Strategy: A Tutorial, arXiv 1604.00772.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -16,20 +15,19 @@ import numpy as np
 
 from agents.foresight import foresee
 from agents.knowledge import COUNT, CRITERIA, NOMINAL, PRIOR
-from agents.observer import CONSTRAINTS, TICK, Constraint
+from agents.observer import CONSTRAINTS, EPISODE, TICK, Constraint
+from estimators.search import Progress
 from pendulum_env._typing import Array
 
 FOUND = Path(__file__).parent / "policies" / "multisine.json"
 FREQUENCIES = 0.2 * np.arange(1, 21)  # [Hz]
 PAPER = (1, 9)  # where the paper's two tones are among them, about
-SECONDS = 10.0  # [s], of an episode
 SPREAD = 0.3  # within which plants are drawn
-Tell = Callable[[str, float], None]
 
 
 def signal(weights: Array, constraint: Constraint) -> Array:
     """Torque at each tick (T, ...) of weights (2 F, ...) of sines and cosines, as large as the constraint allows."""
-    phase = 2 * np.pi * TICK * np.outer(np.arange(round(SECONDS / TICK)), FREQUENCIES)
+    phase = 2 * np.pi * TICK * np.outer(np.arange(round(EPISODE / TICK)), FREQUENCIES)
     torque = np.concatenate([np.sin(phase), np.cos(phase)], axis=1) @ weights
     if constraint.rms is None:
         return np.asarray(torque * constraint.peak / np.abs(torque).max(axis=0))
@@ -44,7 +42,7 @@ def optimise(
     generations: int = 250,
     plants: int = 24,
     seed: int = 0,
-    tell: Tell | None = None,
+    tell: Progress | None = None,
 ) -> Array:
     """Weights (2 F,) of the multisine that teaches most, on the average of plants drawn within 30 %.
 

@@ -15,6 +15,7 @@ from agents.knowledge import FEATURES, NOMINAL, SLOW, Knowledge, recall
 from pendulum_env._typing import Array
 from pendulum_env.interface import MAX_TORQUE, check_positive
 
+EPISODE = 10.0  # [s], the usual length of one
 TICK = 0.02  # [s], over which a torque is held: decisions at 50 Hz
 FAST = 10.0  # [rad/s], by which velocity is divided in the observation
 BOUND = 5.0  # of the observation

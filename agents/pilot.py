@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.observer import CONSTRAINTS, Constraint, Observer
+from agents.observer import CONSTRAINTS, EPISODE, Constraint, Observer
 from pendulum_env.lookup import find
 from pendulum_env.policy import Policy, State
 
@@ -19,7 +19,9 @@ class Pilot:
     for 20 ms, keeps to its constraint, and begins anew at time 0.
     """
 
-    def __init__(self, policy: Policy, constraint: str = "peak", seconds: float = 10.0, rate: float = 1000.0) -> None:
+    def __init__(
+        self, policy: Policy, constraint: str = "peak", seconds: float = EPISODE, rate: float = 1000.0
+    ) -> None:
         """Take a policy, the constraint it is to keep to, the length of a run [s], and the samples per second [Hz].
 
         Raises:

@@ -7,7 +7,6 @@ everything that the rest depends on, pendulums and random numbers included.
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,12 +26,12 @@ from agents.network import Network
 from agents.observer import CONSTRAINTS
 from agents.tasks import FinalWorth, Forwards, Levels, PriceTorque
 from agents.vec_env import BatchedVecEnv
+from estimators.search import Progress
 from pendulum_env.files import write_whole
 
 CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
 TUNING = 2**21  # added to seeds, for plants that neither training nor evaluation draws
 STRETCHES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
-Tell = Callable[[str, float], None]
 Learner = PPO | SAC
 
 
@@ -40,7 +39,7 @@ class CheckpointError(ValueError):
     """A folder that holds another training than the one asked for, or one that was not to be resumed."""
 
 
-def train(config: Config, tell: Tell | None = None, folder: Path | None = None, resume: bool = False) -> Network:
+def train(config: Config, tell: Progress | None = None, folder: Path | None = None, resume: bool = False) -> Network:
     """Train a policy; the same configuration gives the same policy on the same machine.
 
     Args:
@@ -197,7 +196,7 @@ def _restore(path: Path, config: Config) -> Learner:
 class _Watch(BaseCallback):
     """Tells the progress and keeps checkpoints and policies on the way."""
 
-    def __init__(self, config: Config, tell: Tell | None, folder: Path | None) -> None:
+    def __init__(self, config: Config, tell: Progress | None, folder: Path | None) -> None:
         super().__init__()
         self._config, self._tell, self._folder = config, tell, folder
         self._gained: list[float] = []

@@ -29,7 +29,8 @@ from workbench.terminal import Terminal
 
 BRIEF = 8.0  # [s]
 RATES = (500.0, 1000.0)  # [Hz]
-ARMS = ("more of the same", "drawn from the family", "suggested")
+SUGGESTED = "suggested"
+ARMS = ("more of the same", "drawn from the family", SUGGESTED)
 Pair = frozenset[str]
 
 
@@ -124,20 +125,24 @@ def examine(study: Study) -> Row:
         first = record(study, BRIEF, study.poor, 0)
         found = diagnose([first])
         open_pairs = undecided(found)
-        if not open_pairs or found.suggestion is None:
-            return Row(hidden, frozenset(), is_right(hidden, found), {}, {})
-        suggested = found.suggestion.signal
+        right = is_right(hidden, found)
+        if not open_pairs:
+            return Row(hidden, open_pairs, right, {}, {})
+        # where nothing is suggested, that arm has no second recording, and settles nothing
+        left, settled = {SUGGESTED: open_pairs}, {SUGGESTED: right}
 
         def drawn(rng: np.random.Generator, time: Array) -> Array:
             signals = family(rng, SECONDS, USUAL)
             return signals[rng.integers(len(signals))].signal(time)
 
-        commands = (study.poor, drawn, lambda rng, time: suggested.signal(time))
-        left, settled = {}, {}
-        for arm, command in zip(ARMS, commands, strict=True):
+        commands = dict(zip(ARMS, (study.poor, drawn), strict=False))
+        if found.suggestion is not None:
+            suggested = found.suggestion.signal
+            commands[SUGGESTED] = lambda rng, time: suggested.signal(time)
+        for arm, command in commands.items():
             both = diagnose([first, record(study, SECONDS, command, 1)])
             left[arm], settled[arm] = undecided(both), is_right(hidden, both)
-        return Row(hidden, open_pairs, is_right(hidden, found), left, settled)
+        return Row(hidden, open_pairs, right, left, settled)
     except Exception as error:  # the other cases still count
         return Row(hidden, frozenset(), False, {}, {}, f"{type(error).__name__}: {error}")
 

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.ambiguity import BRIEF, POOR, poor_study, record, undecided
+from benchmarks import ambiguity
+from benchmarks.ambiguity import BRIEF, POOR, SUGGESTED, examine, poor_study, record, undecided
 from estimators.suggestion import Aim
 
 
@@ -29,3 +30,16 @@ def test_poor_experiments_repeat_and_the_second_differs(poor):
         assert (np.diff(first.position) > -1e-4).all()  # but for counts
     else:
         assert np.ptp(first.position) < np.pi
+
+
+def test_where_nothing_is_suggested_the_case_counts_as_not_settled(monkeypatch):
+    study = poor_study(np.random.default_rng(0), 0)
+    (effect,) = study.case.plant.effects
+    clear = {"ambiguous": (), "inseparable": (), "suggestion": None, "selected": (effect,), "unexplained": ()}
+    first = clear | {"ambiguous": ((effect, "gravity_tilt"),), "selected": ()}
+    monkeypatch.setattr(ambiguity, "record", lambda *_: None)
+    monkeypatch.setattr(ambiguity, "diagnose", lambda runs: SimpleNamespace(**(first if len(runs) == 1 else clear)))
+    row = examine(study)
+    assert row.failure == "" and row.open
+    assert {arm: bool(left) for arm, left in row.left.items()} == {arm: arm == SUGGESTED for arm in ambiguity.ARMS}
+    assert not row.settled[SUGGESTED] and row.settled["more of the same"]

@@ -63,9 +63,8 @@ def record_rig(rig: RigConfig, command: Excitation | Pilot, steps: int, output: 
         raise InputError(str(error)) from None
     env = RecordMeasurements(env, output, overwrite=True)
     try:
-        if command.amplitude > rig.max_torque:
-            until = "limits.torque" if rig.checked else "until `hardware check` has passed"
-            terminal.say(f"torque is cut at {rig.max_torque:g} N m ({until}), {command.amplitude:g} were asked for")
+        if cut := cut_at(rig, command):
+            terminal.say(cut)
         with terminal.progress("running") as show:
             recording = rollout(env, controller(command, rig.rate), steps, watch=watch)
     except (DriveError, RecordingError) as error:
@@ -85,6 +84,14 @@ def record_rig(rig: RigConfig, command: Excitation | Pilot, steps: int, output: 
     if "fault" in last:
         raise InputError(f"{last['fault']}; what was measured until then is in {output}")
     wrote([output], terminal)
+
+
+def cut_at(rig: RigConfig, command: Excitation | Pilot) -> str:
+    """What the rig's limits leave of a command, in words; empty if all of it."""
+    if command.amplitude <= rig.max_torque:
+        return ""
+    until = "limits.torque" if rig.checked else "until `hardware check` has passed"
+    return f"torque is cut at {rig.max_torque:g} N m ({until}), {command.amplitude:g} were asked for"
 
 
 def controller(command: Excitation | Pilot, rate: float) -> OpenLoop | Pilot:

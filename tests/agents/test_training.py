@@ -104,6 +104,27 @@ def test_a_configuration_is_checked(tmp_path):
         Config.of({"batch": 9000, "pendulums": 8, "rollout": 125})
 
 
+@pytest.mark.parametrize(
+    ("setting", "reason"),
+    [
+        ('hidden = "a"', "hidden should be a whole number, 1 or more, not 'a'"),
+        ("steps = 1e6", "steps should be a whole number, 1 or more, not 1000000.0"),
+        ("gamma = 2", "gamma should be a number, from 0 to 1, not 2"),
+        ("checkpoint = 0", "checkpoint should be a whole number, 1 or more, not 0"),
+        ("epochs = true", "epochs should be a whole number, 1 or more, not True"),
+        ("learning_rate = nan", "learning_rate should be a number, from 0 to 1, not nan"),
+        ("levels = 5", "levels should be a list of two or more shares"),
+        ("levels = [0, 2]", "a level should be a number, from -1 to 1, not 2"),
+    ],
+)
+def test_a_setting_that_makes_no_sense_is_one_line(setting, reason, tmp_path, capsys):
+    config = tmp_path / "config.toml"
+    config.write_text(setting)
+    assert main(["train", "--config", str(config), "-o", str(tmp_path / "new.npz")]) == 2
+    error = capsys.readouterr().err
+    assert reason in error and error.count("\n") == 1
+
+
 def test_train_and_evaluate_from_the_command_line(tmp_path, capsys):
     config, policy, figures = (tmp_path / name for name in ("config.toml", "policy.npz", "figures.json"))
     config.write_text("\n".join(f"{name} = {value}" for name, value in SMALL.items()))
@@ -130,6 +151,10 @@ def test_what_makes_no_sense_is_one_line(tmp_path, capsys):
         (["train", "--algorithm", "pop", "-o", str(tmp_path / "new.npz")], "did you mean ppo"),
         (["evaluate", "agnet"], "unknown baseline 'agnet'"),
         (["evaluate", "--constraint", "peek"], "did you mean peak"),
+        (
+            ["train", "--seed", "1048576", "-o", str(tmp_path / "new.npz")],
+            "seed should be a whole number, from 0 to 1048575",
+        ),
         (["train", "-o", "policy.zip"], "should end in .npz"),
         (["train", "--config", str(config), "-o", str(tmp_path / "new.npz")], "did you mean steps"),
     ):

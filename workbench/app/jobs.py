@@ -11,9 +11,9 @@ from multiprocessing.connection import Connection
 from threading import Event, Lock, Thread
 from typing import Any
 
+from estimators.search import Progress
 from workbench.inputs import MISTAKES, sentence
 
-Progress = Callable[[str, float], None]
 Task = Callable[[Progress], Any]  # what a worker does; it travels to another process, and so does what it returns
 
 PROGRESS, DONE, FAILED = "progress", "done", "failed"  # what a worker says

@@ -8,11 +8,13 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+from estimators.search import Progress
 from pendulum_env.files import write_whole
 from pendulum_env.recording import Recording, read_recording
-from workbench.app.jobs import Job, Progress, Workers
+from workbench.app.jobs import Job, Workers
 from workbench.app.session import Session
 from workbench.app.state import Loaded, State
+from workbench.app.torques import LEARNT
 from workbench.inputs import InputError
 from workbench.terminal import Terminal
 
@@ -113,7 +115,12 @@ def options(
     """Options of `record` from the controls of a form; each is one word, so that none can be taken for another."""
     if seconds is None or not 1 <= seconds <= LONGEST:
         raise InputError(f"a recording from here lasts from 1 to {LONGEST:g} s: use the command line for more")
-    words = [f"--seconds={seconds:.15g}", f"--excitation={excitation}"]
+    words = [f"--seconds={seconds:.15g}"]
+    words += (
+        ["--excitation=rl", f"--policy={LEARNT[excitation]}"]
+        if excitation in LEARNT
+        else [f"--excitation={excitation}"]
+    )
     if amplitude is not None:
         words.append(f"--amplitude={amplitude:.15g}")
     if effect:

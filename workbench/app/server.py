@@ -35,12 +35,13 @@ POLICY = (  # nothing comes from elsewhere, and nothing goes there
 )
 
 
-def make_app(recordings: Sequence[Path] = (), unwrap: bool = False) -> Bench:
+def make_app(recordings: Sequence[Path] = (), unwrap: bool = False, rig: Path | None = None) -> Bench:
     """The app with its sessions and workers; close it in the end.
 
     Args:
         recordings: files that every session begins with.
         unwrap: whether jumps of 2 pi in their position are undone.
+        rig: configuration of the rig that the live view may run; the page cannot name another.
     """
     app = Dash(
         "pendulum-ident",
@@ -55,7 +56,7 @@ def make_app(recordings: Sequence[Path] = (), unwrap: bool = False) -> Bench:
         add_log_handler=False,
     )
     app.layout = layout.page()
-    bench = Bench(app, Sessions(recordings, unwrap))
+    bench = Bench(app, Sessions(recordings, unwrap, rig))
     layout.connect(bench)
     _guard(app.server)
     return bench
@@ -98,7 +99,9 @@ class _Silent(WSGIRequestHandler):
 class Server:
     """The app behind a port of this computer: `serve`, then `close`."""
 
-    def __init__(self, port: int = 0, recordings: Sequence[Path] = (), unwrap: bool = False) -> None:
+    def __init__(
+        self, port: int = 0, recordings: Sequence[Path] = (), unwrap: bool = False, rig: Path | None = None
+    ) -> None:
         """Bind the port, 0 being any that is free; the rest is as for `make_app`.
 
         Raises:
@@ -109,7 +112,7 @@ class Server:
         except OSError:
             raise InputError(f"port {port} is taken: name another with --port, or 0 for any that is free") from None
         with listening:
-            self.bench = make_app(recordings, unwrap)
+            self.bench = make_app(recordings, unwrap, rig)
             _warm_up()
             number = listening.getsockname()[1]
             self._server = make_server(

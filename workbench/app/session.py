@@ -29,15 +29,16 @@ class Session:
     The state is a value: read it once, and all that is drawn from it fits together. It is replaced under `lock`.
     """
 
-    def __init__(self, folder: Path) -> None:
-        """Take an empty folder."""
-        self.folder = folder
+    def __init__(self, folder: Path, rig: Path | None = None) -> None:
+        """Take an empty folder, and the configuration of the rig if there is one."""
+        self.folder, self.rig = folder, rig
         self.lock = RLock()
         self.state = State()
         self.notice = ""  # a sentence for the user: what went wrong
         self.version = time.time_ns() // 1_000_000  # grows with all that the page shows; no two sessions share one
         self.job: Job | None = None
         self.run: Run | None = None
+        self._over = False
 
     def busy(self) -> bool:
         """Whether a job is on its way."""
@@ -49,6 +50,8 @@ class Session:
             self.notice = ""
             self.version += 1
             try:
+                if self._over:
+                    raise InputError("this session has ended: load the page again")
                 if self.busy():
                     raise InputError("wait for what is running, or cancel it first")
                 do()
@@ -191,21 +194,31 @@ class Session:
         finally:
             file.unlink()
 
-    def end(self) -> None:
-        """Stop what runs and delete the folder."""
+    def halt(self) -> None:
+        """Stop the live run, whatever else is going on, and one that is just being started."""
+        run = self.run
+        if run is not None:
+            run.stop()  # at once: long work may hold the lock
         with self.lock:
-            self.cancel()
             if self.run is not None:
                 self.run.stop()
+            self.version += 1
+
+    def end(self) -> None:
+        """Stop what runs and delete the folder; nothing begins any more."""
+        self._over = True
+        self.halt()
+        with self.lock:
+            self.cancel()
             shutil.rmtree(self.folder, ignore_errors=True)
 
 
 class Sessions:
     """All sessions of a server by the id that each page holds."""
 
-    def __init__(self, recordings: Sequence[Path] = (), unwrap: bool = False) -> None:
-        """Make a folder for their folders; every session begins with a copy of the recordings."""
-        self._initial, self._unwrap = tuple(recordings), unwrap
+    def __init__(self, recordings: Sequence[Path] = (), unwrap: bool = False, rig: Path | None = None) -> None:
+        """Make a folder for their folders; every session begins with a copy of the recordings, and may run the rig."""
+        self._initial, self._unwrap, self._rig = tuple(recordings), unwrap, rig
         self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-")
         self._all: dict[str, Session] = {}
         self._lock = RLock()
@@ -219,23 +232,29 @@ class Sessions:
         if not isinstance(id, str) or ID.fullmatch(id) is None:
             raise InputError("this page has no session: load it again")
         with self._lock:
-            session = self._all.pop(id, None) or self._new()
+            known = self._all.pop(id, None)
+            session = known or Session(Path(tempfile.mkdtemp(dir=self._root.name)), self._rig)
+            if known is None:
+                session.lock.acquire()  # who asks for it next waits for its recordings, who asks for another does not
             self._all[id] = session  # the one used last is last
             oldest = next(iter(self._all))
             gone = self._all.pop(oldest) if len(self._all) > MOST_SESSIONS else None
+        if known is None:
+            try:
+                if self._initial:
+                    session.act(lambda: session.copy(self._initial, self._unwrap))
+            finally:
+                session.lock.release()
         if gone is not None:
             gone.end()
         return session
 
-    def _new(self) -> Session:
-        session = Session(Path(tempfile.mkdtemp(dir=self._root.name)))
-        if self._initial:
-            session.act(lambda: session.copy(self._initial, self._unwrap))
-        return session
-
     def close(self) -> None:
-        """End all sessions."""
+        """End all sessions, motors first."""
         with self._lock:
+            for session in self._all.values():
+                if session.run is not None:
+                    session.run.stop()
             for session in self._all.values():
                 session.end()
             self._all.clear()

@@ -7,9 +7,10 @@ from functools import partial
 
 from estimators.diagnose import Addition, add, diagnose
 from estimators.diagnosis import Diagnosis
+from estimators.search import Progress
 from pendulum_env.physics import Model, Term, effect
 from pendulum_env.recording import Recording
-from workbench.app.jobs import Job, Progress, Workers
+from workbench.app.jobs import Job, Workers
 from workbench.app.session import Session
 from workbench.inputs import InputError
 from workbench.report.words import name

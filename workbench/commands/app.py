@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from threading import Timer
 
+from pendulum_env.backends.hardware.config import ConfigError, load
 from workbench.command import Command
 from workbench.inputs import InputError, read_recordings, whole
 from workbench.terminal import Terminal
@@ -21,6 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
     parser.add_argument("recordings", metavar="RECORDING", nargs="*", help="CSV, CSV.GZ, Parquet or NPZ to begin with")
     parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
+    parser.add_argument("--config", metavar="FILE", help="rig.toml of a rig, that the live view then offers, too")
     parser.add_argument("--port", type=_port, default=PORT, help=f"of this computer (default {PORT}); 0: any")
     parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
 
@@ -30,20 +32,32 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if find_spec("dash") is None:
         raise InputError("the workbench in a browser needs the extra app: pip install 'pendulum-ident[app]'")
     read_recordings(arguments.recordings, arguments.unwrap, terminal)  # complains now, not in the browser
+    rig = None if arguments.config is None else _rig(arguments.config)
     from workbench.app.server import Server  # dash takes a while to import
 
-    server = Server(arguments.port, [Path(name) for name in arguments.recordings], arguments.unwrap)
+    server = Server(arguments.port, [Path(name) for name in arguments.recordings], arguments.unwrap, rig)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:
         Timer(0.3, webbrowser.open, [server.address]).start()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the sessions' folders go, however it ends
+    for name in ("SIGTERM", "SIGHUP"):  # so that the motor stops and the sessions' folders go, however it ends
+        number = getattr(signal, name, None)  # the second is unknown to Windows, and ignored under nohup
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
     try:
         server.serve()
     except KeyboardInterrupt:
         terminal.say("ended")
     finally:
         server.close()
+
+
+def _rig(name: str) -> Path:
+    """Configuration of the rig, once it has been read."""
+    try:
+        return load(name).path
+    except ConfigError as error:
+        raise InputError(str(error)) from None
 
 
 def _port(text: str) -> int:

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.network import Network, load
-from agents.observer import CONSTRAINTS
+from agents.observer import CONSTRAINTS, EPISODE
 from agents.pilot import Pilot
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
@@ -46,7 +46,6 @@ BACKENDS = (
 SECONDS = 30.0  # length of a recording
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
 LEARNT = "rl"  # excitation that a policy chooses while the arm moves
-EPISODE = 10.0  # [s], for which policies are trained
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -59,12 +59,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def _config(arguments: argparse.Namespace) -> Config:
     given = {name: getattr(arguments, name) for name in ("constraint", "algorithm", "seed", "steps")}
     given = {name: value for name, value in given.items() if value is not None}
-    if arguments.config is None:
-        return Config.of(given)
     try:
-        return Config.of(read_settings(arguments.config) | given)
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{arguments.config}: {error}") from None
+        return Config.of(({} if arguments.config is None else read_settings(arguments.config)) | given)
+    except ValueError as error:
+        raise InputError(str(error) if arguments.config is None else f"{arguments.config}: {error}") from None
 
 
 def _constraint(text: str) -> str:

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from workbench.app.jobs import LOST, Job, Pace, Progress, Workers
+from estimators.search import Progress
+from workbench.app.jobs import LOST, Job, Pace, Workers
 from workbench.inputs import InputError
 
 PATIENCE = 60.0  # [s]; a process has to start

@@ -1,5 +1,7 @@
 """Runs in real time, short ones."""
 
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Event
 from time import monotonic
@@ -7,18 +9,41 @@ from time import monotonic
 import numpy as np
 import pytest
 
+from pendulum_env.backends.hardware.adapters import need
 from pendulum_env.recording import write_recording
+from tests.pendulum_env.rigs import EmulatedRig, Host
 from tests.workbench.app.plants import recorded
+from workbench.app import live
 from workbench.app.live import Run, Setup
+from workbench.app.session import Session, Sessions
 
 PATIENCE = 30.0  # [s]
+LIMITS = {"torque": 4.0, "reply": 1.0, "gap": 2.0, "watchdog": 3.0}  # [N m], [s]; a busy machine is no fault here
+SERVER = """
+import sys, time
+from pathlib import Path
+from workbench.app.live import Run, Setup
+run = Run(Setup("dm1015b", "paper", None, (), 60.0, 1, rig=Path(sys.argv[1])))
+run.start()
+while run.look().time < 0.3:
+    time.sleep(0.02)
+print("running", flush=True)
+while True:
+    run.look()
+    time.sleep(0.1)
+"""
+ID, OTHER = "0" * 32, "1" * 32
+
+
+def wait_until(so: Callable[[], bool]) -> None:
+    until = monotonic() + PATIENCE
+    while not so():
+        assert monotonic() < until
+        Event().wait(0.02)
 
 
 def finish(run: Run) -> None:
-    until = monotonic() + PATIENCE
-    while run.look().running:
-        assert monotonic() < until
-        Event().wait(0.05)
+    wait_until(lambda: not run.look().running)
 
 
 def test_a_replay_plays_the_recording_and_knows_no_truth(tmp_path: Path) -> None:
@@ -38,10 +63,7 @@ def test_a_replay_plays_the_recording_and_knows_no_truth(tmp_path: Path) -> None
 def test_a_stopped_run_is_over_and_keeps_what_it_measured() -> None:
     run = Run(Setup("pymunk", "steps", 4.0, ("stribeck=0.4",), 60.0, 1))
     run.start()
-    until = monotonic() + PATIENCE
-    while run.look().time < 0.5:
-        assert monotonic() < until
-        Event().wait(0.02)
+    wait_until(lambda: run.look().time >= 0.5)
     run.stop()
     look = run.look()
     assert not look.running and look.trouble == ""
@@ -58,3 +80,119 @@ def test_a_run_that_cannot_be_is_refused() -> None:
         Run(Setup("rig", "paper", None, (), 10.0, 0))
     with pytest.raises(ValueError, match="unknown effect"):
         Run(Setup("pymunk", "paper", None, ("glue",), 10.0, 0))
+
+
+def test_a_policy_drives_and_keeps_to_its_constraint() -> None:
+    run = Run(Setup("pymunk", "rl-peak", None, (), 2.0, 1))
+    run.start()
+    finish(run)
+    assert run.look().trouble == ""
+    torque = run.recording("learnt").torque
+    assert np.abs(torque).max() == pytest.approx(6.0, abs=0.2) and np.std(torque) > 3.0
+    with pytest.raises(ValueError, match="bound of its own"):
+        Run(Setup("pymunk", "rl-rms", 3.0, (), 10.0, 0))
+    with pytest.raises(ValueError, match="unknown excitation"):
+        Run(Setup("pymunk", "rl-../../policy.npz", None, (), 10.0, 0))
+
+
+# ------------------------------------------------------------------------------------------------ the rig
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[EmulatedRig]:
+    try:
+        need("serial")
+    except ModuleNotFoundError as error:
+        pytest.skip(str(error))
+    emulated = EmulatedRig(tmp_path, "serial", limits=LIMITS)
+    yield emulated
+    emulated.close()
+
+
+def driving(session: Session, excitation: str = "paper") -> Run:
+    """A run of the session that moves its motor."""
+    session.run = run = Run(Setup("dm1015b", excitation, None, (), 60.0, 1, rig=session.rig))
+    run.start()
+    wait_until(lambda: run.look().time > 0.3 or not run.look().running)
+    assert run.look().running, run.look().trouble
+    return run
+
+
+def is_off(rig: EmulatedRig) -> bool:
+    """Whether the motor had torque, and now has neither torque nor power."""
+    events = rig.events()
+    torque, power = ([value for _, event, value in events if event == what] for what in ("torque", "power"))
+    return any(torque) and torque[-1] == 0 and power[-1] == 0
+
+
+@pytest.fixture
+def sessions(rig: EmulatedRig) -> Iterator[Sessions]:
+    sessions = Sessions(rig=rig.config)
+    yield sessions
+    sessions.close()
+
+
+@pytest.mark.parametrize("excitation", ["paper", "rl-peak"])
+def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done(
+    rig: EmulatedRig, sessions: Sessions, excitation: str
+) -> None:
+    session = sessions.of(ID)
+    run = driving(session, excitation)
+    assert run.look().remark == "torque is cut at 4 N m (limits.torque), 6 were asked for"
+    assert run.look().truth == {} and not is_off(rig)
+
+    class Work:
+        running = True
+
+        def cancel(self) -> None: ...
+
+    session.job = Work()  # type: ignore[assignment]
+    session.halt()
+    assert not run.running and run.look().trouble == "" and is_off(rig)
+    torque = run.recording("rig").torque
+    assert len(torque) > 0.2 * run.rate and 3.0 < np.abs(torque).max() < 4.1
+
+
+def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
+    rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("workbench.app.session.MOST_SESSIONS", 1)
+    first = sessions.of(ID)
+    driving(first)
+    second = sessions.of(OTHER)
+    assert is_off(rig)
+    first.act(lambda: pytest.fail("it has ended"))
+    assert "load the page again" in first.notice
+    driving(second)
+    assert not is_off(rig)
+    sessions.close()
+    assert is_off(rig)
+
+
+def test_the_rig_has_no_torque_when_nobody_watches(
+    rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "UNSEEN_RIG", 1.5)
+    run = driving(sessions.of(ID))
+    wait_until(lambda: not run.running)
+    assert is_off(rig) and run.look().time < 50.0
+
+
+def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig: EmulatedRig, sessions: Sessions) -> None:
+    run = driving(sessions.of(ID))
+    rig.signal(signal.SIGSTOP)  # it does not answer any more
+    wait_until(lambda: not run.look().running)
+    assert run.look().trouble != ""
+    assert np.isfinite(run.recording("rig").position).all() and (np.diff(run.recording("rig").time) > 0).all()
+
+
+def test_the_rig_has_no_torque_once_the_server_is_killed(rig: EmulatedRig) -> None:
+    host = Host(SERVER, rig.config)
+    try:
+        host.heard("running")
+        assert not is_off(rig)
+        host.process.kill()
+        wait_until(lambda: is_off(rig))
+        assert not any(event == "expired" for _, event, _ in rig.events())  # it need not come to the watchdog
+    finally:
+        host.close()

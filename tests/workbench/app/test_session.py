@@ -4,8 +4,10 @@ import base64
 import json
 import pickle
 import shlex
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -18,6 +20,8 @@ from tests.workbench.app.plants import recorded
 
 pytest.importorskip("dash")
 
+from plotly.utils import PlotlyJSONEncoder
+
 from workbench.app import session as sessions_module
 from workbench.app import uploads
 from workbench.app.brushing import MAP, PHASE, TIME, inside, lit, within
@@ -25,6 +29,7 @@ from workbench.app.recorder import options
 from workbench.app.server import make_app
 from workbench.app.session import Session, Sessions
 from workbench.app.stages.export import commands, snippet
+from workbench.app.stages.live import show as show_live
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import safe_name
 from workbench.cli import main
@@ -183,6 +188,29 @@ def test_sessions_are_apart_and_the_oldest_gives_way(monkeypatch: pytest.MonkeyP
     assert not first.folder.exists()
 
 
+def test_a_session_that_is_still_reading_its_recordings_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    sessions = Sessions()
+    other = sessions.of(IDS[0])
+    reading, read = Event(), Event()
+
+    def slow(self: Session, files: object, unwrap: bool) -> None:
+        reading.set()
+        assert read.wait(30)
+        self.notice = "read"
+
+    monkeypatch.setattr(Session, "copy", slow)
+    sessions._initial = (Path("swing.csv"),)
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(sessions.of, IDS[1])
+        assert reading.wait(30)
+        try:
+            assert pool.submit(sessions.of, IDS[0]).result(30) is other and not first.done()
+        finally:
+            read.set()
+        assert first.result(30).notice == "read"
+    sessions.close()
+
+
 def test_nothing_is_done_while_a_job_works_on_the_state(session: Session) -> None:
     class Slow:
         running = True
@@ -218,6 +246,45 @@ def test_only_this_computer_is_answered() -> None:
     assert client.get("/assets/../server.py").status_code == 404
     assert client.get("/assets/%2e%2e/server.py").status_code == 404
     bench.close()
+
+
+def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path: Path) -> None:
+    def offered(session: Session) -> str:
+        return json.dumps(show_live(session), cls=PlotlyJSONEncoder)
+
+    named, plain = Session(tmp_path, tmp_path / "rig.toml"), Session(tmp_path)
+    assert '"dm1015b"' in offered(named) and '"dm1015b"' not in offered(plain)
+    bench = make_app()
+    names = ["backend", "excitation", "effect", "amplitude", "seconds", "replay"]
+    values = ["dm1015b", "paper", "", None, 10, str(tmp_path / "rig.toml")]
+    ask = {
+        "output": next(key for key, of in bench.app.callback_map.items() if of["inputs"][0]["id"] == "live-start"),
+        "outputs": {"id": "version", "property": "data"},
+        "inputs": [{"id": "live-start", "property": "n_clicks", "value": 1}],
+        "changedPropIds": ["live-start.n_clicks"],
+        "state": [
+            *({"id": f"live-{name}", "property": "value", "value": v} for name, v in zip(names, values, strict=True)),
+            {"id": "session", "property": "data", "value": IDS[0]},
+        ],
+    }
+    client = bench.app.server.test_client()
+    client.get("/_dash-layout")
+    assert client.post("/_dash-update-component", json=ask).status_code == 200
+    assert bench.sessions.of(IDS[0]).notice.startswith("there is no rig here")
+    assert bench.sessions.of(IDS[0]).run is None
+    bench.close()
+
+
+def test_a_rig_that_is_not_described_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["app", "--no-browser", "--port", "0", "--config", str(tmp_path / "none.toml")]) == 2
+    error = capsys.readouterr().err
+    assert "none.toml: cannot be read" in error and error.count("\n") == 1
+
+
+def test_a_recording_by_a_policy_is_the_command_lines_own() -> None:
+    words = options("rl-rms", 10, "", None, 0)
+    assert {"--excitation=rl", "--policy=rms"} <= set(words)
+    assert "--excitation=rl-/tmp/own.npz" in options("rl-/tmp/own.npz", 10, "", None, 0)  # which knows no such name
 
 
 def test_a_form_cannot_pass_for_options() -> None:

@@ -11,7 +11,6 @@ from dash import ALL, Input, Output, State, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.physics import BASE, effects
 from workbench.app import recorder
 from workbench.app.parts import aria, button, graph, labelled, panel, table
@@ -19,6 +18,7 @@ from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import Loaded
 from workbench.app.state import State as Work
+from workbench.app.torques import choices
 from workbench.app.uploads import UPLOAD
 from workbench.report.figure import Figure, line, stacked, thin
 from workbench.report.sections.method import Used, use
@@ -71,11 +71,10 @@ def _upload(state: Work) -> Component:
 def _record() -> Component:
     hidden = [{"label": "nothing", "value": ""}]
     hidden += [{"label": opening(name(id)), "value": id} for id in effects()]
-    waves = [{"label": opening(id), "value": id} for id in EXCITATIONS]
     kept: dict[str, Any] = {"persistence": True, "persistence_type": "session"}
     fields = [
         labelled(
-            "Excitation", dcc.Dropdown(waves, "paper", id="excitation", clearable=False, searchable=False, **kept)
+            "Excitation", dcc.Dropdown(choices(), "paper", id="excitation", clearable=False, searchable=False, **kept)
         ),
         labelled("Hidden effect", dcc.Dropdown(hidden, "", id="effect", clearable=False, **kept)),
         labelled("Length [s]", dcc.Input(20, type="number", id="seconds", min=1, max=recorder.LONGEST, **kept)),

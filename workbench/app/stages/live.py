@@ -11,7 +11,6 @@ from dash.exceptions import PreventUpdate
 
 from pendulum_env._typing import JSON
 from pendulum_env.backends import BACKENDS
-from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import write_recording
 from workbench.app import live
@@ -19,11 +18,13 @@ from workbench.app.parts import EMPTY, aria, button, labelled, panel, spec
 from workbench.app.recorder import free_name
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
+from workbench.app.torques import choices
 from workbench.inputs import InputError
 from workbench.report.figure import Figure
 from workbench.report.sections.schemes import convergence_figure, stroke
 from workbench.report.words import estimate, name, number, opening, unit
 
+RIG = "dm1015b"  # backend that is offered where a configuration was given on the command line
 BEAT = 250  # [ms] between two looks
 SIGMAS = 2.0  # standard errors of an interval
 PARAMETERS = tuple(column.name for term in BASE for column in term.columns)
@@ -33,8 +34,7 @@ PLOTS = [f"live-{k}" for k in range(len(PARAMETERS))]
 
 def show(session: Session) -> list[Component]:
     """Controls, the pendulum, and the estimates."""
-    backends = [{"label": backend, "value": backend} for backend in BACKENDS]
-    waves = [{"label": opening(id), "value": id} for id in EXCITATIONS]
+    backends = [{"label": id, "value": id} for id in BACKENDS if id != RIG or session.rig is not None]
     hidden = [{"label": "nothing", "value": ""}] + [{"label": opening(name(id)), "value": id} for id in effects()]
     replays = [{"label": one.recording.name, "value": one.file.name} for one in session.state.loaded]
     kept: dict[str, Any] = {"persistence": True, "persistence_type": "session"}
@@ -44,7 +44,8 @@ def show(session: Session) -> list[Component]:
             "Backend", dcc.Dropdown(backends, "pymunk", id="live-backend", clearable=False, searchable=False, **kept)
         ),
         labelled(
-            "Excitation", dcc.Dropdown(waves, "paper", id="live-excitation", clearable=False, searchable=False, **kept)
+            "Excitation",
+            dcc.Dropdown(choices(), "paper", id="live-excitation", clearable=False, searchable=False, **kept),
         ),
         labelled("Hidden effect", dcc.Dropdown(hidden, "", id="live-effect", clearable=False, **kept)),
         labelled(
@@ -183,9 +184,10 @@ def _key(line: JSON) -> Component:
 
 def _said(look: live.Look) -> str:
     if look.trouble:
-        return f"Stopped: {look.trouble}."
+        return f"Stopped: {look.trouble.removesuffix('.')}."
     pace = "in real time" if look.pace > 0.97 else f"at {look.pace:.0%} of real time: this computer is busy"
-    return f"{look.time:.1f} s {pace}" if look.running else f"Ended after {look.time:.1f} s."
+    remark = f" · {look.remark}" if look.remark else ""
+    return f"{look.time:.1f} s {pace}{remark}" if look.running else f"Ended after {look.time:.1f} s."
 
 
 def connect(bench: Bench) -> None:
@@ -206,9 +208,12 @@ def connect(bench: Bench) -> None:
             raise InputError(f"a live run lasts from 2 to {live.LONGEST:g} s")
         if backend == "replay" and replay is None:
             raise InputError("there is no recording to replay: load one first")
+        if backend == RIG and session.rig is None:
+            raise InputError("there is no rig here: start the workbench with --config rig.toml")
         file = session.find(str(replay)).file if backend == "replay" else None
-        hidden = (effect,) if effect and file is None else ()
-        setup = live.Setup(backend, excitation, amplitude, hidden, float(seconds), clicks, file)
+        rig = session.rig if backend == RIG else None
+        hidden = (effect,) if effect and file is None and rig is None else ()
+        setup = live.Setup(backend, excitation, amplitude, hidden, float(seconds), clicks, file, rig)
         if session.run is not None:
             session.run.stop()
         try:
@@ -217,10 +222,19 @@ def connect(bench: Bench) -> None:
             raise InputError(str(error)) from None
         session.run.start()
 
-    @bench.on(Input("live-stop", "n_clicks"))
-    def stop(session: Session, _: int) -> None:
-        if session.run is not None:
-            session.run.stop()
+    @bench.app.callback(
+        Output("version", "data", allow_duplicate=True),
+        Input("live-stop", "n_clicks"),
+        Value("session", "data"),
+        prevent_initial_call=True,
+    )
+    def stop(clicks: int, id: str) -> int:
+        """Not by `bench.on`, which refuses while a job runs: a motor stops whenever it is told to."""
+        if not clicks:
+            raise PreventUpdate
+        session = bench.sessions.of(id)
+        session.halt()
+        return session.version
 
     @bench.on(Input("live-keep", "n_clicks"))
     def keep(session: Session, _: int) -> None:
