@@ -106,11 +106,13 @@ class Identification:
         schemes: results by id of the scheme.
         doubts: what the recordings cannot tell, and what was changed because of them.
         recordings: names.
+        ends: seconds of recording taken in at the end of each recording; empty where nobody has counted [s].
     """
 
     schemes: Mapping[str, Identified]
     doubts: tuple[Doubt, ...]
     recordings: tuple[str, ...]
+    ends: tuple[float, ...] = ()
 
     def __getitem__(self, scheme: str) -> Identified:
         return find("scheme", scheme, self.schemes)
@@ -180,7 +182,8 @@ def identify(
             raise ValueError(f"{scheme.id} borrows the inertia of {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
         results[scheme.id] = _fit(scheme, data, terms, lender, points, withheld)
-    return Identification(results, doubts, tuple(recording.name for recording in recordings))
+    ends = tuple(np.cumsum([len(m) * m.period for m in measurements]).tolist())
+    return Identification(results, doubts, tuple(recording.name for recording in recordings), ends)
 
 
 def _slowed(scheme: Scheme, rate: float) -> Scheme:
