@@ -24,7 +24,7 @@ WHOLE = (
     "This fits the whole of each recording. The workbench and Python hold the last 30 % back to check on, so that "
     "their estimates differ a little."
 )
-UNREPORTED = f"{REPORT} comes with a diagnosis: diagnose, and its line appears here."
+UNREPORTED = f"Once there is a diagnosis, a line here writes {REPORT}, too."
 
 
 def show(session: Session) -> list[Component]:
