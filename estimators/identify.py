@@ -110,11 +110,13 @@ class Identification:
         schemes: results by id of the scheme.
         doubts: what the recordings cannot tell, and what was changed because of them.
         recordings: names.
+        ends: seconds of recording taken in at the end of each recording; empty where nobody has counted [s].
     """
 
     schemes: Mapping[str, Identified]
     doubts: tuple[Doubt, ...]
     recordings: tuple[str, ...]
+    ends: tuple[float, ...] = ()
 
     def __getitem__(self, scheme: str) -> Identified:
         return find("scheme", scheme, self.schemes)
@@ -186,7 +188,8 @@ def identify(
         results[scheme.id] = _fit(scheme, data, terms, lender, points, withheld)
     first = next(iter(results.values())).model
     mistakes = [Doubt(text) for text in (*wrong_signs(first), *_mistakes(recordings, terms))]
-    return Identification(results, (*doubts, *mistakes), tuple(recording.name for recording in recordings))
+    ends = tuple(np.cumsum([len(m) * m.period for m in measurements]).tolist())
+    return Identification(results, (*doubts, *mistakes), tuple(recording.name for recording in recordings), ends)
 
 
 def _mistakes(recordings: Sequence[Recording], terms: Sequence[Term]) -> list[str]:

@@ -15,6 +15,7 @@ FASTEST = 200.0  # [rad/s]; direct-drive arms reach some 40
 WINDOW = 0.02  # [s] over which speeds are taken: longer than encoder steps, shorter than a swing
 SMOOTHING = 0.05  # [s] window of the second derivative
 DEGREE = np.pi / 180  # [rad]
+UNWRAP = "read it with --unwrap (unwrap=True)"  # what mends a wrapped angle, on the command line and in Python
 
 
 def refuse_not_finite(values: dict[str, Array]) -> None:
@@ -65,11 +66,10 @@ def refuse_jumps(position: Array, *, allow_wrapped: bool) -> None:
     what = f"position jumps by {size:.4g} rad from one sample to the next at data row {row} (header not counted)"
     if np.ptp(position) < 2 * np.pi + 0.1 or abs(size - 2 * np.pi) < 0.5:
         if not allow_wrapped:
-            raise RecordingError(f"{what}, as an angle wrapped at 2 pi does: read it with --unwrap (unwrap=True)")
+            raise RecordingError(f"{what}, as an angle wrapped at 2 pi does: {UNWRAP}")
     elif 270 < size < 361:
         raise RecordingError(
-            f"{what}, as an angle wrapped at 360 degrees does: name the column position_deg, "
-            "and read it with --unwrap (unwrap=True)"
+            f"{what}, as an angle wrapped at 360 degrees does: name the column position_deg, and {UNWRAP}"
         )
     else:
         raise RecordingError(

@@ -99,9 +99,9 @@ def navigation(here: Stage) -> list[Component]:
     ]
 
 
-def story_so_far(state: Work) -> list[Component]:
+def story_so_far(state: Work, stage: Stage) -> list[Component]:
     """The headline, and the numbers behind it."""
-    kicker, title, lead = told(state)
+    kicker, title, lead = stage.headline or told(state)
     parts: list[Component] = [html.P(kicker, className="kicker"), html.H1(title)]
     if lead:
         parts.append(html.P(lead, className="lead"))
@@ -202,7 +202,7 @@ def connect(bench: Bench) -> None:
                 session.notice = ""  # it was about another stage
             return (
                 navigation(stage),
-                story_so_far(session.state),
+                story_so_far(session.state, stage),
                 session.notice,
                 html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
             )

@@ -11,11 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 
-from pendulum_env.recording import read_recording
+from pendulum_env.recording import checks, read_recording
 from workbench.app.jobs import Job
 from workbench.app.live import Run
 from workbench.app.state import Loaded, State
-from workbench.app.uploads import MODELS, refuse_too_much, safe_name, unpack
+from workbench.app.uploads import MODELS, UNWRAP, refuse_too_much, safe_name, unpack
 from workbench.inputs import MISTAKES, InputError, read_model, sentence
 
 ID = re.compile(r"[0-9a-f]{32}")  # random, drawn by the page; never part of a path
@@ -80,8 +80,8 @@ class Session:
         self.finish(job, tell)
 
     def plain(self, text: str) -> str:
-        """A sentence about files as the user knows them, without the session's folder."""
-        return text.replace(f"{self.folder}/", "")
+        """A sentence in the page's words: about files without the session's folder, and controls for options."""
+        return text.replace(f"{self.folder}/", "").replace(checks.UNWRAP, f"tick '{UNWRAP}' and load it again")
 
     def cancel(self) -> None:
         """Let go of the job."""

@@ -67,6 +67,7 @@ class Stage:
         show: what it looks like now; it reads the session's state once.
         connect: registers its callbacks.
         needs_model: whether there is nothing to see before a model is fitted.
+        headline: kicker, headline and lead of a stage that is not about the loaded recordings.
     """
 
     id: str
@@ -74,3 +75,4 @@ class Stage:
     show: Callable[[Session], list[Component]]
     connect: Callable[[Bench], None]
     needs_model: bool = True
+    headline: tuple[str, str, str] | None = None

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimators.agreement import Disagreement, disagreements
 from estimators.diagnose import Addition, fit, gather, is_structured
 from estimators.diagnosis import Diagnosis, Step
 from estimators.equations import IdentificationError
@@ -137,6 +138,16 @@ class State:
         """What the fitted recordings cannot tell about the model's parameters."""
         terms = self.model.terms if self.ladder else BASE
         return identifiability([measure(recording) for recording in self.train], terms)
+
+    @cached_property
+    def disagreements(self) -> tuple[Disagreement, ...]:
+        """Recordings that show another plant than the others, as the diagnosis has it, or would begin with."""
+        if self.diagnosis is not None:
+            return self.diagnosis.disagreements
+        if self.evidence is None:
+            return ()
+        parts = self.evidence if self.holdout else self.evidence[:1]
+        return disagreements([part.data for part in parts], self.model.terms, only_if_all_fit=True)
 
     @cached_property
     def identification(self) -> Identification | None:

@@ -19,6 +19,7 @@ UPLOAD = 48_000_000  # bytes of one file, a quarter of an hour at 1 kHz
 UNPACKED = 400_000_000  # bytes of what a packed file holds
 LONGEST_NAME = 80  # characters
 MODELS = (".json",)
+UNWRAP = "undo jumps of 2π in position"  # what the page calls the reader's `unwrap`
 BLOCK = 1 << 20  # bytes
 
 

@@ -109,6 +109,25 @@ class Tab:
         self.page.wait_for_function("before => document.querySelector('#selected').textContent !== before", arg=before)
         return self.page.inner_text("#selected")
 
+    def choose(self, effect: str) -> None:
+        """Pick an effect of the library by its name."""
+        self.page.click("#any")
+        self.page.fill(".dash-dropdown-search", effect)
+        self.page.click(f".dash-dropdown-option:has-text('{effect}')")
+        self.page.wait_for_selector(f"#any:has-text('{effect}')")
+
+    def collisions(self, selector: str, gap: float = 0) -> int:
+        """Pairs of elements that lie on each other, or less than a gap apart [px]."""
+        return self.page.evaluate(
+            """([selector, gap]) => {
+              const boxes = [...document.querySelectorAll(selector)].map((one) => one.getBoundingClientRect());
+              if (boxes.length < 2) throw new Error(`there is nothing to collide: ${selector}`);
+              return boxes.flatMap((a, k) => boxes.slice(k + 1).filter((b) =>
+                Math.max(a.left - b.right, b.left - a.right, a.top - b.bottom, b.top - a.bottom) < gap)).length;
+            }""",
+            [selector, gap],
+        )
+
     def lit(self, view: str) -> dict[str, list[float]]:
         """Points that are lit up in a view."""
         return self.page.evaluate(
@@ -227,13 +246,12 @@ def test_tabs_are_apart_and_a_reload_changes_nothing(tab: Tab, browser: "sync_ap
     other = Tab(browser, tab.address)
     assert other.title() == "What does your model lack?"
     tab.go("add")
-    tab.page.click("#any")
-    tab.page.keyboard.type("quadratic")
-    tab.page.keyboard.press("ArrowDown")
-    tab.page.keyboard.press("Enter")
-    tab.page.keyboard.press("Escape")
+    tab.choose("Quadratic drag")
     tab.page.click("#add-any")
     tab.page.wait_for_selector("#undo")
+    tab.page.set_viewport_size({"width": 420, "height": 900})
+    tab.page.wait_for_timeout(500)  # for plots to take the new width
+    assert tab.collisions(".add .bartext", gap=6) == 0
     title = tab.title()
     tab.page.reload()
     tab.page.wait_for_selector("#undo")  # the same stage, too
@@ -247,6 +265,8 @@ def test_tabs_are_apart_and_a_reload_changes_nothing(tab: Tab, browser: "sync_ap
 def test_a_diagnosis_is_watched_over_a_reload_and_cancelled(tab: Tab, folder: Path) -> None:
     tab.load(folder / "swing.csv")
     tab.page.wait_for_selector("td:has-text('swing')")
+    tab.go("add")
+    tab.choose("Quadratic drag")
     tab.go("diagnose")
     tab.page.click("#diagnose")
     tab.page.wait_for_selector("#job progress")
@@ -258,6 +278,8 @@ def test_a_diagnosis_is_watched_over_a_reload_and_cancelled(tab: Tab, folder: Pa
     assert tab.title() == "Something is missing in this model"
     tab.page.wait_for_timeout(1000)  # nothing comes of it later either
     assert tab.page.locator(".ranking").count() == 0
+    tab.go("add")
+    assert tab.page.inner_text("#any") == "Quadratic drag"  # it was chosen before
 
 
 def test_a_keyboard_is_enough(tab: Tab) -> None:
@@ -308,7 +330,7 @@ def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
     page.wait_for_selector("td:has-text('recording-1')")
 
 
-@pytest.mark.parametrize(("scheme", "width"), [("dark", 1280), ("light", 800)])
+@pytest.mark.parametrize(("scheme", "width"), [("dark", 1280), ("light", 800), ("light", 420)])
 def test_no_stage_is_wider_than_the_window(
     browser: "sync_api.Browser", address: str, folder: Path, scheme: str, width: int
 ) -> None:
@@ -319,6 +341,8 @@ def test_no_stage_is_wider_than_the_window(
     for stage in STAGES:
         tab.go(stage)
         assert tab.page.evaluate("document.documentElement.scrollWidth") <= width, stage
+        if stage == "compare":
+            assert tab.collisions("#of label, #clear") == 0
         tab.picture(f"{scheme}-{width}-{stage}")
     assert tab.page.evaluate("document.documentElement.dataset.theme") == scheme
     tab.close()

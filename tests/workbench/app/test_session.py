@@ -1,5 +1,6 @@
 """Sessions and what they know, without a browser."""
 
+import ast
 import base64
 import json
 import pickle
@@ -13,27 +14,36 @@ import numpy as np
 import pytest
 
 from estimators import add, diagnose
+from estimators.regions import Region
+from pendulum_env.backends import record
+from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model
 from pendulum_env.physics.friction import Stribeck
+from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Recording, write_recording
 from tests.workbench.app.plants import recorded
 
 pytest.importorskip("dash")
 
+from dash import html
 from plotly.utils import PlotlyJSONEncoder
 
 from workbench.app import session as sessions_module
 from workbench.app import uploads
 from workbench.app.brushing import MAP, PHASE, TIME, inside, lit, within
+from workbench.app.layout import story_so_far
 from workbench.app.recorder import options
 from workbench.app.server import make_app
 from workbench.app.session import Session, Sessions
+from workbench.app.stages import STAGES, compare, data, export
+from workbench.app.stages import add as adding
 from workbench.app.stages.export import commands, snippet
 from workbench.app.stages.live import show as show_live
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import safe_name
 from workbench.cli import main
 from workbench.inputs import InputError
+from workbench.report.sections.schemes import schemes
 
 IDS = ["0" * 32, "1" * 32, "2" * 32]
 HOSTILE = [
@@ -145,6 +155,16 @@ def test_of_several_files_those_that_can_be_read_stay(session: Session, swing: R
     assert all(f"{name}: " in session.notice for name in ("bad.csv", "worse.txt", "good.csv"))
     assert session.notice.count("; ") == 2 and str(session.folder) not in session.notice
     assert [file.name for file in session.folder.iterdir()] == ["good.csv"]
+
+
+def test_the_page_says_where_it_undoes_jumps(session: Session, swing: Recording, tmp_path: Path) -> None:
+    write_recording(replace(swing, position=np.mod(swing.position, 2 * np.pi)), tmp_path / "swing.csv")
+    content = (tmp_path / "swing.csv").read_bytes()
+    upload(session, "swing.csv", content)
+    assert f"tick '{uploads.UNWRAP}' and load it again" in session.notice and "unwrap" not in session.notice
+    assert uploads.UNWRAP in str(data.show(session))
+    session.act(lambda: session.receive([("swing.csv", f"data:;base64,{base64.b64encode(content).decode()}")], True))
+    assert session.notice == "" and len(session.state.loaded) == 1
 
 
 def test_what_the_session_began_with_is_a_copy(swing: Recording, tmp_path: Path) -> None:
@@ -362,6 +382,92 @@ def test_the_command_line_comes_to_the_same_model(at_work: State) -> None:
 def test_the_python_snippet_comes_to_the_same_model(at_work: State) -> None:
     exec(snippet(at_work), {})
     assert Model.load("model.json").theta == pytest.approx(at_work.model.theta, rel=1e-6)
+
+
+@pytest.mark.parametrize("held_out", [False, True])
+def test_where_identify_fits_more_than_the_workbench_the_page_says_so(
+    session: Session, swing: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held_out: bool
+) -> None:
+    loaded = [Loaded(Path("swing.csv"), swing)]
+    if held_out:
+        loaded.append(Loaded(Path("check.csv"), recorded("check", 2, 4.0), held_out=True))
+    session.state = State.of(loaded)
+    for one in loaded:
+        write_recording(one.recording, tmp_path / one.file)
+    monkeypatch.chdir(tmp_path)
+    (line,) = commands(session.state).splitlines()
+    assert main(shlex.split(line)[1:]) == 0
+    agrees = Model.load("model.json").theta == pytest.approx(session.state.model.theta, rel=1e-6)
+    assert agrees == held_out
+    assert (export.WHOLE in str(export.show(session))) == (not agrees)
+
+
+def test_the_snippet_imports_what_it_uses(
+    state: State, worked: dict[str, State], swing: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grown = state.grown(add(state.model, "stribeck", state.train))
+    for one in (state, grown, *worked.values()):
+        tree = ast.parse(snippet(one))
+        imported = {alias.name for node in tree.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+        assert imported <= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    write_recording(swing, tmp_path / "swing.csv")
+    monkeypatch.chdir(tmp_path)
+    exec(snippet(grown), {})
+    assert Model.load("model.json").theta == pytest.approx(grown.model.theta, rel=1e-6)
+
+
+# ------------------------------------------------------------------------------------------------ stages
+
+
+def test_what_no_effect_explains_is_said_where_effects_are_added(worked: dict[str, State]) -> None:
+    grown = worked["paper"]
+    assert grown.diagnosis is not None
+    assert adding.settled(grown) == "All that the diagnosis calls for is in the model."
+    left = (Region("velocity", -1.0, 1.0, 0.1, 5.0, "the velocity is slow"),)
+    some = replace(grown, diagnosis=replace(grown.diagnosis, unexplained=left))
+    none = replace(some.undone(), diagnosis=replace(some.diagnosis, steps=grown.ladder[:1]))
+    assert adding.settled(some).endswith("in the model, but something is left that no effect of the library explains.")
+    assert adding.settled(none) == "Something is left that no effect of the library explains."
+
+
+def test_the_residual_is_the_last_model_s(session: Session, state: State, worked: dict[str, State]) -> None:
+    for session.state, last in ((state, "base model"), (worked["paper"], "final model")):
+        page = html.Div(compare.show(session))
+        chosen = page["of"]
+        assert chosen.options[chosen.value]["label"] == last
+        assert f"Residual torque of the {last}" in str(page["views"])
+
+
+def test_a_live_run_stands_under_a_headline_of_its_own(state: State) -> None:
+    stages = {stage.id: str(story_so_far(state, stage)) for stage in STAGES}
+    assert {id for id, said in stages.items() if "torque error" not in said} == {"live"}
+
+
+def test_recordings_on_one_time_axis_are_told_apart(swing: Recording) -> None:
+    others = [recorded("long", 2, 6.0), recorded("short", 3, 4.0)]
+    state = State.of([Loaded(Path(f"{one.name}.csv"), one) for one in (swing, *others)])
+    section = schemes(state.scheming)
+    assert section is not None
+    for figure in section.content["figures"]:
+        marks = [shape["x0"] for shape in figure.layout["shapes"]]
+        assert marks == pytest.approx(
+            [swing.duration, swing.duration + others[0].duration], abs=0.1
+        )  # smoothing takes the edges
+
+
+@pytest.mark.parametrize("held_out", [False, True])
+def test_a_recording_of_another_plant_is_named_where_it_is_loaded(session: Session, held_out: bool) -> None:
+    def of(name: str, seed: int, plant: Model) -> Loaded:
+        rng = np.random.default_rng(seed)
+        recording = record(plant, excitation("paper", rng, 12.0), 12.0, 500.0, rng=rng, name=name)
+        return Loaded(Path(f"{name}.csv"), recording, held_out and name == "odd")
+
+    one, other = of("one", 1, paper_plant()), of("other", 2, paper_plant())
+    session.state = State.of([one, other])
+    assert session.state.disagreements == ()
+    session.state = State.of([one, other, of("odd", 3, paper_plant({"inertia": 0.12}))])
+    assert "Recording 3 (odd) disagrees with the others: inertia" in str(data.show(session))
+    assert "Nothing in them stands in the way" not in str(data.show(session))
 
 
 # ------------------------------------------------------------------------------------------------ brushing

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from dash import Input, State, dcc, html
@@ -15,6 +16,7 @@ from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.stages.diagnose import ADD
 from workbench.app.state import State as Work
+from workbench.app.state import ids
 from workbench.app.tasks import start_addition
 from workbench.inputs import InputError
 from workbench.report.figure import Figure, axis, numbers
@@ -22,6 +24,8 @@ from workbench.report.sections.errors import PARTS, errors
 from workbench.report.words import listing, name, number, opening
 
 PATTERNS = {"train": {"shape": "/", "fillmode": "replace", "size": 6, "solidity": 0.4}, "holdout": {"shape": ""}}
+
+HEADROOM = 1.4  # times the highest bar, for its number
 
 
 def show(session: Session) -> list[Component]:
@@ -62,9 +66,10 @@ def said(steps: Sequence[Step]) -> str:
 def falling(steps: Sequence[Step], quantity: str, title: str, floor: float | None) -> Figure:
     """Bars of one kind of error, step by step."""
     labels = ["base model", *(f"+ {name(step.added)}" for step in steps if step.added)]
-    data = []
+    data, tops = [], [floor or 0.0]
     for part, label, _, _ in PARTS:
         values = np.array([getattr(step.errors[part], quantity) for step in steps])
+        tops.append(float(np.nan_to_num(values).max()))
         shades = ["--base", *["--between"] * (len(steps) - 2), *["--final"][: len(steps) - 1]]
         data.append(
             {
@@ -74,6 +79,8 @@ def falling(steps: Sequence[Step], quantity: str, title: str, floor: float | Non
                 "y": numbers(values),
                 "text": [number(value, 2) for value in values],
                 "textposition": "outside",
+                "textangle": -90,  # side by side they would collide where there are many bars, or a small screen
+                "constraintext": "none",
                 "cliponaxis": False,
                 "marker": {"color": shades, "pattern": PATTERNS[part]},
                 "hovertemplate": f"{label}: %{{y:.3g}}<extra></extra>",
@@ -96,7 +103,7 @@ def falling(steps: Sequence[Step], quantity: str, title: str, floor: float | Non
         "xaxis": axis(
             "", tickvals=list(range(len(steps))), ticktext=labels, range=edge, showgrid=False, zeroline=False
         ),
-        "yaxis": axis(title, rangemode="tozero"),
+        "yaxis": axis(title, range=[0, HEADROOM * max(tops)]),
         "barmode": "group",
         "bargap": 0.35,
         "margin": {"t": 40},
@@ -126,14 +133,26 @@ def _choice(state: Work, busy: bool) -> Component:
     elif state.astray:
         parts.append(html.P("The model has left the diagnosis: undo, or diagnose again from here."))
     else:
-        parts.append(html.P("All that the diagnosis calls for is in the model."))
+        parts.append(html.P(settled(state)))
     others = [{"label": opening(name(id)), "value": id} for id in effects() if id not in state.model.effects]
-    library = labelled("Any effect of the library", dcc.Dropdown(others, None, id="any", placeholder="choose"))
+    kept: dict[str, Any] = {  # while a job ends and the page is drawn anew; a model with an effect more asks anew
+        "persistence": f"beyond {' '.join(state.model.effects)}",
+        "persistence_type": "session",
+    }
+    library = labelled("Any effect of the library", dcc.Dropdown(others, None, id="any", placeholder="choose", **kept))
     return panel(
         "Add an effect",
         *parts,
         html.Div([library, button("Add it", "add-any", disabled=busy)], className="fields wide"),
     )
+
+
+def settled(state: Work) -> str:
+    """What is left to do where the diagnosis calls for nothing more."""
+    rest = "something is left that no effect of the library explains" if state.told.unexplained else ""
+    if not ids(state.called_for):
+        return f"{opening(rest) or 'The diagnosis calls for no effect'}."
+    return f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
 
 
 def connect(bench: Bench) -> None:

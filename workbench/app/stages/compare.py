@@ -30,16 +30,17 @@ def show(session: Session) -> list[Component]:
     state = session.state
     names = [{"label": one.recording.name, "value": one.file.name} for one in state.loaded]
     models: list[Any] = [{"label": label, "value": k} for k, (label, _, _) in enumerate(state.standing.models)]
+    last = len(models) - 1  # the one that the headline is about
     controls = [
         labelled("Recording", dcc.Dropdown(names, names[0]["value"], id="shown", clearable=False, searchable=False)),
-        labelled("Residual of the", dcc.RadioItems(models, 0, id="of", inline=True, className="pair")),
+        labelled("Residual of the", dcc.RadioItems(models, last, id="of", inline=True, className="pair")),
         button("Clear selection", "clear"),
     ]
     return [
         html.Div(controls, className="fields wide"),
         html.P(HINT, id="selected", className="brushed", role="status"),
         dcc.Store(id="lit", data=None),
-        html.Div(_views(session, names[0]["value"], 0), id="views"),
+        html.Div(_views(session, names[0]["value"], last), id="views"),
     ]
 
 

@@ -19,7 +19,7 @@ from workbench.app.stage import Bench, Stage
 from workbench.app.state import Loaded
 from workbench.app.state import State as Work
 from workbench.app.torques import choices
-from workbench.app.uploads import UPLOAD
+from workbench.app.uploads import UNWRAP, UPLOAD
 from workbench.report.figure import Figure, line, stacked, thin
 from workbench.report.sections.method import Used, use
 from workbench.report.words import listing, name, number, opening, percent
@@ -57,7 +57,7 @@ def _upload(state: Work) -> Component:
             f"Up to {UPLOAD / 1e6:.0f} MB each; nothing leaves this computer.",
             className="note",
         ),
-        dcc.Checklist([{"label": "undo jumps of 2π in position", "value": "unwrap"}], [], id="unwrap"),
+        dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id="unwrap"),
     ]
     if not state.loaded:
         ways += [
@@ -160,7 +160,8 @@ def _telling(state: Work) -> Component:
     withheld = {parameter for doubt in doubts for parameter in doubt.withheld}
     known = [name(column.name) for term in terms for column in term.columns if column.name not in withheld]
     can = [html.P(["They tell ", html.Strong(listing(known)), "."])] if known and state.ladder else []
-    cannot = [html.Li(f"{opening(doubt.text)}.") for doubt in doubts]
+    texts = [*(one.text for one in state.disagreements), *(doubt.text for doubt in doubts)]
+    cannot = [html.Li(f"{opening(text)}.") for text in texts]
     if state.trouble:
         cannot.insert(0, html.Li(f"{opening(state.trouble)}."))
     rest = [html.Ul(cannot)] if cannot else [html.P("Nothing in them stands in the way of the model's parameters.")]

@@ -20,6 +20,11 @@ from workbench.app.state import State, ids
 from workbench.report import render
 
 PROGRAM, MODEL, REPORT = "pendulum-ident", "model.json", "report.html"
+WHOLE = (
+    "This fits the whole of each recording. The workbench and Python hold the last 30 % back to check on, so that "
+    "their estimates differ a little."
+)
+UNREPORTED = f"Once there is a diagnosis, a line here writes {REPORT}, too."
 
 
 def show(session: Session) -> list[Component]:
@@ -38,10 +43,16 @@ def show(session: Session) -> list[Component]:
                 "verdicts and reasons, for programs; the command record plays the experiment it suggests",
             )
         )
+    unreported = [] if diagnosed else [html.P(UNREPORTED, className="note")]
     return [
         panel("Save", html.Ul(saved, className="downloads")),
-        panel("The same on the command line", _code(session.plain(commands(state)), "commands")),
-        panel("The same in Python", _code(snippet(state), "snippet")),
+        panel(
+            "The same on the command line",
+            *([html.P(WHOLE, className="note")] if _fits_more(state) else []),
+            *unreported,
+            _code(session.plain(commands(state)), "commands"),
+        ),
+        panel("The same in Python", *unreported, _code(snippet(state), "snippet")),
     ]
 
 
@@ -82,17 +93,24 @@ def _diagnosed_after(state: State) -> int:
     return len([effect for effect in state.added if effect in ids(state.started)])
 
 
+def _fits_more(state: State) -> bool:
+    """Whether `identify` makes the model, and fits what the workbench holds out: `add` would hold it out as well."""
+    return not (state.added or state.holdout or state.model_file)
+
+
 def snippet(state: State) -> str:
     """Python that comes to the same model."""
     train = [one.file.name for one in state.loaded if not one.held_out]
     holdout = [one.file.name for one in state.loaded if one.held_out]
     before = _diagnosed_after(state)
     adding = [f"model = add(model, {effect!r}, recordings, holdout).after.model" for effect in state.added]
+    diagnosed = state.diagnosis is not None
+    used = [*["add"] * bool(adding), *["diagnose"] * diagnosed, "fit", "gather"]
     lines = [
-        "from estimators import add, diagnose, fit, gather",
+        f"from estimators import {', '.join(used)}",
         *(["from pendulum_env.physics import Model"] if state.model_file else []),
         "from pendulum_env.recording import read_recording",
-        "from workbench.report import write_report",
+        *(["from workbench.report import write_report"] if diagnosed else []),
         "",
         f"recordings = [read_recording(path) for path in {train!r}]",
         f"holdout = [read_recording(path) for path in {holdout!r}]",
@@ -100,7 +118,7 @@ def snippet(state: State) -> str:
         f"model = fit(*gather(recordings, holdout){', terms' if state.model_file else ''}).model",
         *adding[:before],
     ]
-    if state.diagnosis is not None:
+    if diagnosed:
         lines.append("found = diagnose(recordings, holdout, model.terms)")
         lines.append(f"write_report({REPORT!r}, recordings, holdout, found)")
     return "\n".join([*lines, *adding[before:], f"model.save({MODEL!r})"])

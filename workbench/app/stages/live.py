@@ -52,11 +52,19 @@ def show(session: Session) -> list[Component]:
             "Peak torque [N m]", dcc.Input(None, type="number", id="live-amplitude", min=0, placeholder="usual", **kept)
         ),
         labelled("Length [s]", seconds),
-        labelled(
-            "To replay",
-            dcc.Dropdown(
-                replays, replays[0]["value"] if replays else None, id="live-replay", clearable=False, searchable=False
+        html.Div(
+            labelled(
+                "To replay",
+                dcc.Dropdown(
+                    replays,
+                    replays[0]["value"] if replays else None,
+                    id="live-replay",
+                    clearable=False,
+                    searchable=False,
+                ),
             ),
+            id="live-replay-field",
+            hidden=True,
         ),
     ]
     running = session.run is not None and session.run.running
@@ -245,6 +253,10 @@ def connect(bench: Bench) -> None:
         write_recording(session.run.recording(file.stem), file)
         session.keep(session.read(file))
 
+    @bench.app.callback(Output("live-replay-field", "hidden"), Input("live-backend", "value"))
+    def has_none_to_replay(backend: str) -> bool:
+        return backend != "replay"
+
     @bench.app.callback(
         *(Output({"kind": "plot-spec", "of": plot}, "data") for plot in PLOTS),
         Output("live-motion", "data"),
@@ -265,4 +277,5 @@ def connect(bench: Bench) -> None:
         return (*specs, motion, _said(look), _table(look), not look.running)
 
 
-STAGE = Stage("live", "Live", show, connect, needs_model=False)
+HEADLINE = ("Live: a run of its own", "Estimates as they converge", "")
+STAGE = Stage("live", "Live", show, connect, needs_model=False, headline=HEADLINE)

@@ -60,5 +60,12 @@ def convergence_figure(found: Identification, column: int, strokes: dict[str, JS
         "showlegend": False,
         "hovermode": "x unified",
         "margin": {"t": 12},
+        "shapes": [_boundary(end) for end in found.ends[:-1]],
     }
     return Figure(f"convergence-{column}", f"Estimates of {parameter.name} over time", data, layout, 260)
+
+
+def _boundary(time: float) -> JSON:
+    """Where one recording ends and the next begins."""
+    line = {"color": "--muted", "width": 1, "dash": "dot"}
+    return {"type": "line", "x0": time, "x1": time, "yref": "paper", "y0": 0, "y1": 1, "layer": "below", "line": line}
