@@ -215,7 +215,7 @@ class Search:
         """The steps without friction effects that only imitate a law which the library does not name."""
         base, terms = steps[0].model.terms, steps[-1].model.terms
         imitators = [term for term in terms[len(base) :] if term.id in IMITATORS]
-        if all(term.id != IMITATED for term in imitators):
+        if not any(term.id == IMITATED or is_unusual(term) for term in imitators):
             return steps
         trial = self.screen.best(tuple(term for term in terms if term not in imitators), PowerLaw)
         if trial is None or trial.predicted_rms > LOOSE * self.floor:
@@ -345,6 +345,11 @@ class Search:
 def has_transmission(terms: Sequence[Term]) -> bool:
     """Whether one of the terms is a loose or elastic transmission."""
     return any(term.kind == "transmission" for term in terms)
+
+
+def is_unusual(term: Term) -> bool:
+    """Whether a shape parameter of a term has left its usual value."""
+    return any(shape.usual is not None for shape in term.free)
 
 
 def complexity(term: Term) -> int:
