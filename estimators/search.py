@@ -239,7 +239,10 @@ class Search:
         steps = self.ladder(base, challenged)
         if self.are_confirmed(steps):
             return steps
-        return [self.report(step.added, step.model.terms) for step in grown]
+        reports = [self.report(step.added, step.model.terms) for step in grown]
+        while any(is_nothing(reports[-1].model, term) for term in reports[-1].model.terms[len(base) :]):
+            reports.pop()
+        return reports
 
     def resolve(self, steps: list[Step]) -> list[Step]:
         """The steps with an effect replaced by one that training data cannot tell from it, but held-out data do.
