@@ -50,7 +50,7 @@ def test_curves_end_where_the_table_says(folder):
 
 def test_a_cluster_gives_the_same_figures(folder, capsys):
     distributed = pytest.importorskip("distributed")
-    quiet = {"dashboard_address": None, "processes": False, "protocol": "tcp://"}
+    quiet = {"dashboard_address": ":0", "processes": False, "protocol": "tcp://"}  # any port that is free
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, **quiet) as cluster:
         path = folder / "there.json"
         assert main([*OPTIONS, "--dask", cluster.scheduler_address, "--json", str(path)]) == 0
