@@ -116,7 +116,7 @@ def _examine(
     limit: float,
 ) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
-    late = late_torque(recordings, base)
+    late = late_torque(recordings, [base])
     if late is not None:
         return _untimely(Search(*evidence, progress), base, late)
     search, steps = look(*evidence, base, progress)
@@ -136,7 +136,7 @@ def _examine(
     tried = [step.model.terms for step in steps[1:]]
     if not search.fits(steps[-1]):  # late torque may hide the effect that would be found without it
         tried += [trial.terms for trial in search.alternatives(steps[-1].model.terms)[:NEAREST]]
-    late = next(filter(None, (late_torque(recordings, terms) for terms in tried)), None)
+    late = late_torque(recordings, tried)
     if late is not None:
         return _untimely(search, base, late)
     candidates, groups = judge(search, steps)

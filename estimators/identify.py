@@ -195,7 +195,7 @@ def identify(
 def _mistakes(recordings: Sequence[Recording], terms: Sequence[Term]) -> list[str]:
     """What seems to be wrong with the recordings themselves: torque beside the wrong row, another plant."""
     try:
-        late = late_torque(recordings, terms)
+        late = late_torque(recordings, [terms])
         odd = disagreements([prepare(recordings)], terms, only_if_all_fit=True)
     except IdentificationError:  # windows need more motion than some schemes
         return []

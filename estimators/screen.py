@@ -84,6 +84,11 @@ class Screen:
             trials.append(Trial(tuple(terms), rms[0], rms[1], hidden))
         return trials
 
+    def nats(self, better: Trial, worse: Trial) -> float:
+        """Log likelihood ratio of two trials from their cross-validated errors."""
+        count = len(self.data.weights)
+        return count * float(np.log(max(worse.predicted_rms, 1e-12) / max(better.predicted_rms, 1e-12)))
+
     def trials(self, terms: Sequence[Term], variants: Sequence[Term]) -> list[Trial]:
         """Errors of `terms` with each of V variants of one further effect added."""
         phi, y = self.shared(terms)
@@ -172,8 +177,7 @@ class Screen:
         unusual = freed(refined.terms[place])
         if unusual is not None:
             other = with_its(gauss_newton(unusual, residuals))
-            gain = len(self.data.weights) * np.log(max(refined.predicted_rms, 1e-12) / max(other.predicted_rms, 1e-12))
-            return other if gain > CALL else refined
+            return other if self.nats(other, refined) > CALL else refined
         return refined
 
     def _residuals(self, terms: Sequence[Term]) -> Residuals:

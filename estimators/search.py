@@ -63,9 +63,8 @@ class Search:
         self.floor = self.train.data.noise(abs(float(inertia)))
 
     def nats(self, better: Trial, worse: Trial) -> float:
-        """Log likelihood ratio of two trials from their cross-validated errors."""
-        count = len(self.train.data.weights)
-        return count * float(np.log(max(worse.predicted_rms, 1e-12) / max(better.predicted_rms, 1e-12)))
+        """Log likelihood ratio of two trials on the training data."""
+        return self.screen.nats(better, worse)
 
     def margin(self, one: Trial, other: Trial) -> float:
         """Nats within which two trials tie; the noise that a term filters out is known to a quarter only."""
@@ -262,8 +261,8 @@ class Search:
 
     def is_called_for(self, rival: Trial, chosen: Trial) -> bool:
         """Whether held-out data speak for a rival that training data leave open, if both are fitted to them anew."""
-        better, worse = (self.held_out.trial(trial.terms).predicted_rms for trial in (rival, chosen))
-        return len(self.holdout.data.weights) * np.log(worse / max(better, 1e-12)) > SURPRISE
+        better, worse = (self.held_out.trial(trial.terms) for trial in (rival, chosen))
+        return self.held_out.nats(better, worse) > SURPRISE
 
     def _follows_better(self, rival: Step, chosen: Step) -> bool:
         """Whether a rival follows held-out recordings clearly better, in torque and in motion."""
