@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,12 +34,15 @@ class Dataset:
         blocks: fold of each equation in cross-validation, (R,). Folds take turns along the recording, a few windows
             each, so that an event that happens once (a stop that is hit, a payload that is lost) is in most of them.
         clusters: the same with shorter stretches, for standard errors under correlated residuals.
+        watched: samples with the state variables of a term, by its id, one entry a recording; where they are not given,
+            the measured motion from the start on tells.
     """
 
     windows: tuple[Windows, ...]
     weights: Array
     blocks: Index
     clusters: Index
+    watched: Mapping[str, Sequence[Samples]] = field(default_factory=dict)
 
     @property
     def samples(self) -> Samples:
@@ -54,7 +57,8 @@ class Dataset:
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
         """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,)."""
-        traced = trace_all(self.windows, variants)
+        known = self.watched.get(variants[0].id)
+        traced = [[x] * len(variants) for x in known] if known else trace_all(self.windows, variants)
         per_window = [w.columns(variants, own) for w, own in zip(self.windows, traced, strict=True)]
         return [
             (np.concatenate([phi for phi, _ in parts]), np.concatenate([fixed for _, fixed in parts]))

@@ -14,7 +14,17 @@ from estimators.diagnosis import Diagnosis, Step
 from estimators.equations import IdentificationError
 from estimators.evidence import Evidence
 from estimators.identifiability import identifiability
-from estimators.in_flight import BETTER, fly, grow_in_flight, has_hidden_state, hides, is_astray, position_error, strays
+from estimators.in_flight import (
+    BETTER,
+    fly,
+    grow_in_flight,
+    has_hidden_state,
+    hides,
+    is_astray,
+    position_error,
+    sharpen,
+    strays,
+)
 from estimators.inputs import Recordings, Terms, chosen_recordings, chosen_terms, model_that_moves
 from estimators.measurements import measure
 from estimators.plausibility import impossible, objection, wrong_signs
@@ -139,7 +149,9 @@ def _examine(
     late = late_torque(recordings, tried)
     if late is not None:
         return _untimely(search, base, late)
-    candidates, groups = judge(search, steps)
+    progress("sharpening", 0.93)
+    rough, steps = steps, sharpen(search, steps)
+    candidates, groups = judge(search, rough, steps)
     doubts = identifiability([measure(recording) for recording in recordings], steps[-1].model.terms)
     progress("looking for the next experiment", 0.95)
     asked = questions(search, steps[-1].model.terms, groups, candidates, doubts)

@@ -6,8 +6,8 @@ short enough that the errors of an unstable upright pendulum do not swamp everyt
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import distance_transform_cdt
@@ -31,6 +31,8 @@ class Flights:
         torque: held command in each period (N, B) [N m].
         position: measured (N + 1, B) [rad].
         velocity: measured at the start (B,) [rad/s].
+        hidden: state variables of terms at the start (B,) each, by term; where they are not given, the measured motion
+            up to then tells.
     """
 
     windows: Windows
@@ -38,6 +40,7 @@ class Flights:
     torque: Array
     position: Array
     velocity: Array
+    hidden: Mapping[str, Memory] = field(default_factory=dict)
 
     def command(self, delay: float) -> Array:
         """Held command in every flight, (N, B) [N m], `delay` [s] late; zero before the recording began."""
@@ -120,17 +123,14 @@ def _simulate(flights: Sequence[Flights], models: Sequence[Parametrised], nudges
         """One value a flight (B,) of each recording for every model, (V B,)."""
         return np.tile(np.concatenate(series), len(models))
 
-    terms, memory = [], {}
+    terms, theta = stacked(models, sum(counts))
+    memory: dict[str, Memory] = {}
     for variants in zip(*(own for own, _ in models), strict=True):
-        if variants[0].delay:
-            continue  # the command is delayed below
-        stacked = {name: np.repeat([v.shape[name] for v in variants], sum(counts)) for name in variants[0].shape}
-        terms.append(replace(variants[0], **stacked))
-        memory.update(_memory(flights, variants))
+        memory.update(start_memory(flights, variants))
     delays = [sum(term.delay for term in own) for own, _ in models]
     path = simulate(
         terms,
-        np.repeat(np.column_stack([theta for _, theta in models]), sum(counts), axis=1),
+        theta,
         each([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in flights]),
         np.concatenate([flight.command(delay) for delay in delays for flight in flights], axis=1),
         each([flight.position[0] for flight in flights]) + np.repeat(nudges[:, 0], sum(counts)),
@@ -142,8 +142,25 @@ def _simulate(flights: Sequence[Flights], models: Sequence[Parametrised], nudges
     return np.split(positions, np.cumsum(counts)[:-1], axis=2)
 
 
-def _memory(flights: Sequence[Flights], variants: Sequence[Term]) -> dict[str, Memory]:
-    """State, at the start of every flight, in which the measured motion up to then has left V variants of a term."""
+def stacked(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Array]:
+    """Terms and theta (P, V count) that simulate `count` pendulums of each of V models, all of them in a row.
+
+    Terms that delay the command are left out: `Flights.command` does that.
+    """
+    terms = []
+    for variants in zip(*(own for own, _ in models), strict=True):
+        if not variants[0].delay:
+            shapes = {name: np.repeat([v.shape[name] for v in variants], count) for name in variants[0].shape}
+            terms.append(replace(variants[0], **shapes))
+    return terms, np.repeat(np.column_stack([theta for _, theta in models]), count, axis=1)
+
+
+def start_memory(flights: Sequence[Flights], variants: Sequence[Term]) -> dict[str, Memory]:
+    """State at the start of every flight of V variants of a term: as given, or as the measured motion has left it."""
+    id = variants[0].id
+    if all(id in flight.hidden for flight in flights):
+        known = [np.concatenate(series) for series in zip(*(flight.hidden[id] for flight in flights), strict=True)]
+        return {id: tuple(np.tile(series, len(variants)) for series in known)}
     distinct = list(dict.fromkeys(variants))
     traced = trace_all([flight.windows for flight in flights], distinct)
     traces = [dict(zip(distinct, own, strict=True)) for own in traced]

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators import output_error
 from estimators.diagnosis import Step
-from estimators.free_running import position_noise
+from estimators.free_running import position_noise, take_off
 from estimators.search import MOST, PLAIN, Search, complexity, has_transmission
 from pendulum_env.physics import Model, Term
 
@@ -20,6 +20,7 @@ ASTRAY = 2.5  # times the position error that noise gives
 LEAST_POSITION = 1e-3  # and of this share of the motion, which no initial state or integration is worth chasing below
 FLIGHT = 0.93  # share of the error of flights, fitted and held out, to which an effect has to lower it
 SURE = 3.5  # standard errors by which flights have to gain
+HOP = 0.5  # [s], length of flights that are short enough for errors to grow as a linear model says
 IN_FLIGHT = 6  # starts from which they are fitted, of those that promise most
 
 
@@ -69,6 +70,25 @@ def fly(search: Search, steps: list[Step]) -> list[Step]:
     if torque * position < SIMILAR and (has_hidden_state(start.terms) or new < HALF * old):
         return [*steps[:-1], refined]
     return steps
+
+
+def sharpen(search: Search, steps: list[Step]) -> list[Step]:
+    """The steps with the last model at its largest likelihood, where noise is all that it leaves to explain.
+
+    Windows lose what happens near reversals, and much of what a coarse encoder tells; innovations lose nothing.
+    """
+    last = steps[-1]
+    if not search.fits(last) or has_transmission(last.model.terms):
+        return steps
+    start = output_error.Point(last.model.terms, last.model.theta)
+    flights, checks = ([take_off(w, HOP) for w in part.data.windows] for part in (search.train, search.holdout))
+    filters, expected = output_error.innovations(flights, start), output_error.innovations(checks, start)
+    point = output_error.fit(flights, start.terms, start.theta, filters=filters)
+    old, new = (output_error.rms(checks, one, output_error.evenly(checks), expected) for one in (start, point))
+    refined = search.with_errors(last.added, output_error.model(flights, point, filters))
+    torque = refined.errors["holdout"].torque_rms / last.errors["holdout"].torque_rms
+    stands = len(steps) == 1 or search.is_confirmed(refined, steps[-2])
+    return [*steps[:-1], refined] if new <= old and torque < NO_WORSE and stands else steps
 
 
 def grow_in_flight(search: Search, steps: list[Step]) -> list[Step]:

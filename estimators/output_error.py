@@ -4,6 +4,8 @@ Equations clear of stick say nothing of what happens in and around it. A simulat
 perturbed parameters are simulated as one batch, and the parameters are moved until the simulated positions fit the
 measured ones (Gauss-Newton). The state at the start of each flight is free: its two sensitivities are projected out.
 
+With filters, errors count as innovations: then the fit is that of largest likelihood, if only noise is left to explain.
+
 Source: Ljung, System Identification, 2nd edition, section 10.2, with multiple shooting as in Bock 1983.
 """
 
@@ -15,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.free_running import Flights, fly_all
+from estimators.innovations import Innovations
 from estimators.least_squares import robust_covariance
 from estimators.shapes import continuous, moved
 from pendulum_env._typing import Array
@@ -22,6 +25,8 @@ from pendulum_env.physics import Model, Term
 
 TURNS = 12
 SHARES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step that are tried
+GAIN = 1e-3  # share of the squared error by which a turn has to lower it
+FINE_GAIN = 1e-5  # the same where it is known what noise leaves
 DIFFERENCE = 1e-3  # relative step of derivatives
 LEAP = 0.5  # largest step of a parameter from zero
 SMALLEST = 1e-3  # size against which a parameter near zero moves
@@ -59,27 +64,43 @@ class Point:
 
 
 NUDGE = np.array([1e-4, 1e-3])  # of the initial position [rad] and velocity [rad/s], for their sensitivities
+Filters = Sequence[Innovations]  # of each recording's flights; none where errors count as they are
 
 
-def residuals(flights: Sequence[Flights], points: Sequence[Point]) -> list[Array]:
+def residuals(flights: Sequence[Flights], points: Sequence[Point], filters: Filters = ()) -> list[Array]:
     """Position errors of V points, for each recording (B, N, V), free of what another initial state would explain.
 
-    The part of each flight's error that its two initial-state sensitivities can explain is taken out.
+    The part of each flight's error that its two initial-state sensitivities can explain is taken out. Filters turn the
+    errors [rad] into innovations, in standard deviations.
     """
     everyone = [(point.terms, point.theta) for point in (*points, points[0], points[0])]
     nudges = np.zeros((len(everyone), 2))
     nudges[-2:] = np.diag(NUDGE)
-    return [_errors(*pair) for pair in zip(flights, fly_all(flights, everyone, nudges), strict=True)]
+    paths = fly_all(flights, everyone, nudges)
+    each: Sequence[Innovations | None] = filters or [None] * len(paths)
+    return [_errors(*parts) for parts in zip(flights, paths, each, strict=True)]
 
 
-def _errors(flights: Flights, path: Array) -> Array:
+def _errors(flights: Flights, path: Array, filter: Innovations | None) -> Array:
     """Errors (B, N, V) of simulated positions (N + 1, V + 2, B), the last two of them from nudged initial states."""
-    grain = max(1, round(GRAIN * flights.windows.recording.rate))
+    grain = _grain(flights)
     path, measured = path[grain::grain], flights.position[grain::grain]
     sensitivity = np.moveaxis((path[:, -2:] - path[:, :1]) / NUDGE[:, None], 2, 0)  # (B, N, 2)
-    frames, _ = np.linalg.qr(sensitivity)
     error = np.moveaxis(path[:, :-2] - measured[:, None], 2, 0)  # (B, N, V)
+    if filter is not None:
+        sensitivity, error = np.split(filter.whiten(np.concatenate([sensitivity, error], axis=2)), [2], axis=2)
+    frames, _ = np.linalg.qr(sensitivity)
     return np.asarray(error - frames @ (np.swapaxes(frames, 1, 2) @ error))
+
+
+def _grain(flights: Flights) -> int:
+    """Samples from one compared position to the next."""
+    return max(1, round(GRAIN * flights.windows.recording.rate))
+
+
+def innovations(flights: Sequence[Flights], point: Point) -> list[Innovations]:
+    """Filters of the errors around a point."""
+    return [Innovations.of(flight, point.terms, point.theta, _grain(flight)) for flight in flights]
 
 
 def weigh(flights: Sequence[Flights], point: Point) -> list[Array]:
@@ -94,47 +115,55 @@ def _weights(base: Sequence[Array]) -> list[Array]:
     return [(1 / (1 + (size / usual) ** 2))[:, None, None] for size in sizes]
 
 
-def _stacked(flights: Sequence[Flights], points: Sequence[Point], weights: Sequence[Array]) -> tuple[Array, Array]:
+def _stacked(
+    flights: Sequence[Flights], points: Sequence[Point], weights: Sequence[Array], filters: Filters = ()
+) -> tuple[Array, Array]:
     """Weighted errors (M, V) of V points, and the flight that each row belongs to (M,)."""
-    parts = residuals(flights, points)
+    parts = residuals(flights, points, filters)
     flat = [(np.sqrt(w) * part).reshape(-1, len(points)) for part, w in zip(parts, weights, strict=True)]
     counts = np.concatenate([np.full(len(part), part.shape[1]) for part in parts])
     return np.concatenate(flat), np.repeat(np.arange(len(counts)), counts)
 
 
-def _slopes(flights: Sequence[Flights], point: Point, weights: Sequence[Array]) -> tuple[Array, Array, Array]:
+def _slopes(
+    flights: Sequence[Flights], point: Point, weights: Sequence[Array], filters: Filters = ()
+) -> tuple[Array, Array, Array]:
     """Weighted errors (M,), their derivatives by relative changes of the parameters (M, P + S), and flights (M,)."""
     values = point.values
     size = np.maximum(np.abs(values), SMALLEST)
     nearby = [point.at(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
-    errors, which = _stacked(flights, [point, *nearby], weights)
+    errors, which = _stacked(flights, [point, *nearby], weights, filters)
     return errors[:, 0], (errors[:, 1:] - errors[:, :1]) / DIFFERENCE, which
 
 
-def fit(flights: Sequence[Flights], terms: Sequence[Term], theta: Array, turns: int = TURNS) -> Point:
+def fit(
+    flights: Sequence[Flights], terms: Sequence[Term], theta: Array, turns: int = TURNS, filters: Filters = ()
+) -> Point:
     """Move the linear parameters theta (P,) and the continuous shape parameters until the flights fit best."""
     point = Point(tuple(terms), np.asarray(theta, dtype=float))
-    weights = _weights(residuals(flights, [point]))
+    weights = _weights(residuals(flights, [point], filters))
     for _ in range(turns):
         values = point.values
-        error, slopes, _ = _slopes(flights, point, weights)
+        error, slopes, _ = _slopes(flights, point, weights, filters)
         damping = np.diag(1e-3 * np.linalg.norm(slopes, axis=0) + 1e-12)
         target = np.concatenate([-error, np.zeros(len(values))])
         size = np.maximum(np.abs(values), SMALLEST)
         longest = np.where(size > SMALLEST, 0.5, LEAP / SMALLEST)  # a parameter that was zero has to get somewhere
         step = np.clip(np.linalg.lstsq(np.vstack([slopes, damping]), target, rcond=None)[0], -longest, longest)
         tried = [point.at(values + share * step * size) for share in SHARES]
-        costs = np.sum(_stacked(flights, tried, weights)[0] ** 2, axis=0)
+        costs = np.sum(_stacked(flights, tried, weights, filters)[0] ** 2, axis=0)
         best = int(np.argmin(costs))
-        if not costs[best] < float(error @ error) * (1 - 1e-3):
+        if not costs[best] < float(error @ error) * (1 - (FINE_GAIN if filters else GAIN)):
             break
         point = tried[best]
     return point
 
 
-def rms(flights: Sequence[Flights], point: Point, weights: Sequence[Array] | None = None) -> float:
-    """Weighted root mean square error of the flights, the state at their start being free [rad]."""
-    parts = residuals(flights, [point])
+def rms(
+    flights: Sequence[Flights], point: Point, weights: Sequence[Array] | None = None, filters: Filters = ()
+) -> float:
+    """Weighted root mean square error of the flights, the state at their start being free [rad], or innovation."""
+    parts = residuals(flights, [point], filters)
     weights = _weights(parts) if weights is None else weights
     total = sum(float((weight * part**2).sum()) for part, weight in zip(parts, weights, strict=True))
     return float(np.sqrt(total / sum(float(w.sum()) * part.shape[1] for w, part in zip(weights, parts, strict=True))))
@@ -178,11 +207,15 @@ def promise(flights: Sequence[Flights], point: Point, weights: Sequence[Array]) 
     return float(left @ left)
 
 
-def model(flights: Sequence[Flights], point: Point) -> Model:
+def model(flights: Sequence[Flights], point: Point, filters: Filters = ()) -> Model:
     """Model at a point, with standard errors from the spread of the flights (jackknife's sandwich)."""
-    weights = _weights(residuals(flights, [point]))
-    error, slopes, which = _slopes(flights, point, weights)
-    relative = np.sqrt(np.diag(robust_covariance(slopes, error, which.astype(int))))
+    weights = _weights(residuals(flights, [point], filters))
+    error, slopes, which = _slopes(flights, point, weights, filters)
+    return named(point, np.sqrt(np.diag(robust_covariance(slopes, error, which.astype(int)))))
+
+
+def named(point: Point, relative: Array) -> Model:
+    """Model at a point; its standard errors are given relative to the parameters (P + S,)."""
     std = relative * np.maximum(np.abs(point.values), SMALLEST)
     names = [f"{term.id}.{shape.name}" for term in point.terms for shape in continuous(term)]
     count = len(point.theta)

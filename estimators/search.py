@@ -193,17 +193,24 @@ class Search:
         return step if self.is_confirmed(step, last) else None
 
     def find(self, base: tuple[Term, ...]) -> list[Step]:
-        """Steps to the best model there is; where the one that grows first does not fit, others may start otherwise."""
+        """Steps to the best model there is; where the one that grows first does not fit, others may start otherwise.
+
+        A start may make held-out errors worse, as a wall does that held-out data hardly reach while they show what else
+        is missing: the model that it leads to has to be confirmed all the same, step by step.
+        """
         bare = self.step(None, base)
         grown = self.grow([bare])
         found = self.prune(grown)
-        if len(grown) == 1 or self.fits(found[-1]) or has_transmission(found[-1].model.terms):
+        if self.fits(found[-1]) or has_transmission(found[-1].model.terms):
             return found
         before = self.screen.trial(base)
+        begun = {step.added for step in grown[1:2]}
         for trial in self.alternatives(base)[:BRANCHES]:
-            step = self._confirmed(trial, before, bare) if trial.terms[-1].id != grown[1].added else None
-            if step is not None:
-                found = min(found, self.prune(self.grow([bare, step])), key=self._cost)
+            id = trial.terms[-1].id
+            if id not in begun and self.is_material(trial, before, NEEDED):
+                branch = self.prune(self.grow([bare, self.step(id, self.settle(trial.terms))]))
+                if self.are_confirmed(branch):
+                    found = min(found, branch, key=self._cost)
         return found
 
     def _cost(self, steps: list[Step]) -> float:

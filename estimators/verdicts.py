@@ -21,12 +21,20 @@ EXTRA = 2.0  # nats against each parameter more
 CERTAIN = 50.0  # nats beyond which odds are no more telling, and numbers end
 
 
-def judge(search: Search, steps: Sequence[Step]) -> tuple[list[Candidate], list[tuple[str, ...]]]:
-    """Verdict on every effect of the library, and the groups that these data cannot tell apart."""
+def judge(
+    search: Search, steps: Sequence[Step], shown: Sequence[Step]
+) -> tuple[list[Candidate], list[tuple[str, ...]]]:
+    """Verdict on every effect of the library, and the groups that these data cannot tell apart.
+
+    Args:
+        search: trials on the data.
+        steps: from the base model to the final one, fitted as rivals are.
+        shown: the same steps as the user sees them, the last perhaps fitted more closely.
+    """
     final = search.screen.trial(steps[-1].model.terms)
     verdicts: dict[str, Candidate] = {}
     groups: list[tuple[str, ...]] = []
-    for before, after in pairwise(steps):
+    for before, after in pairwise(shown):
         chosen, *alike = _judge_selected(search, final, before, after, steps[-1])
         verdicts.update({candidate.effect: candidate for candidate in (chosen, *alike)})
         if alike:

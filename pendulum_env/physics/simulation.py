@@ -29,6 +29,7 @@ class Trajectory(NamedTuple):
 
     position: Array  # (N + 1, B) [rad]
     velocity: Array  # (N + 1, B) [rad/s]
+    memory: Mapping[str, Memory] | None = None  # (N + 1, B) each, by term; where it was asked for
 
 
 class Balance:
@@ -179,6 +180,7 @@ def simulate(
     before: Array | None = None,
     memory: Mapping[str, Memory] | None = None,
     longest_step: float = LONGEST_STEP,
+    remember: bool = False,
 ) -> Trajectory:
     """Simulate B pendulums in free run under a torque command that is held over each period.
 
@@ -193,6 +195,7 @@ def simulate(
         before: commands before the first, (M,) or (M, B), for terms that delay the torque; zero where unknown.
         memory: initial state variables of terms with memory, where they are known; else those of long rest.
         longest_step: longest integration step [s].
+        remember: whether the state variables of terms with memory are returned too.
     """
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
@@ -219,8 +222,17 @@ def simulate(
     x = replace(x, memory={**balance.start(x), **(memory or {})})
     positions, velocities = np.empty((2, len(torque) + 1, *batch))
     positions[0], velocities[0] = q, v
+    states = [x.memory]
     for k, command in enumerate(commands):
         x = step(balance, replace(x, torque=command), h)
         if (k + 1) % count == 0:
             positions[(k + 1) // count], velocities[(k + 1) // count] = x.position, x.velocity
-    return Trajectory(positions, velocities)
+            if remember:
+                states.append(x.memory)
+    if not remember:
+        return Trajectory(positions, velocities)
+    series = {
+        id: tuple(np.array([np.broadcast_to(state[id][i], batch) for state in states]) for i in range(len(first)))
+        for id, first in states[0].items()
+    }
+    return Trajectory(positions, velocities, series)

@@ -156,6 +156,7 @@ def _link(id: str, pull: object, gravity: ArrayLike) -> tuple[Column, ...]:
             "kg m^2",
             mass=lambda x: -np.ones_like(x.velocity),
             force=lambda x: pull(x) - gravity * np.sin(x.position),  # type: ignore[operator]
+            least=0.0,
         ),
     )
 

@@ -1,0 +1,349 @@
+"""Multiple shooting: the state at the start of many short flights is fitted, with the parameters or for given ones.
+
+Nobody measures the link behind a loose transmission. Carried along the measured motion from the start of a recording,
+its state is lost after a few bounces, each of which magnifies what the one before was wrong by. Flights of a quarter of
+a second forgive that: what the motor does in them tells where the link is. Parameters and states are moved together
+(Gauss-Newton, each flight's state damped by its own Levenberg-Marquardt factor); starts that got stuck on the wrong
+side of the play are tried anew from the other.
+
+Source: Bock, Randwertproblemmethoden zur Parameteridentifizierung, 1987; for the elimination of the states, Golub and
+Pereyra, Inverse Problems 19(2), 2003.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.evidence import Evidence
+from estimators.free_running import Flights, stacked, start_memory
+from estimators.least_squares import robust_covariance
+from estimators.output_error import GRAIN, SMALLEST, Point, named
+from estimators.windows import Windows
+from pendulum_env._typing import Array, Index
+from pendulum_env.physics import Model, Samples, Term, Trajectory, simulate
+from pendulum_env.physics.term import Memory
+
+HOP = 0.25  # [s], length of a flight
+MOST = 120  # flights that parameters are fitted to
+STEP = 0.5e-3  # [s], of the integrator: a contact sets in with a jump of torque
+DIFFERENCE = 1e-2  # relative change of a parameter for derivatives, large enough to move contacts by a step
+NUDGE = np.array([3e-4, 3e-3, 1e-3, 1e-2])  # the same of position and velocity of motor and link [rad], [rad/s]
+SHARES = (1.0, 0.4, 0.1, 0.0)  # of a step of the parameters that are tried,
+LARGEST = 0.3  # relative change of a parameter in a step
+DAMPING = np.array([0.01, 1.0, 100.0])  # factors on the damping of a state that are tried
+TURNS, LAUNCHES = 25, 4
+GAIN = 0.01  # share by which a turn has to lower the squared error
+STEEP = 10.0  # times the usual slope, beyond which a flight is about to miss a contact, and counts less
+
+
+@dataclass(frozen=True)
+class Shots:
+    """Flights of one recording with the states (S, B) that they start from: q, q', then the hidden ones."""
+
+    flights: Flights
+    states: Array
+    damping: Array  # (B,)
+
+    @property
+    def measured(self) -> Array:
+        """Positions to compare with (N, B) [rad]."""
+        return self.flights.position[self.grain :: self.grain]
+
+    @property
+    def grain(self) -> int:
+        """Samples from one compared position to the next."""
+        return max(1, round(GRAIN * self.flights.windows.recording.rate))
+
+    def fly(self, points: Sequence[Point], states: Array, remember: bool = False) -> Trajectory:
+        """Flights of V points from V sets of states (V, S, B), each (N + 1, V B)."""
+        flights, count = self.flights, states.shape[2]
+        terms, theta = stacked([(point.terms, point.theta) for point in points], count)
+        memory: dict[str, Memory] = {}
+        for variants in zip(*(point.terms for point in points), strict=True):
+            if variants[0].kind != "transmission":
+                memory.update(start_memory([flights], variants))
+        q, v, *hidden = (row.ravel() for row in np.swapaxes(states, 0, 1))
+        memory[hidden_term(points[0].terms).id] = tuple(hidden)
+        recording = flights.windows.recording
+        return simulate(
+            terms,
+            theta,
+            1.0 / recording.rate,
+            np.concatenate([flights.command(sum(term.delay for term in point.terms)) for point in points], axis=1),
+            q,
+            v,
+            np.tile(recording.time[flights.first], len(points)),
+            memory=memory,
+            longest_step=STEP,
+            remember=remember,
+        )
+
+    def errors(self, points: Sequence[Point], states: Array) -> Array:
+        """Errors of position of V points from V sets of states (V, S, B), each (V, B, N) [rad]."""
+        path = self.fly(points, states).position[self.grain :: self.grain]
+        return np.moveaxis(path.reshape(len(path), len(points), -1) - self.measured[:, None], 0, 2)
+
+
+def _each(points: Sequence[Point], times: int) -> list[Point]:
+    """Every point several times in a row."""
+    return [point for point in points for _ in range(times)]
+
+
+def hidden_term(terms: Sequence[Term]) -> Term:
+    """The term with a state that nobody measures."""
+    return next(term for term in terms if term.kind == "transmission")
+
+
+def cut(windows: Windows, point: Point, first: Index) -> Shots:
+    """Flights from given samples on, started as the measured motion suggests."""
+    recording = windows.recording
+    length = max(1, round(HOP * recording.rate))
+    index = first + np.arange(length + 1)[:, None]
+    position = np.vstack([windows.samples.position[first], recording.position[index[1:]]])
+    flights = Flights(windows, first, recording.torque[index[:-1]], position, windows.samples.velocity[first])
+    hidden = start_memory([flights], [hidden_term(point.terms)])[hidden_term(point.terms).id]
+    return Shots(flights, np.array([position[0], flights.velocity, *hidden]), np.full(len(first), DAMPING[0]))
+
+
+def tiles(windows: Windows) -> Index:
+    """First samples of flights that follow each other all along a part of a recording."""
+    length = max(1, round(HOP * windows.recording.rate))
+    last = windows.stop - length - 1
+    return np.unique(np.append(np.arange(windows.first, last, length), max(last, windows.first)))
+
+
+# ---------------------------------------------------------------------------------------------------------- states
+
+
+def _slopes(shots: Shots, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
+    """Errors (V, B, N) of V points from V sets of states (V, S, B), and derivatives by the states (V, B, N, S)."""
+    count, size, flights = states.shape
+    nudged = states[:, None] + np.vstack([np.zeros(size), np.diag(NUDGE)])[None, :, :, None]
+    errors = shots.errors(_each(points, size + 1), nudged.reshape(-1, size, flights))
+    errors = errors.reshape(count, size + 1, flights, -1)
+    return errors[:, 0], np.moveaxis((errors[:, 1:] - errors[:, :1]) / NUDGE[:, None, None], 1, 3)
+
+
+def _moves(error: Array, slopes: Array, damping: Array) -> Array:
+    """Steps of the states (F, S, B) that lower the errors (B, N) of B flights, for each of F factors on the damping."""
+    square = np.swapaxes(slopes, 1, 2) @ slopes
+    own = np.einsum("bss->bs", square)[:, :, None] * np.eye(slopes.shape[2])
+    pull = np.einsum("bns,bn->bs", slopes, error)[:, :, None]
+    steps = [
+        -np.linalg.solve(square + (d * damping)[:, None, None] * own + 1e-16 * np.eye(own.shape[1]), pull)
+        for d in DAMPING
+    ]
+    return np.array([step[:, :, 0].T for step in steps])
+
+
+def settle(
+    shots: Shots, points: Sequence[Point], states: Array, damping: Array, turns: int
+) -> tuple[Array, Array, Array]:
+    """States (V, S, B), their damping (V, B) and squared errors (V, B) after some turns, for each of V points."""
+    for _ in range(turns):
+        error, slopes = _slopes(shots, points, states)
+        before = np.sum(error**2, axis=2)
+        tried = np.array(
+            [s + _moves(*one) for s, *one in zip(states, error, slopes, damping, strict=True)]
+        )  # (V, F, S, B)
+        flat = tried.reshape(-1, *states.shape[1:])
+        after = np.sum(shots.errors(_each(points, len(DAMPING)), flat) ** 2, axis=2)
+        states, damping, squares = _best(tried, after.reshape(*tried.shape[:2], -1), states, before, damping)
+    return states, damping, squares
+
+
+def _best(tried: Array, after: Array, states: Array, before: Array, damping: Array) -> tuple[Array, Array, Array]:
+    """The best of F states tried for each flight (V, F, S, B), or the old ones where none is better."""
+    best = np.argmin(after, axis=1)[:, None]  # (V, 1, B)
+    squares = np.take_along_axis(after, best, 1)[:, 0]
+    better = squares < before
+    moved = np.take_along_axis(tried, best[:, :, None], 1)[:, 0]
+    bolder = np.clip(damping * DAMPING[best[:, 0]], 1e-6, 1e3)
+    return (
+        np.where(better[:, None], moved, states),
+        np.where(better, bolder, np.minimum(30 * damping, 1e3)),
+        np.minimum(squares, before),
+    )
+
+
+def launch(shots: Shots, point: Point) -> tuple[Shots, Array]:
+    """The flights from the best states there are for a point, and their squared errors (B,).
+
+    Tried are the states they have, those that the measured motion suggests, and a link on either side of the play.
+    """
+    traced = cut(shots.flights.windows, point, shots.flights.first).states
+    gap = hidden_term(point.terms).shape.get("gap", 0.0)
+    candidates = [shots.states, traced]
+    for side in (-1, 0, 1) if gap else ():
+        candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
+    start = np.full((len(candidates), traced.shape[1]), DAMPING[0])
+    states, _, squares = settle(shots, [point] * len(candidates), np.array(candidates), start, LAUNCHES)
+    best = np.argmin(squares, axis=0)
+    flight = np.arange(len(best))
+    return replace(shots, states=states[best, :, flight].T, damping=start[0]), squares[best, flight]
+
+
+# ------------------------------------------------------------------------------------------------------ parameters
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Errors (M,) of all flights in a row and their derivatives by relative changes of the parameters (M, P).
+
+    What other states at the start would explain is taken out of both; flights that go astray or are about to miss a
+    contact are weighted down.
+
+    Attributes:
+        error: weighted.
+        by_parameter: weighted.
+        flight: that each row belongs to (M,).
+        weights: of the flights of each recording (B,).
+        moves: for each recording errors (B, N), derivatives by the parameters (B, N, P) and by the states (B, N, S).
+    """
+
+    error: Array
+    by_parameter: Array
+    flight: Index
+    weights: tuple[Array, ...]
+    moves: tuple[tuple[Array, Array, Array], ...]
+
+
+def _linearise(every: Sequence[Shots], point: Point) -> Slopes:
+    values = point.values
+    size = np.maximum(np.abs(values), SMALLEST)
+    nearby = [point.at(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
+    moves = []
+    for shots in every:
+        (error,), (by_state,) = _slopes(shots, [point], shots.states[None])
+        near = shots.errors(nearby, np.repeat(shots.states[None], len(nearby), axis=0))
+        moves.append((error, np.moveaxis((near - error) / DIFFERENCE, 0, 2), by_state))
+    free = [_project(*move) for move in moves]
+    spread = [np.sqrt(np.mean(error**2, axis=1)) for error, _, _ in moves]
+    usual = 3 * float(np.median(np.concatenate(spread))) + 1e-12
+    steep = [np.linalg.norm(slopes, axis=1) for _, slopes in free]  # (B, P)
+    limit = STEEP * np.median(np.concatenate(steep), axis=0)
+    trust = [np.minimum(1.0, limit / (own + 1e-300)).min(axis=1) for own in steep]
+    weights = tuple(1 / (1 + (own / usual) ** 2) for own in spread)
+    root = [np.sqrt(w) * t for w, t in zip(weights, trust, strict=True)]
+    counts = np.concatenate([np.full(len(error), error.shape[1]) for error, _, _ in moves])
+    return Slopes(
+        np.concatenate([(r[:, None] * error).ravel() for r, (error, _) in zip(root, free, strict=True)]),
+        np.concatenate([(r[:, None, None] * s).reshape(-1, len(values)) for r, (_, s) in zip(root, free, strict=True)]),
+        np.repeat(np.arange(len(counts)), counts),
+        weights,
+        tuple(moves),
+    )
+
+
+def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array, Array]:
+    """Errors (B, N) and derivatives (B, N, P) less what the states (B, N, S) explain."""
+    frames, _ = np.linalg.qr(by_state / (np.linalg.norm(by_state, axis=1, keepdims=True) + 1e-300))
+    both = np.concatenate([error[:, :, None], by_parameter], axis=2)
+    both = both - frames @ (np.swapaxes(frames, 1, 2) @ both)
+    return both[:, :, 0], both[:, :, 1:]
+
+
+def fit(every: Sequence[Shots], point: Point) -> tuple[Point, list[Shots]]:
+    """Parameters and states that fit the flights of all recordings best."""
+    every = [launch(shots, point)[0] for shots in every]
+    stalled = 0
+    for _ in range(TURNS):
+        values, slopes = point.values, _linearise(every, point)
+        size = np.maximum(np.abs(values), SMALLEST)
+        damping = np.diag(0.01 * np.linalg.norm(slopes.by_parameter, axis=0) + 1e-12)
+        target = np.concatenate([-slopes.error, np.zeros(len(values))])
+        step = np.linalg.lstsq(np.vstack([slopes.by_parameter, damping]), target, rcond=None)[0]
+        step = np.clip(step, -LARGEST, LARGEST)
+        points = [point.at(values + share * step * size) for share in SHARES]
+        tried = [_follow(shots, points, step, move) for shots, move in zip(every, slopes.moves, strict=True)]
+        costs = [w @ squares.T for (_, _, squares), w in zip(tried, slopes.weights, strict=True)]
+        best = int(np.argmin(np.sum(costs, axis=0)))
+        cost = float(np.sum(costs, axis=0)[best])
+        before = sum(
+            float(w @ np.sum(move[0] ** 2, axis=1)) for w, move in zip(slopes.weights, slopes.moves, strict=True)
+        )
+        point = points[best]
+        every = [
+            replace(shots, states=states[best], damping=damped[best])
+            for shots, (states, damped, _) in zip(every, tried, strict=True)
+        ]
+        if cost > before * (1 - GAIN):
+            launched = [launch(shots, point) for shots in every]
+            every = [shots for shots, _ in launched]
+            anew = sum(float(w @ squares) for w, (_, squares) in zip(slopes.weights, launched, strict=True))
+            stalled = stalled + 1 if anew > cost * (1 - GAIN) else 0
+            if stalled == 2:
+                break
+    return point, every
+
+
+def _follow(
+    shots: Shots, points: Sequence[Point], step: Array, move: tuple[Array, Array, Array]
+) -> tuple[Array, Array, Array]:
+    """States, their damping and squared errors (V, B) when the parameters take each share of a step."""
+    error, by_parameter, by_state = move
+    expected = [error + share * (by_parameter @ step) for share in SHARES]
+    stay = np.repeat(shots.states[None], len(points), axis=0)
+    tried = np.array([shots.states + _moves(one, by_state, shots.damping) for one in expected])
+    tried = np.concatenate([tried, stay[:, None]], axis=1)
+    squares = np.sum(shots.errors(_each(points, tried.shape[1]), tried.reshape(-1, *stay.shape[1:])) ** 2, axis=2)
+    best = np.argmin(squares.reshape(*tried.shape[:2], -1), axis=1)[:, None]
+    states = np.take_along_axis(tried, best[:, :, None], 1)[:, 0]
+    factors = np.append(DAMPING, DAMPING[-1])[best[:, 0]]
+    return settle(shots, points, states, np.clip(shots.damping * factors, 1e-6, 1e3), 1)
+
+
+def estimate(evidence: Evidence, model: Model) -> Model:
+    """The model with parameters fitted by multiple shooting; standard errors from the spread of the flights."""
+    point = Point(model.terms, model.theta)
+    every = [tiles(windows) for windows in evidence.data.windows]
+    thinned = -(-sum(len(first) for first in every) // MOST)
+    shots = [cut(windows, point, first[::thinned]) for windows, first in zip(evidence.data.windows, every, strict=True)]
+    point, shots = fit(shots, point)
+    slopes = _linearise(shots, point)
+    return named(point, np.sqrt(np.diag(robust_covariance(slopes.by_parameter, slopes.error, slopes.flight))))
+
+
+# -------------------------------------------------------------------------------------------------------- watching
+
+
+def watch(evidence: Evidence, model: Model) -> Evidence:
+    """Evidence with the hidden states of a model as the motion around each instant tells them, all along recordings."""
+    if not any(term.kind == "transmission" for term in model.terms):
+        return evidence
+    point = Point(model.terms, model.theta)
+    id = hidden_term(model.terms).id
+    watched = [_watch(windows, point, id) for windows in evidence.data.windows]
+    flights = [
+        replace(flight, hidden={id: _state(flight, x, id)}) for flight, x in zip(evidence.flights, watched, strict=True)
+    ]
+    return replace(evidence, data=replace(evidence.data, watched={id: watched}), flights=tuple(flights))
+
+
+def _watch(windows: Windows, point: Point, id: str) -> Samples:
+    """Samples of a recording with the motion of motor and link as flights that follow each other have it."""
+    x = windows.trace([hidden_term(point.terms)])[0]
+    shots, _ = launch(cut(windows, point, tiles(windows)), point)
+    path = shots.fly([point], shots.states[None], remember=True)
+    assert path.memory is not None
+    index = shots.flights.first + np.arange(len(path.position))[:, None]
+
+    def filled(measured: object, simulated: Array) -> Array:
+        series = np.array(measured, dtype=float)
+        series[index] = simulated
+        return series
+
+    link = tuple(filled(old, new) for old, new in zip(x.memory[id], path.memory[id], strict=True))
+    q, v = filled(x.position, path.position), filled(x.velocity, path.velocity)
+    return replace(x, position=q, velocity=v, memory={id: link})
+
+
+def _state(flight: Flights, x: Samples, id: str) -> Memory:
+    """Hidden state at the start of every flight, as far from the measured state there as it is from the simulated."""
+    position, velocity = x.memory[id]
+    first = flight.first
+    stretch, speed = position[first] - np.asarray(x.position)[first], velocity[first] - np.asarray(x.velocity)[first]
+    return flight.position[0] + stretch, flight.velocity + speed
