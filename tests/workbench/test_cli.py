@@ -264,6 +264,20 @@ def test_unwrap_mends_wrapped_angles(wrapped, capsys):
     assert "unwrapped" in capsys.readouterr().out
 
 
+def test_columns_are_those_the_user_names(runs, tmp_path, capsys):
+    odd, saved = tmp_path / "odd.csv", tmp_path / "model.json"
+    recording = read_recording(runs / "train.csv")
+    rows = np.column_stack([1e3 * recording.time, np.degrees(recording.position), recording.torque])
+    np.savetxt(odd, rows, delimiter=",", header='clock,Winkel,"M, soll"', comments="", fmt="%.12g")
+    named = ["--columns", "time=clock:ms,position=Winkel:deg,torque=M, soll:Nm"]
+    assert main(["identify", str(odd), *named, "-o", str(saved)]) == 0
+    assert "position converted to rad from column 'Winkel'" in capsys.readouterr().out
+    want, got = Model.load(runs / "model.json"), Model.load(saved)
+    np.testing.assert_allclose(got.theta, want.theta, rtol=1e-6)
+    assert main(["compare", str(saved), str(odd), *named]) == 0
+    assert main(["add", str(saved), "stribeck", str(odd), *named]) == 0
+
+
 def test_plain_output_has_no_escape_codes(runs, capsys):
     assert main(["compare", str(runs / "model.json"), str(runs / "train.csv")]) == 0
     out = capsys.readouterr()
@@ -441,6 +455,9 @@ def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refuse
         (["diagnose"], "RECORDING"),
         (["identify", "run.csv", "--scheme", "hamiltonia"], "did you mean hamiltonian?"),
         (["identify", "run.csv", "--shceme", "all"], "--shceme"),
+        (["identify", "run.csv", "--columns", "time"], "'time' should be QUANTITY=NAME"),
+        (["diagnose", "run.csv", "--columns", "time=t,angle=q"], "not for 'angle'"),
+        (["compare", "m.json", "run.csv", "--columns", "time=t,time=ms:ms"], "time is named twice"),
         (["add", "model.json", "stribek", "run.csv"], "did you mean stribeck?"),
         (["record"], "--output"),
         (["record", "-o", "run.txt"], "should end in .csv"),

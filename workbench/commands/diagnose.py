@@ -11,7 +11,16 @@ from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE
 from workbench.command import Command
 from workbench.commands.identify import six_schemes
-from workbench.inputs import check_outputs, keep_apart, number, read_model, read_recordings, take_recordings, wrote
+from workbench.inputs import (
+    check_outputs,
+    keep_apart,
+    number,
+    read_model,
+    read_recordings,
+    reader,
+    take_recordings,
+    wrote,
+)
 from workbench.story import tell
 from workbench.terminal import Terminal
 
@@ -39,8 +48,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs(outputs, [*arguments.recordings, *arguments.holdout])
     keep_apart(arguments.recordings, arguments.holdout)
     base = read_model(arguments.model).terms if arguments.model else BASE
-    recordings = read_recordings(arguments.recordings, arguments.unwrap, terminal)
-    holdout = read_recordings(arguments.holdout, arguments.unwrap, terminal)
+    recordings = read_recordings(arguments.recordings, reader(arguments), terminal)
+    holdout = read_recordings(arguments.holdout, reader(arguments), terminal)
     with terminal.progress("diagnosing") as progress:
         found = diagnose(recordings, holdout, base, progress, arguments.max_torque)
     if arguments.json is not None:
