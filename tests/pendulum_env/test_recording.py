@@ -316,7 +316,8 @@ def test_text_dialects(write: Write, columns: dict, swing: Recording, delimiter:
         (lambda lines: lines[:12] + lines[11:], "time does not increase at data row 12 .* repeats 0.02 s"),
         (lambda lines: lines[:12] + lines[2:], "time does not increase at data row 12 .* falls from 0.02 to 0.002 s"),
         (lambda lines: lines[:500] + lines[600:], "a gap of 0.202 s ends at data row 500 .* split the file"),
-        (lambda lines: lines[:500] + lines[502:], "a gap of 0.006 s ends at data row 500"),
+        (lambda lines: lines[:500] + lines[504:], "a gap of 0.01 s ends at data row 500"),
+        (lambda lines: lines[:1] + [line for k, line in enumerate(lines[1:]) if k % 50 < 48], "a gap of 0.006 s ends"),
         (lambda lines: lines[:11], "holds 10 samples, of which at least 100"),
         (lambda lines: lines[:201], "lasts 0.398 s, of which at least 1 s"),
     ],
@@ -555,12 +556,48 @@ def test_resampling_keeps_the_impulse_of_the_torque(write: Write) -> None:
     assert impulse == pytest.approx(torque[:-1] @ np.diff(time), abs=1e-9)
 
 
-def test_one_lost_sample_is_bridged_without_shifting_the_others(write: Write, columns: dict[str, np.ndarray]) -> None:
-    recording = read_recording(write(columns, edit=lambda lines: lines[:500] + lines[501:]))
-    assert len(recording) == 2000
-    np.testing.assert_allclose(recording.position, columns["position"], atol=1e-5)
-    np.testing.assert_allclose(np.delete(recording.torque, 499), np.delete(columns["torque"], 499), atol=1e-6)
-    assert "1 of them over 1.5 times the usual" in recording.notes[0]
+LOST = "missing after data row"
+
+
+@pytest.mark.parametrize(
+    ("gone", "note"),
+    [
+        ([499], "1 sample is missing after data row 499: filled in by interpolation"),
+        ([499, 500, 501], "3 samples are missing after data row 499: filled in by interpolation"),
+        ([40, 777, 778], "3 samples are missing after data rows 40 and 776: filled in by interpolation"),
+    ],
+)
+def test_lost_samples_are_filled_in_without_touching_the_others(
+    write: Write, swing: Recording, gone: list[int], note: str
+) -> None:
+    whole = {"time": swing.time, "position": swing.position, "velocity": swing.velocity, "torque": swing.torque}
+    path = write({name: np.delete(column, gone) for name, column in whole.items()}, digits="%.17g")
+    recording = read_recording(path)
+    assert recording.notes == (note,)
+    assert len(recording) == len(swing)
+    for name, column in whole.items():
+        np.testing.assert_allclose(np.delete(getattr(recording, name), gone), np.delete(column, gone), atol=1e-12)
+    np.testing.assert_allclose(recording.position, swing.position, atol=1e-5)
+    np.testing.assert_allclose(recording.torque, swing.torque, atol=0.01)
+
+
+def test_a_sample_lost_at_1_khz_is_told_from_a_clock_printed_in_milliseconds(write: Write) -> None:
+    time = np.arange(5000) / 1000
+    one = read_recording(write({"t": np.delete(time, 2000), "q": np.delete(np.sin(time), 2000), "u": time[1:]}))
+    assert len(one) == 5000 and one.rate == pytest.approx(1000)
+    assert LOST in one.notes[0] and not any("rounding" in note for note in one.notes)
+    slow = np.arange(5000) / 999  # every 1000th step is of 2 ms
+    other = read_recording(write({"t": np.round(slow, 3), "q": np.sin(slow), "u": time}))
+    assert len(other) == 5000
+    assert "by rounding only" in other.notes[0]
+
+
+def test_lost_samples_amid_jitter_are_filled_in_before_resampling(write: Write) -> None:
+    rng = np.random.default_rng(3)
+    time = np.delete(np.arange(2000) / 500 + rng.uniform(-5e-5, 5e-5, 2000), [700, 701])
+    recording = read_recording(write({"t": time, "q": np.sin(12 * time), "u": np.cos(time)}, digits="%.17g"))
+    assert LOST in recording.notes[0] and recording.notes[1].startswith("resampled to")
+    np.testing.assert_allclose(recording.position, np.sin(12 * recording.time), atol=1e-5)
 
 
 def test_seconds_since_1970_keep_their_uniformity(write: Write, columns: dict[str, np.ndarray]) -> None:
