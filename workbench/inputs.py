@@ -225,6 +225,8 @@ def read_suggestion(path: str) -> Suggestion:
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise InputError(f"{path}: is not a diagnosis, which is what `diagnose --json` writes")
     if data.get("suggestion") is None:
+        if data.get("forbidden"):
+            raise InputError(f"{path}: {data['forbidden']}")
         pairs = data.get("inseparable") or []
         why = f", and no torque tells {' from '.join(map(str, pairs[0]))}" if pairs else ""
         raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{why}")

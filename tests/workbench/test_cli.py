@@ -195,7 +195,8 @@ def test_record_plays_what_a_diagnosis_suggests(tmp_path, capsys, monkeypatch):
     first, next_one, path = tmp_path / "first.csv", tmp_path / "next.csv", tmp_path / "d.json"
     plant = ["--theta", "coulomb=0.2,viscous=0.2", "-o"]
     assert main(["record", "--seconds", "8", "--amplitude", "1", *plant, str(first)]) == 0
-    assert main(["diagnose", str(first), "--json", str(path), "--max-torque", "4"]) == 0
+    limits = ["--max-torque", "4", "--max-angle", "2.5", "--max-speed", "20"]
+    assert main(["diagnose", str(first), "--json", str(path), *limits]) == 0
     assert "to tell spring from gravity: record 20 s of" in capsys.readouterr().out
     suggestion = json.loads(path.read_text())["suggestion"]
     assert suggestion["settles"] == [{"effect": "spring", "instead": "gravity"}]
@@ -206,6 +207,7 @@ def test_record_plays_what_a_diagnosis_suggests(tmp_path, capsys, monkeypatch):
         np.abs(played.torque).max() == pytest.approx(suggestion["peak_torque"], abs=0.1)
         and suggestion["peak_torque"] <= 4
     )
+    assert np.abs(played.position).max() <= 2.5
     assert np.ptp(played.position) == pytest.approx(np.ptp(suggestion["reach"]), rel=0.1)
     assert main(["diagnose", str(first), str(next_one), "--json", str(path)]) == 0
     assert json.loads(path.read_text())["suggestion"] is None
@@ -223,6 +225,7 @@ def test_a_diagnosis_without_a_suggestion_is_refused(runs, tmp_path, refused):
             json.dumps({**content, "inseparable": [["torque_offset", "coulomb_asymmetry"]]}),
             "no torque tells torque_offset",
         ),
+        (json.dumps({**content, "forbidden": "no experiment within 0.5 N m would"}), "no experiment within 0.5 N m"),
         (json.dumps({**content, "suggestion": {"seconds": 3}}), "its suggestion cannot be played"),
     ]:
         path.write_text(data)
