@@ -107,6 +107,7 @@ def show_comparison(found: Comparison) -> str:
     return card(
         opening(found.headline),
         table(distances_table(found)),
+        *_list("Recordings that disagree", [one.text for one in found.disagreements]),
         heading("Where"),
         bullets(where),
         *plots,

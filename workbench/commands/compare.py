@@ -32,6 +32,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
     terminal.heading(f"Errors of the model with {enumerate_words([term.id for term in model.terms])}")
     terminal.table(*distances_table(found))
+    if found.disagreements:
+        terminal.heading("Recordings that disagree")
+        for disagreement in found.disagreements:
+            terminal.say(f"- {disagreement.text}")
     terminal.heading("Where")
     for region in found.regions:
         terminal.say(f"- {region.text}")
