@@ -89,17 +89,7 @@ class Comparison:
                 }
                 for item in self.profiles
             ],
-            "regions": [
-                {
-                    "axis": region.axis,
-                    "low": region.low,
-                    "high": region.high,
-                    "residual": region.residual,
-                    "significance": region.significance,
-                    "text": region.text,
-                }
-                for region in self.regions
-            ],
+            "regions": [region.json() for region in self.regions],
             "disagreements": [disagreement.json() for disagreement in self.disagreements],
         }
 

@@ -150,6 +150,7 @@ class Diagnosis:
             "unexplained": {
                 "present": bool(self.unexplained),
                 "where": "; ".join(region.text for region in self.unexplained) or None,
+                "regions": [region.json() for region in self.unexplained],
             },
             "noise_floor": {"torque_rms": self.noise_floor},
             "advice": list(self.advice),
