@@ -150,8 +150,8 @@ class Diagnosis:
             "unexplained": {
                 "present": bool(self.unexplained),
                 "where": "; ".join(region.text for region in self.unexplained) or None,
-                "regions": [region.json() for region in self.unexplained],
             },
+            "regions": [region.json() for region in self.unexplained],
             "noise_floor": {"torque_rms": self.noise_floor},
             "advice": list(self.advice),
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,

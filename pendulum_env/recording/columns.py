@@ -49,7 +49,7 @@ TOLD = {  # of UNITS, what people are told of
     "velocity": "rad/s, deg/s, rpm, rev/s",
     "torque": "Nm, mNm, Ncm",
 }
-CHOOSE = "--columns {0}=NAME (columns={{'{0}': 'NAME'}})"  # what settles a doubt, on the command line and in Python
+CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def find_columns(headers: Sequence[str], named: Mapping[str, str] | None = None)
         candidates = [c for c in fitting if not c.commanded] or fitting
         if len(candidates) > 1:
             names = " and ".join(_shown(c.header) for c in candidates)
-            raise RecordingError(f"columns {names} could both be {quantity}: choose one with {CHOOSE.format(quantity)}")
+            raise RecordingError(f"columns {names} could both be {quantity}: {CHOOSE}")
         if candidates:
             others = tuple(c.header for c in fitting if c not in candidates)
             columns[quantity] = replace(candidates[0], passed_over=others)
@@ -114,7 +114,7 @@ def find_columns(headers: Sequence[str], named: Mapping[str, str] | None = None)
     if missing:
         raise RecordingError(
             f"no column for {', '.join(missing)} among {_listed(headers)}: name the columns {HEADER} (in s, rad, N m) "
-            f"and optionally velocity (rad/s), or say which it is with {CHOOSE.format(missing[0])}"
+            f"and optionally velocity (rad/s), or {CHOOSE}"
         )
     return columns
 

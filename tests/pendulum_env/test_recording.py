@@ -189,7 +189,7 @@ def test_no_name_has_two_meanings() -> None:
         ("time", "no column for position, torque among 'time'"),
         ("time,position [counts],torque", "no column for position"),
         ("time,position,current [A]", "no column for torque"),
-        ("time,q,tau_cmd,u", "'tau_cmd' and 'u' could both be torque: choose one with --columns torque=NAME"),
+        ("time,q,tau_cmd,u", "'tau_cmd' and 'u' could both be torque: say which with --columns QUANTITY=NAME"),
     ],
 )
 def test_columns_refused(headers: str, match: str) -> None:

@@ -185,7 +185,7 @@ def follows_design(data):
         assert 0 <= candidate["score"] <= 1
     assert {c["effect"] for c in data["candidates"] if c["verdict"] == "selected"} == set(data["selected"])
     assert all(len(group) > 1 for group in data["ambiguous"])
-    assert data["unexplained"].keys() >= {"present", "where"}
+    assert data["unexplained"].keys() == {"present", "where"}
     assert data["unexplained"]["present"] == (data["unexplained"]["where"] is not None)
     assert data["noise_floor"]["torque_rms"] > 0
 

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from threading import RLock
 
-from pendulum_env.recording import checks, read_recording
+from pendulum_env.recording import checks, columns, read_recording
 from workbench.app.jobs import Job
 from workbench.app.live import Run
 from workbench.app.state import Loaded, State
@@ -82,7 +82,11 @@ class Session:
 
     def plain(self, text: str) -> str:
         """A sentence in the page's words: about files without the session's folder, and controls for options."""
-        return text.replace(f"{self.folder}/", "").replace(checks.UNWRAP, f"tick '{UNWRAP}' and load it again")
+        here = {checks.UNWRAP: f"tick '{UNWRAP}' and load it again", columns.CHOOSE: "rename columns in the file"}
+        text = text.replace(f"{self.folder}/", "")
+        for option, control in here.items():
+            text = text.replace(option, control)
+        return text
 
     def cancel(self) -> None:
         """Let go of the job."""

@@ -168,6 +168,11 @@ def test_the_page_says_where_it_undoes_jumps(session: Session, swing: Recording,
     assert session.notice == "" and len(session.state.loaded) == 1
 
 
+def test_the_page_says_what_to_do_about_columns(session: Session) -> None:
+    upload(session, "run.csv", b"time,q,position,torque\n0,0,0,0\n")
+    assert "could both be position: rename columns in the file" in session.notice and "--columns" not in session.notice
+
+
 def test_what_the_session_began_with_is_a_copy(swing: Recording, tmp_path: Path) -> None:
     original = tmp_path / "swing.csv"
     write_recording(swing, original)
