@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from estimators.agreement import Disagreement, disagreements_with, misfits
 from estimators.dataset import dataset
 from estimators.evidence import Errors, Evidence
 from estimators.inputs import Recordings, chosen_recordings, model_that_moves
@@ -43,6 +44,7 @@ class Comparison:
         joint: all recordings together.
         profiles: residual torque over position, velocity, torque, time and frequency, all recordings together.
         regions: where it stands out of the noise, the most telling first.
+        disagreements: recordings that show another plant than the model is of, or than the others.
     """
 
     model: Model
@@ -50,6 +52,7 @@ class Comparison:
     joint: Distance
     profiles: tuple[Profile, ...]
     regions: tuple[Region, ...]
+    disagreements: tuple[Disagreement, ...] = ()
 
     @property
     def headline(self) -> str:
@@ -86,17 +89,8 @@ class Comparison:
                 }
                 for item in self.profiles
             ],
-            "regions": [
-                {
-                    "axis": region.axis,
-                    "low": region.low,
-                    "high": region.high,
-                    "residual": region.residual,
-                    "significance": region.significance,
-                    "text": region.text,
-                }
-                for region in self.regions
-            ],
+            "regions": [region.json() for region in self.regions],
+            "disagreements": [disagreement.json() for disagreement in self.disagreements],
         }
 
 
@@ -120,4 +114,5 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     joint = distance("all", together, model)
     maps = profiles(together.samples, together.residual(model.terms, model.theta), joint.noise_floor)
     distances = [distance(recording.name, part, model) for recording, part in zip(recordings, parts, strict=True)]
-    return Comparison(model, tuple(distances), joint, tuple(maps), tuple(stand_out(maps)))
+    odd = (*disagreements_with(model, together.data), *misfits(together.data, model.terms))
+    return Comparison(model, tuple(distances), joint, tuple(maps), tuple(stand_out(maps)), odd)

@@ -26,6 +26,7 @@ from pendulum_env.excitation import Excitation, family
 from pendulum_env.physics import Model, Term, simulate
 from pendulum_env.plant import typical
 from pendulum_env.recording import Recording
+from pendulum_env.words import listing
 
 SECONDS = 20.0  # of the experiment
 RATE = 500.0  # [Hz], of its simulation at most
@@ -34,6 +35,33 @@ SHOWN = 0.7  # times the noise floor: a difference as large as this is found
 PLENTY = 20.0  # times the noise floor: enough to show a twentieth part of it, too
 ALIKE = 0.05  # of the worth, a logarithm: signals as close as this are as good, and the smallest swing is chosen
 FEWEST = 40  # windows clear of stick that an experiment has to give
+GENTLER = (1.0, 0.3, 0.1)  # of the torque: what small angles and low speeds call for
+SAFE = 0.9  # share of a bounded angle or speed that is used: the model that foretells the motion is in doubt
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the rig bears: torque [N m], angle to either side of hanging down [rad], and speed [rad/s]."""
+
+    torque: float
+    angle: float = np.inf
+    speed: float = np.inf
+
+    @property
+    def moves_freely(self) -> bool:
+        """Whether neither angle nor speed is bounded."""
+        return bool(np.isinf(self.angle) and np.isinf(self.speed))
+
+    @property
+    def text(self) -> str:
+        """`0.5 N m and 2 rad/s`."""
+        bounds = ((self.torque, "N m"), (self.angle, "rad"), (self.speed, "rad/s"))
+        return listing([f"{bound:.3g} {unit}" for bound, unit in bounds if np.isfinite(bound)])
+
+    def bear(self, position: Array, velocity: Array) -> bool:
+        """Whether a motion stays well within them."""
+        angle, speed = np.abs(position).max(), np.abs(velocity).max()
+        return bool(angle <= SAFE * self.angle and speed <= SAFE * self.speed)
 
 
 @dataclass(frozen=True)
@@ -97,12 +125,41 @@ def of_typical_size(kind: type[Term]) -> tuple[Term, Array]:
 
 
 def suggest(
-    search: Search, model: Model, asked: Sequence[Question], limit: float
+    search: Search, model: Model, asked: Sequence[Question], limits: Limits, usual: float
+) -> tuple[Suggestion | None, list[Aim], str | None]:
+    """The experiment that settles most.
+
+    Args:
+        search: what the diagnosis worked with.
+        model: that foretells the motion.
+        asked: what is open.
+        limits: of the rig.
+        usual: torque that is trusted without limits [N m].
+
+    Returns:
+        It, if there is one; what no torque up to the usual settles, whatever the limits; and what only the limits keep
+        from being settled, in one sentence.
+    """
+    suggestion, unsettled = _choose(search, model, asked, limits)
+    free = Limits(max(limits.torque, usual))
+    if not unsettled or limits == free:
+        return suggestion, unsettled, None
+    hopeless = _choose(search, model, [question for question in asked if question.aim in unsettled], free)[1]
+    forbidden = [aim.text for aim in unsettled if aim not in hopeless]
+    if not forbidden:
+        return suggestion, hopeless, None
+    more = "more torque" if limits.moves_freely else "more"
+    text = f"no experiment within {limits.text} would {listing(forbidden, 'or')}: allow {more} if the rig bears it"
+    return suggestion, hopeless, text
+
+
+def _choose(
+    search: Search, model: Model, asked: Sequence[Question], limits: Limits
 ) -> tuple[Suggestion | None, list[Aim]]:
-    """The experiment that settles most, and what no torque up to `limit` [N m] settles."""
-    if not asked:
-        return None, []
-    runs = rehearse(search, model, limit)
+    """The experiment within limits that settles most, and what none of them settles."""
+    runs = rehearse(search, model, limits) if asked else []
+    if not runs:
+        return None, [question.aim for question in asked]
     shown = np.zeros((len(runs), len(asked)))  # against the noise floor
     for j, run in enumerate(runs):
         if len(run.data.weights) >= FEWEST:
@@ -137,17 +194,23 @@ class Run:
         return Suggestion(self.signal, SECONDS, settled, float(np.abs(torque).max()), reach, self.peak_speed)
 
 
-def rehearse(search: Search, model: Model, limit: float) -> list[Run]:
-    """Simulate every candidate signal up to a torque [N m], sampled and windowed much as the recordings are."""
+def rehearse(search: Search, model: Model, limits: Limits) -> list[Run]:
+    """Simulate candidate signals, sampled and windowed much as the recordings are; gives those within the limits."""
     windows = search.train.data.windows[0]
     recorded = windows.recording.rate
     rate, half_width = min(RATE, recorded), (len(windows.kernel) // 2) / recorded
     time = np.arange(round(SECONDS * rate)) / rate
-    signals = family(np.random.default_rng(0), SECONDS, limit)
+    shares = GENTLER[:1] if limits.moves_freely else GENTLER
+    signals = [signal for s in shares for signal in family(np.random.default_rng(0), SECONDS, s * limits.torque)]
     torques = np.column_stack([signal.signal(time) for signal in signals])
     path = simulate(model.terms, model.theta, 1 / rate, torques, 0.0, 0.0)
-    motions = zip(signals, torques.T, path.position[:-1].T, np.abs(path.velocity).max(axis=0), strict=True)
+    motions = zip(signals, torques.T, path.position[:-1].T, path.velocity.T, strict=True)
     return [
-        Run(signal, dataset([cut(Recording("experiment", time, position, torque), half_width)]), float(speed))
-        for signal, torque, position, speed in motions
+        Run(
+            signal,
+            dataset([cut(Recording("experiment", time, position, torque), half_width)]),
+            float(np.abs(velocity).max()),
+        )
+        for signal, torque, position, velocity in motions
+        if limits.bear(position, velocity)
     ]

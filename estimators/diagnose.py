@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.agreement import disagreements
 from estimators.dataset import choose_half_width
-from estimators.design import USUAL, questions, suggest
+from estimators.design import USUAL, Limits, questions, suggest
 from estimators.diagnosis import Diagnosis, Step
 from estimators.equations import IdentificationError
 from estimators.evidence import Evidence
@@ -74,6 +74,8 @@ def diagnose(
     base: Terms = BASE,
     progress: Progress = no_progress,
     max_torque: float | None = None,
+    max_angle: float = np.inf,
+    max_speed: float = np.inf,
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
 
@@ -86,6 +88,8 @@ def diagnose(
         progress: called with what is being done and the share that is done.
         max_torque: bound of the torque in the experiment that is suggested [N m]; without it the largest recorded,
             or the paper's 6 N m if that is more.
+        max_angle: bound of its angle to either side of hanging down [rad].
+        max_speed: bound of its speed [rad/s].
 
     Raises:
         IdentificationError: if the recordings hold too little motion.
@@ -96,13 +100,14 @@ def diagnose(
     base = chosen_terms(base)
     progress("reading the motion", 0.0)
     everything = gather(recordings, holdout)
-    limit = max_torque or max(USUAL, *(float(np.abs(recording.torque).max()) for recording in recordings))
+    usual = max(USUAL, *(float(np.abs(recording.torque).max()) for recording in recordings))
+    limits = Limits(max_torque or usual, max_angle, max_speed)
     datasets = [part.data for part in (everything if holdout else everything[:1])]
     odd = {one.recording: one for one in disagreements(datasets, base, only_if_all_fit=True)}
     while True:
         kept = agreeing(recordings, odd)
         evidence = everything if len(kept) == len(recordings) else gather(kept, holdout)
-        found = _examine(kept, holdout, evidence, base, progress, limit)
+        found = _examine(kept, holdout, evidence, base, progress, limits, usual)
         named = odd | {one.recording: one for one in disagreements(datasets, found.model.terms)}
         left = agreeing(recordings, named)
         odd = named if left else odd  # where every recording would be another plant's, what was said before stands
@@ -123,7 +128,8 @@ def _examine(
     evidence: tuple[Evidence, Evidence],
     base: Sequence[Term],
     progress: Progress,
-    limit: float,
+    limits: Limits,
+    usual: float,
 ) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
     late = late_torque(recordings, [base])
@@ -155,7 +161,7 @@ def _examine(
     doubts = identifiability([measure(recording) for recording in recordings], steps[-1].model.terms)
     progress("looking for the next experiment", 0.95)
     asked = questions(search, steps[-1].model.terms, groups, candidates, doubts)
-    suggestion, hopeless = suggest(search, steps[-1].model, asked, limit)
+    suggestion, hopeless, forbidden = suggest(search, steps[-1].model, asked, limits, usual)
     inseparable = tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead)
     look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {search.library[group[-1]].reveal}"
@@ -172,8 +178,10 @@ def _examine(
             *(doubt.text for doubt in doubts),
             *wrong_signs(steps[-1].model),
             *([suggestion.text] if suggestion else []),
+            *([forbidden] if forbidden else []),
         ),
         suggestion=suggestion,
+        forbidden=forbidden,
         inseparable=inseparable,
         window_share=window_share,
     )

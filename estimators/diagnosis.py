@@ -84,6 +84,7 @@ class Diagnosis:
         noise_floor: torque error that measurement noise alone gives [N m].
         advice: experiments that would settle what is open, in words.
         suggestion: the experiment that would settle most of what is open, None if nothing is, or none would.
+        forbidden: what the limits of the rig keep any experiment from settling, in words; None if nothing.
         inseparable: groups that no torque would tell apart, whatever it was.
         disagreements: recordings that show another plant than the others; fitted ones among them are set apart.
         window_share: length of the windows used, relative to the length that the noise asks for.
@@ -96,6 +97,7 @@ class Diagnosis:
     noise_floor: float
     advice: tuple[str, ...]
     suggestion: Suggestion | None = None
+    forbidden: str | None = None
     inseparable: tuple[tuple[str, ...], ...] = ()
     disagreements: tuple[Disagreement, ...] = ()
     window_share: float = 1.0
@@ -149,9 +151,11 @@ class Diagnosis:
                 "present": bool(self.unexplained),
                 "where": "; ".join(region.text for region in self.unexplained) or None,
             },
+            "regions": [region.json() for region in self.unexplained],
             "noise_floor": {"torque_rms": self.noise_floor},
             "advice": list(self.advice),
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
+            "forbidden": self.forbidden,
             "inseparable": [list(group) for group in self.inseparable],
             "disagreements": [disagreement.json() for disagreement in self.disagreements],
         }

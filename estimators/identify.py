@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.agreement import disagreements
+from estimators.agreement import disagreements, misfits
 from estimators.dataset import prepare
 from estimators.equations import Equations, IdentificationError
 from estimators.identifiability import Doubt, identifiability, is_driven
@@ -196,10 +196,16 @@ def _mistakes(recordings: Sequence[Recording], terms: Sequence[Term]) -> list[st
     """What seems to be wrong with the recordings themselves: torque beside the wrong row, another plant."""
     try:
         late = late_torque(recordings, [terms])
-        odd = disagreements([prepare(recordings)], terms, only_if_all_fit=True)
+        data = prepare(recordings)
+        odd = disagreements([data], terms, only_if_all_fit=True)
+        poor = [one.text for one in misfits(data, terms)]
     except IdentificationError:  # windows need more motion than some schemes
         return []
-    return [*([late] if late else []), *(f"{one.text}: leave it out, or find out what was changed" for one in odd)]
+    return [
+        *([late] if late else []),
+        *(f"{one.text}: leave it out, or find out what was changed" for one in odd),
+        *poor,
+    ]
 
 
 def _slowed(scheme: Scheme, rate: float) -> Scheme:

@@ -11,7 +11,7 @@ from estimators.compare import Comparison
 from estimators.diagnose import Addition
 from estimators.diagnosis import Diagnosis
 from estimators.identify import Identification, Identified
-from estimators.tables import candidates_table, distances_table, errors_table, kin, schemes_table
+from estimators.tables import candidates_table, distances_table, errors_table, kin, noise_text, schemes_table
 from pendulum_env.notebook import (
     BLUE,
     GREEN,
@@ -107,6 +107,7 @@ def show_comparison(found: Comparison) -> str:
     return card(
         opening(found.headline),
         table(distances_table(found)),
+        *_list("Recordings that disagree", [one.text for one in found.disagreements]),
         heading("Where"),
         bullets(where),
         *plots,
@@ -124,7 +125,7 @@ def show_diagnosis(found: Diagnosis) -> str:
         *_list("Recordings that disagree", [one.text for one in found.disagreements]),
         heading("Errors"),
         table(errors_table(found.steps)),
-        note(f"Measurement noise alone would leave {found.noise_floor:.3g} N m."),
+        note(f"{opening(noise_text(found.noise_floor))}."),
         heading("Parameters"),
         table(parameters_table(found.model)),
         *_list("Left unexplained", [region.text for region in found.unexplained]),
@@ -139,7 +140,7 @@ def show_addition(found: Addition) -> str:
     return card(
         found.text,
         table(errors_table((found.before, found.after))),
-        note(f"Measurement noise alone would leave {found.noise_floor:.3g} N m."),
+        note(f"{opening(noise_text(found.noise_floor))}."),
         heading("Parameters"),
         table(parameters_table(found.after.model)),
     )

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
 
 AXES = {"position": "rad", "velocity": "rad/s", "torque": "N m", "time": "s"}
 BINS = 24
 STANDS_OUT = 5.0  # standard errors
+COUNTABLE = 100.0  # standard errors, above which their number says nothing more to people
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,18 @@ class Region:
     residual: float  # mean [N m]
     significance: float  # in standard errors of the noise
     text: str
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON; null stands for no limit."""
+        low, high = (limit if np.isfinite(limit) else None for limit in (self.low, self.high))
+        return {
+            "axis": self.axis,
+            "low": low,
+            "high": high,
+            "residual": self.residual,
+            "significance": self.significance,
+            "text": self.text,
+        }
 
 
 def profile(axis: str, values: Array, residual: Array, noise: float) -> Profile:
@@ -79,14 +92,18 @@ def profiles(x: Samples, residual: Array, noise: float) -> list[Profile]:
 def _in_words(axis: str, low: float, high: float, residual: float, significance: float) -> str:
     if axis == "frequency":
         place = f"around {0.5 * (low + high):.3g} Hz"
-        return f"{place} the residual oscillates by {residual:.3g} N m ({significance:.0f} standard errors)"
+        return f"{place} the residual oscillates by {residual:.3g} N m ({_chance(significance)})"
     unit = {"position": "rad", "velocity": "rad/s", "torque": "N m", "time": "s"}[axis]
     symbol = {"position": "q", "velocity": "q'", "torque": "tau", "time": "t"}[axis]
     side = "more" if residual > 0 else "less"
     return (
         f"for {symbol} from {low:.3g} to {high:.3g} {unit} the joint needs {abs(residual):.3g} N m {side} torque "
-        f"than the model says ({significance:.0f} standard errors)"
+        f"than the model says ({_chance(significance)})"
     )
+
+
+def _chance(significance: float) -> str:
+    return f"{significance:.0f} standard errors" if significance <= COUNTABLE else "far beyond chance"
 
 
 def stand_out(maps: Sequence[Profile], most: int = 6) -> list[Region]:

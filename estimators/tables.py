@@ -70,6 +70,11 @@ def schemes_table(found: Identification, model: Model | None = None) -> Table:
     return Table(("scheme", *(f"{column.name} [{column.unit}]" for column in columns), "residual"), rows)
 
 
+def noise_text(floor: float) -> str:
+    """What noise alone would leave [N m], and how that is known, in a sentence."""
+    return f"measurement noise alone, judged by the scatter from sample to sample, would leave {floor:.3g} N m"
+
+
 def kin(scheme: str, otherwise: int = 0) -> tuple[int, bool]:
     """How a scheme is drawn: its family, of three that share a colour each, and whether it is the filtered sister.
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -17,10 +19,12 @@ from pendulum_env.files import check_output
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.recording import Recording, RecordingError, read_recording
+from pendulum_env.recording.columns import TOLD, refuse_unknown_quantity
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
 T = TypeVar("T")
+Read = Callable[[str | Path], Recording]  # how a file becomes a recording
 
 
 class InputError(ValueError):
@@ -135,14 +139,45 @@ def take_recordings(parser: argparse.ArgumentParser, *, holdout: bool = False) -
             default=[],
             help="confirm on this one (may be repeated); without it, the last 30 %% of each recording are held out",
         )
+    take_reading(parser)
+
+
+def take_reading(parser: argparse.ArgumentParser) -> None:
+    """Declare how recordings are to be read: see `reader`."""
+    parser.add_argument(
+        "--columns",
+        type=argument(_columns),
+        metavar="QUANTITY=NAME[:UNIT],...",
+        help="which columns are time, position, torque and velocity where their names do not tell, e.g. "
+        f"time=clock:ms,position=ANGLE:deg,torque=TAU; units: {'; '.join(TOLD.values())} (default: SI)",
+    )
     parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
 
 
-def read_recordings(paths: Sequence[str], unwrap: bool, terminal: Terminal) -> list[Recording]:
+def reader(arguments: argparse.Namespace) -> Read:
+    """How the arguments ask for recordings to be read."""
+    return partial(read_recording, unwrap=arguments.unwrap, columns=arguments.columns)
+
+
+def _columns(text: str) -> dict[str, str]:
+    """Names of columns by quantity; a comma is part of a name unless another `QUANTITY=` follows."""
+    columns: dict[str, str] = {}
+    for part in re.split(r",(?=\s*\w+\s*=)", text):
+        quantity, equals, name = (word.strip() for word in part.partition("="))
+        if not (quantity and equals and name):
+            raise ValueError(f"'{part}' should be QUANTITY=NAME or QUANTITY=NAME:UNIT, such as position=ANGLE:deg")
+        refuse_unknown_quantity(quantity)
+        if quantity in columns:
+            raise ValueError(f"{quantity} is named twice in '{text}'")
+        columns[quantity] = name
+    return columns
+
+
+def read_recordings(paths: Sequence[str], read: Read, terminal: Terminal) -> list[Recording]:
     """Read recordings and say what they are and what was changed at reading."""
     recordings = []
     for path in paths:
-        recording = read_recording(path, unwrap=unwrap)
+        recording = read(path)
         terminal.say(f"{path}: {recording.summary}")
         for note in recording.notes:
             terminal.say(f"  {note}")
@@ -190,6 +225,8 @@ def read_suggestion(path: str) -> Suggestion:
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise InputError(f"{path}: is not a diagnosis, which is what `diagnose --json` writes")
     if data.get("suggestion") is None:
+        if data.get("forbidden"):
+            raise InputError(f"{path}: {data['forbidden']}")
         pairs = data.get("inseparable") or []
         why = f", and no torque tells {' from '.join(map(str, pairs[0]))}" if pairs else ""
         raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{why}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimators.diagnosis import Diagnosis
-from estimators.tables import candidates_table, errors_table
+from estimators.tables import candidates_table, errors_table, noise_text
 from pendulum_env.physics import effect
 from pendulum_env.words import parameters_table
 from workbench.terminal import Terminal
@@ -30,7 +30,7 @@ def tell(diagnosis: Diagnosis, terminal: Terminal) -> None:
         terminal.say("what disagrees is not fitted: diagnose it on its own, or find out what was changed")
     terminal.heading("Errors")
     terminal.table(*errors_table(diagnosis.steps))
-    terminal.say(f"measurement noise alone would leave {diagnosis.noise_floor:.3g} N m")
+    terminal.say(noise_text(diagnosis.noise_floor))
     terminal.heading("Parameters")
     terminal.table(*parameters_table(diagnosis.model))
     terminal.heading("Candidates")

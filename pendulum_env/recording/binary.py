@@ -11,10 +11,10 @@ import pyarrow.parquet as pq
 from pendulum_env._typing import Array
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.table import Table, gather
+from pendulum_env.recording.table import Named, Table, gather
 
 
-def read_parquet(path: Path) -> Table:
+def read_parquet(path: Path, named: Named = None) -> Table:
     """The columns in need, read row group by row group, nulls as NaN.
 
     Raises:
@@ -22,7 +22,7 @@ def read_parquet(path: Path) -> Table:
     """
     with pq.ParquetFile(path, pre_buffer=False) as file:
         schema = file.schema_arrow
-        columns = find_columns(schema.names)
+        columns = find_columns(schema.names, named)
         for quantity, column in columns.items():
             kind = schema.field(column.index).type
             if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
@@ -37,7 +37,7 @@ def _row_groups(file: pq.ParquetFile, names: list[str]) -> Iterator[list[Array]]
         yield [batch[name].cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False) for name in names]
 
 
-def read_npz(path: Path) -> Table:
+def read_npz(path: Path, named: Named = None) -> Table:
     """The arrays in need, never unpickled.
 
     Raises:
@@ -47,7 +47,7 @@ def read_npz(path: Path) -> Table:
     if not zipfile.is_zipfile(path):
         raise RecordingError("it is no NPZ archive, or a damaged one: write it with numpy.savez")
     with np.load(path, allow_pickle=False) as archive:
-        columns = find_columns(archive.files)
+        columns = find_columns(archive.files, named)
         arrays = {quantity: archive[column.header] for quantity, column in columns.items()}
     for quantity, array in arrays.items():
         if array.dtype.kind not in "iuf" or array.ndim != 1:

@@ -1,13 +1,14 @@
-"""Which column of a file is which quantity, and in which unit: told by its name alone, case-insensitive.
+"""Which column of a file is which quantity, and in which unit: told by its name, case-insensitive, or by the user.
 
 A name is an alias (`q`, `tau`, ...), perhaps decorated (`q_meas`, `actual_position`), perhaps followed by a unit
 (`q [rad]`, `pos_deg`, `time_ms`). Names with an unknown unit (`position [counts]`) are no match, rather than a guess.
+Users name columns as they stand in the file, with a unit behind a colon where the name does not tell it: `Winkel:deg`.
 """
 
 import math
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from pendulum_env.recording.record import RecordingError
 
@@ -42,6 +43,13 @@ UNITS = {  # factor to SI by the unit's letters
     | {"ncm": 1e-2},
 }
 SI = {"time": "s", "position": "rad", "velocity": "rad/s", "torque": "N m"}
+TOLD = {  # of UNITS, what people are told of
+    "time": "s, ms, us, ns",
+    "position": "rad, mrad, deg, rev",
+    "velocity": "rad/s, deg/s, rpm, rev/s",
+    "torque": "Nm, mNm, Ncm",
+}
+CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python
 
 
 @dataclass(frozen=True)
@@ -52,7 +60,8 @@ class Column:
     header: str  # its name in the file
     index: int  # its place in the file, from 0
     unit: str | None  # letters of the unit in its name, None if it names none
-    commanded: bool  # its name says commanded rather than measured
+    commanded: bool = False  # its name says commanded rather than measured
+    passed_over: tuple[str, ...] = ()  # names of others that could be the same quantity
 
     @property
     def scale(self) -> float:
@@ -67,43 +76,86 @@ class Column:
             notes.append(f"{self.quantity} converted to {SI[self.quantity]} from column {self.header!r}")
         if self.commanded and _letters(self.header) != "u":  # which never means anything else
             notes.append(f"torque is the commanded one, from column {self.header!r}")
+        for other in self.passed_over:
+            notes.append(f"{self.quantity} is taken from column {self.header!r}; {other!r} is there too")
         return tuple(notes)
 
 
-def find_columns(headers: Sequence[str]) -> dict[str, Column]:
+def find_columns(headers: Sequence[str], named: Mapping[str, str] | None = None) -> dict[str, Column]:
     """Column by quantity: time, position, torque, and velocity if there is one.
+
+    Args:
+        headers: names of the columns in the file.
+        named: columns that the user names, by quantity: `NAME`, or `NAME:UNIT`; the others are found by their names.
 
     Raises:
         RecordingError: if one is missing, or if two fit the same quantity.
     """
+    given = {quantity: _named(quantity, text, headers) for quantity, text in (named or {}).items()}
+    taken = {column.index for column in given.values()}
     found: dict[str, list[Column]] = {quantity: [] for quantity in ALIASES}
     for index, header in enumerate(headers):
-        if match := NAMES.get(_letters(header)):
+        if (match := NAMES.get(_letters(header))) and index not in taken:
             quantity, unit, commanded = match
             found[quantity].append(Column(quantity, header.strip(), index, unit, commanded))
     columns = {}
-    for quantity, candidates in found.items():
-        candidates = [c for c in candidates if not c.commanded] or candidates
+    for quantity, fitting in found.items():
+        if quantity in given:
+            columns[quantity] = given[quantity]
+            continue
+        candidates = [c for c in fitting if not c.commanded] or fitting
         if len(candidates) > 1:
             names = " and ".join(_shown(c.header) for c in candidates)
-            raise RecordingError(
-                f"columns {names} could both be {quantity}: keep one of them, or rename those that are not {quantity}"
-            )
+            raise RecordingError(f"columns {names} could both be {quantity}: {CHOOSE}")
         if candidates:
-            columns[quantity] = candidates[0]
+            others = tuple(c.header for c in fitting if c not in candidates)
+            columns[quantity] = replace(candidates[0], passed_over=others)
     missing = [quantity for quantity in ("time", "position", "torque") if quantity not in columns]
     if missing:
-        listed = ", ".join(_shown(header) for header in headers[:12]) + (", ..." if len(headers) > 12 else "")
         raise RecordingError(
-            f"no column for {', '.join(missing)} among {listed or 'no columns at all'}: "
-            f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s)"
+            f"no column for {', '.join(missing)} among {_listed(headers)}: name the columns {HEADER} (in s, rad, N m) "
+            f"and optionally velocity (rad/s), or {CHOOSE}"
         )
     return columns
+
+
+def refuse_unknown_quantity(quantity: str) -> None:
+    """Refuse a word that is none of the four quantities."""
+    if quantity not in ALIASES:
+        raise RecordingError(f"columns are named for {', '.join(ALIASES)}, not for {quantity!r}")
+
+
+def _named(quantity: str, text: str, headers: Sequence[str]) -> Column:
+    """The column that a user names for a quantity; the name as it stands in the file comes first, colons and all."""
+    refuse_unknown_quantity(quantity)
+    names = [header.strip() for header in headers]
+    name, unit = text.strip(), None
+    if name not in names and ":" in name:
+        name, _, told = (part.strip() for part in name.rpartition(":"))
+        unit = _letters(told)
+        if unit not in UNITS[quantity]:
+            raise RecordingError(f"unit {told!r} of {quantity} is not known: use one of {TOLD[quantity]}")
+    if (count := names.count(name)) != 1:
+        many = f"{count} columns are" if count else "no column is"
+        raise RecordingError(f"{many} named {name!r}, which is to be {quantity}, among {_listed(headers)}")
+    return Column(quantity, name, names.index(name), unit or _unit_at_the_end(quantity, name))
+
+
+def _unit_at_the_end(quantity: str, name: str) -> str | None:
+    """Letters of the unit that a name ends in, `Winkel [deg]` or `phi2_deg`; None if that is no unit."""
+    ends = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name)
+    unit = _letters(next(filter(None, ends.groups()), "")) if ends else ""
+    return unit if unit in UNITS[quantity] else None
 
 
 def _letters(header: str) -> str:
     """The name without case, spacing and brackets: `Pos [°]` becomes `posdeg`. Other signs stay, and match nothing."""
     return re.sub(r"[\s_\-./·⋅*^()\[\]{}:,]+", "", header.lower().replace("°", "deg"))
+
+
+def _listed(headers: Sequence[str]) -> str:
+    shown = ", ".join(_shown(header) for header in headers[:12]) + (", ..." if len(headers) > 12 else "")
+    return shown or "no columns at all"
 
 
 def _shown(header: str) -> str:

@@ -3,7 +3,7 @@
 import gzip
 import io
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +16,10 @@ from pendulum_env.recording import checks
 from pendulum_env.recording.binary import read_npz, read_parquet
 from pendulum_env.recording.record import Recording, RecordingError
 from pendulum_env.recording.sampling import refuse_bad_time, uniform
-from pendulum_env.recording.table import Table, one_line
+from pendulum_env.recording.table import Named, Table, one_line
 from pendulum_env.recording.text import read_csv
 
-READERS: dict[str, Callable[[Path], Table]] = {
+READERS: dict[str, Callable[[Path, Named], Table]] = {
     ".csv": read_csv,
     ".csv.gz": read_csv,
     ".parquet": read_parquet,
@@ -27,7 +27,9 @@ READERS: dict[str, Callable[[Path], Table]] = {
 }
 
 
-def read_recording(path: str | os.PathLike[str], *, unwrap: bool = False) -> Recording:
+def read_recording(
+    path: str | os.PathLike[str], *, unwrap: bool = False, columns: Mapping[str, str] | None = None
+) -> Recording:
     """Read a CSV (also .csv.gz), Parquet or NPZ file with columns time, position, torque and perhaps velocity.
 
     Names are taken as in `columns.py`, their units converted to s, rad, N m, rad/s; slightly uneven time is made
@@ -35,6 +37,9 @@ def read_recording(path: str | os.PathLike[str], *, unwrap: bool = False) -> Rec
 
     Args:
         unwrap: undo jumps of 2 pi in position, which are refused otherwise.
+        columns: which column is which quantity, where the file's own names do not tell, with a unit behind a colon
+            where it is not SI: `{"position": "Winkel:deg", "torque": "torque commanded"}`. Units are s, ms, us, ns;
+            rad, mrad, deg, rev; rad/s, deg/s, rpm, rev/s; Nm, mNm, Ncm.
 
     Raises:
         RecordingError: if the file cannot be read or its content cannot be trusted: one sentence with the file, the
@@ -43,7 +48,7 @@ def read_recording(path: str | os.PathLike[str], *, unwrap: bool = False) -> Rec
     path = Path(path)
     try:
         suffix = _suffix(path)
-        return _recording(path.name[: -len(suffix)], _table(path, suffix), unwrap)
+        return _recording(path.name[: -len(suffix)], _table(path, suffix, columns), unwrap)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error.__cause__
 
@@ -85,14 +90,14 @@ def _suffix(path: Path) -> str:
     raise RecordingError(f"the name does not end in {', '.join(READERS)}: convert the recording to one of these")
 
 
-def _table(path: Path, suffix: str) -> Table:
+def _table(path: Path, suffix: str, named: Named) -> Table:
     """Columns as they stand in the file; whatever the libraries below raise becomes a RecordingError."""
     try:
         if path.is_dir():
             raise RecordingError("it is a directory: name a file in it")
         if not path.exists():
             raise RecordingError("there is no such file: check the path")
-        return READERS[suffix](path)
+        return READERS[suffix](path, named)
     except RecordingError:
         raise
     except Exception as error:  # a damaged file may fail anywhere in zlib, zipfile, numpy or arrow

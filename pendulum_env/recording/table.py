@@ -1,12 +1,14 @@
 """What every file format is read into, before anyone asks whether it makes sense."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.columns import Column
+
+Named = Mapping[str, str] | None  # columns that the user names, by quantity
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import pyarrow.csv as pacsv
 from pendulum_env._typing import Array
 from pendulum_env.recording.columns import HEADER, Column, find_columns
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.table import Table, gather, one_line
+from pendulum_env.recording.table import Named, Table, gather, one_line
 
 HEAD = 1 << 16  # bytes in which header and delimiter must show themselves
 BLOCK = 1 << 20  # bytes parsed at a time
@@ -31,7 +31,7 @@ class Layout:
     offset: int  # bytes before the first data row
 
 
-def read_csv(path: Path) -> Table:
+def read_csv(path: Path, named: Named = None) -> Table:
     """The columns in need, with empty cells as NaN.
 
     Comment lines (#) at the top are passed over; if no header follows, the last of them may be it, as written by
@@ -43,7 +43,7 @@ def read_csv(path: Path) -> Table:
     """
     with _open(path) as stream:
         layout = _layout(stream.read(HEAD))
-    columns = find_columns(layout.headers)
+    columns = find_columns(layout.headers, named)
     try:
         return gather(columns, _blocks(path, layout, [column.index for column in columns.values()]))
     except pa.ArrowInvalid as error:

@@ -7,8 +7,8 @@ import pytest
 
 import estimators.search
 from benchmarks.independent_plant import Experiment, Plant, random_case, simulate
-from estimators import diagnose
-from estimators.agreement import disagreements
+from estimators import compare, diagnose, identify
+from estimators.agreement import disagreements, misfits
 from estimators.dataset import prepare
 from pendulum_env.physics import BASE, effect, effects
 from pendulum_env.recording import Recording
@@ -88,3 +88,56 @@ def test_a_recording_that_excites_little_has_no_say():
 def test_a_missing_effect_is_not_taken_for_another_plant():
     rubbing = replace(PLANT, effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})
     assert disagreements([prepare(recorded([rubbing] * 3))], BASE, only_if_all_fit=True) == ()
+    assert misfits(prepare(recorded([rubbing] * 3)), BASE) == ()
+
+
+def turned(recording: Recording) -> Recording:
+    return replace(recording, torque=-recording.torque)
+
+
+@pytest.mark.parametrize("effects", [{}, {"stribeck": {"strib_d": 0.45, "strib_v": 0.6}}])
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_recording_whose_torque_is_turned_round_is_named_whatever_else_is_missing(effects, which):
+    runs = recorded([replace(PLANT, effects=effects)] * 2)
+    runs[which] = turned(runs[which])
+    (one,) = disagreements([prepare(runs)], BASE, only_if_all_fit=True)
+    assert (one.recording, one.others) == (which + 1, (f"run {1 - which}",))
+    assert one.text.endswith("torque or position has the opposite sign in it")
+    assert one.text in " ".join(doubt.text for doubt in identify(runs, schemes="energy").doubts)
+
+
+def test_recordings_that_are_all_turned_round_agree():
+    assert disagreements([prepare([turned(run) for run in recorded([PLANT] * 3)])], BASE, only_if_all_fit=True) == ()
+
+
+def test_a_torque_in_other_units_is_told_from_another_plant():
+    runs = recorded([PLANT] * 3)
+    runs[1] = replace(runs[1], torque=2 * runs[1].torque)
+    (one,) = disagreements([prepare(runs)], BASE, only_if_all_fit=True)
+    assert one.recording == 2
+    assert "its torque is 2 times" in one.text
+
+
+def test_a_recording_that_no_parameters_fit_is_named_beside_good_ones():
+    runs = recorded([PLANT] * 3)
+    runs[2] = replace(runs[2], position=runs[2].position + 0.3)  # of another encoder zero
+    doubts = " ".join(doubt.text for doubt in identify(runs, schemes="energy").doubts)
+    assert "recording 3 (run 2) disagrees with the others: no parameters fit it" in doubts
+    assert compare(identify(runs[:2], schemes="energy")["energy"].model, runs).disagreements[0].name == "run 2"
+    assert identify(runs[:2], schemes="energy").doubts == ()
+
+
+def test_comparison_names_the_recordings_of_another_plant_than_the_models():
+    first, *others = recorded([PLANT, PLANT, HEAVIER])
+    model = identify(first, schemes="filtered_dynamic")["filtered_dynamic"].model
+    found = compare(model, others)
+    (one,) = found.disagreements
+    assert (one.recording, one.name, one.others) == (2, "run 2", ())
+    assert {d.parameter for d in one.differences} == {"inertia", "gravity"}
+    assert one.text.startswith("recording 2 (run 2) disagrees with the model: ")
+    assert found.json()["disagreements"] == [one.json()]
+
+
+def test_a_model_that_lacks_an_effect_is_of_no_other_plant():
+    rubbing = recorded([replace(PLANT, effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})] * 3)
+    assert compare(identify(rubbing[0], schemes="energy")["energy"].model, rubbing).disagreements == ()

@@ -102,3 +102,29 @@ def test_the_suggested_torque_stays_within_what_the_motor_gives(first):
     suggestion = suggested(diagnose([recording], max_torque=2.5))
     assert suggestion.peak_torque <= 2.5
     assert np.abs(suggestion.signal.signal(np.linspace(0, suggestion.seconds, 9999))).max() <= 2.5
+
+
+def test_the_suggested_motion_stays_within_what_the_rig_bears(first):
+    name = "a spring at small angles"
+    recording, _ = first(name)
+    suggestion = suggested(diagnose([recording], max_angle=1.0, max_speed=4.0))
+    run = play(name, suggestion.signal.signal(np.arange(round(suggestion.seconds * RATE)) / RATE), seed=2)
+    assert np.abs(run.position).max() <= 1.0
+    assert np.abs(np.gradient(run.position[::10], 10 / RATE)).max() <= 4.0
+    assert diagnose([recording, run]).selected == ("spring",)
+
+
+@pytest.mark.parametrize(
+    ("limits", "within"),
+    [
+        ({"max_torque": 0.5}, "0.5 N m would"),
+        ({"max_angle": 0.3, "max_speed": 2.0}, "6 N m, 0.3 rad and 2 rad/s would"),
+    ],
+)
+def test_limits_that_leave_no_experiment_are_said(first, limits, within):
+    recording, _ = first("a spring at small angles")
+    found = diagnose([recording], **limits)
+    assert found.suggestion is None and found.inseparable == ()
+    assert found.forbidden in found.advice
+    assert found.forbidden.startswith(f"no experiment within {within} tell spring from gravity: allow more")
+    assert first("a spring at small angles")[1].forbidden is None

@@ -450,6 +450,7 @@ def test_json_is_laid_out_as_promised(diagnosis, name):
     assert {c["effect"] for c in data["candidates"] if c["verdict"] == "ambiguous"} == in_groups
     assert data["unexplained"].keys() == {"present", "where"}
     assert data["unexplained"]["present"] == (data["unexplained"]["where"] is not None)
+    assert bool(data["regions"]) == data["unexplained"]["present"]
     assert data["noise_floor"]["torque_rms"] > 0
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.regions import AXES, Profile, profile, profiles, spectrum, stand_out
+from estimators.regions import AXES, Profile, Region, profile, profiles, spectrum, stand_out
 from pendulum_env.physics import Samples
 
 NOISE = 0.02  # N m
@@ -55,6 +55,16 @@ def test_an_oscillation_in_time_is_found_at_its_frequency(hertz):
     assert region.low - 0.05 < hertz < region.high + 0.05
     assert region.residual == pytest.approx(0.03, rel=0.2)
     assert "Hz the residual oscillates by" in region.text
+
+
+@pytest.mark.parametrize(("size", "words"), [(0.03, "standard errors)"), (2.0, "(far beyond chance)")])
+def test_what_is_surely_no_chance_is_said_in_words_and_counted_in_json(size, words):
+    x = motion()
+    top = stand_out(profiles(x, noise(0) + size * (x.position > 1), NOISE))[0]
+    assert words in top.text
+    assert top.json()["significance"] == top.significance > 5
+    whole = Region("velocity", -np.inf, np.inf, 0.0, 0.0, "")
+    assert (whole.json()["low"], whole.json()["high"]) == (None, None)
 
 
 def test_white_noise_has_no_region():

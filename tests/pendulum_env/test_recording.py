@@ -6,13 +6,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
-from pendulum_env.recording.columns import UNITS, _names, find_columns
+from pendulum_env.recording.columns import TOLD, UNITS, _names, find_columns
 
 FORMATS = (".csv", ".csv.gz", ".parquet", ".npz")
 SHARED = Path(__file__).parents[3] / "shared"  # real and simulated recordings, absent on most machines
@@ -186,7 +189,7 @@ def test_no_name_has_two_meanings() -> None:
         ("time", "no column for position, torque among 'time'"),
         ("time,position [counts],torque", "no column for position"),
         ("time,position,current [A]", "no column for torque"),
-        ("time,q,tau_cmd,u", "'tau_cmd' and 'u' could both be torque"),
+        ("time,q,tau_cmd,u", "'tau_cmd' and 'u' could both be torque: say which with --columns QUANTITY=NAME"),
     ],
 )
 def test_columns_refused(headers: str, match: str) -> None:
@@ -213,9 +216,58 @@ def test_commanded_torque_is_the_second_choice(write: Write, columns: dict[str, 
     torque = columns.pop("torque")
     both = read_recording(write(columns | {"tau_cmd": 2 * torque, "tau": torque}))
     np.testing.assert_allclose(both.torque, torque, atol=1e-8)
-    assert both.notes == ()
+    assert both.notes == ("torque is taken from column 'tau'; 'tau_cmd' is there too",)
     alone = read_recording(write(columns | {"tau_cmd": torque}))
     assert alone.notes == ("torque is the commanded one, from column 'tau_cmd'",)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_columns_of_any_name_and_unit_are_those_the_user_names(tmp_path: Path, swing: Recording, suffix: str) -> None:
+    headers = ("clock", "Winkel", "phi1_rpm", "torque commanded", "torque measured")
+    values = (1e3 * swing.time, np.degrees(swing.position), swing.velocity * 30 / np.pi, 1e3 * swing.torque, swing.time)
+    table, path = pa.table(dict(zip(headers, values, strict=True))), tmp_path / f"run{suffix}"
+    if suffix == ".npz":
+        np.savez(path, **dict(zip(headers, values, strict=True)))
+    elif suffix == ".parquet":
+        pq.write_table(table, path)
+    else:
+        with pa.output_stream(path) as file:
+            pacsv.write_csv(table, file)
+    named = {"time": "clock:ms", "position": "Winkel:deg", "velocity": "phi1_rpm", "torque": "torque commanded: mN m"}
+    recording = read_recording(path, columns=named)
+    assert_same(recording, swing, atol=1e-9)
+    assert len([note for note in recording.notes if "converted to" in note]) == 4
+    assert not [note for note in recording.notes if "is there too" in note]  # the user chose
+
+
+def test_a_column_that_is_named_leaves_the_others_to_their_names(write: Write, columns: dict[str, np.ndarray]) -> None:
+    path = write(columns | {"q": 2 * columns["position"], "a:b": columns["time"]})
+    assert find_columns(["q", "t", "tau"], {"torque": "tau"})["position"].header == "q"
+    recording = read_recording(path, columns={"position": "q", "time": "a:b"})  # a colon may be part of a name
+    np.testing.assert_allclose(recording.position, 2 * columns["position"], atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("named", "match"),
+    [
+        ({"angle": "q"}, "columns are named for time, position, velocity, torque, not for 'angle'"),
+        ({"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau', 'x', 'x'"),
+        ({"position": "x"}, "2 columns are named 'x'"),
+        ({"position": "q:grad"}, "unit 'grad' of position is not known: use one of rad, mrad, deg, rev"),
+        ({"torque": "tau:ms"}, "unit 'ms' of torque is not known: use one of Nm, mNm, Ncm"),
+        ({"velocity": "q"}, "no column for position"),
+    ],
+)
+def test_named_columns_refused(named: dict[str, str], match: str) -> None:
+    with pytest.raises(RecordingError, match=match):
+        find_columns(["t", "q", "tau", "x", "x"], named)
+
+
+def test_units_that_people_are_told_of_are_understood() -> None:
+    for quantity, told in TOLD.items():
+        for unit in told.split(", "):
+            named = {"time": "t", "position": "q", "torque": "tau"} | {quantity: f"a:{unit}"}
+            assert find_columns(["t", "q", "tau", "a"], named)[quantity].unit is not None
 
 
 # Text
@@ -264,7 +316,8 @@ def test_text_dialects(write: Write, columns: dict, swing: Recording, delimiter:
         (lambda lines: lines[:12] + lines[11:], "time does not increase at data row 12 .* repeats 0.02 s"),
         (lambda lines: lines[:12] + lines[2:], "time does not increase at data row 12 .* falls from 0.02 to 0.002 s"),
         (lambda lines: lines[:500] + lines[600:], "a gap of 0.202 s ends at data row 500 .* split the file"),
-        (lambda lines: lines[:500] + lines[502:], "a gap of 0.006 s ends at data row 500"),
+        (lambda lines: lines[:500] + lines[504:], "a gap of 0.01 s ends at data row 500"),
+        (lambda lines: lines[:1] + [line for k, line in enumerate(lines[1:]) if k % 50 < 48], "a gap of 0.006 s ends"),
         (lambda lines: lines[:11], "holds 10 samples, of which at least 100"),
         (lambda lines: lines[:201], "lasts 0.398 s, of which at least 1 s"),
     ],
@@ -335,7 +388,6 @@ def test_npz_refused(tmp_path: Path, columns: dict[str, np.ndarray], change: dic
 
 
 def test_parquet_with_text_refused(tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
-    pq, pa = pytest.importorskip("pyarrow.parquet"), pytest.importorskip("pyarrow")
     pq.write_table(pa.table(columns | {"torque": ["a"] * 2000}), tmp_path / "run.parquet")
     with pytest.raises(RecordingError, match=r"column 'torque' .* has type string"):
         read_recording(tmp_path / "run.parquet")
@@ -504,12 +556,48 @@ def test_resampling_keeps_the_impulse_of_the_torque(write: Write) -> None:
     assert impulse == pytest.approx(torque[:-1] @ np.diff(time), abs=1e-9)
 
 
-def test_one_lost_sample_is_bridged_without_shifting_the_others(write: Write, columns: dict[str, np.ndarray]) -> None:
-    recording = read_recording(write(columns, edit=lambda lines: lines[:500] + lines[501:]))
-    assert len(recording) == 2000
-    np.testing.assert_allclose(recording.position, columns["position"], atol=1e-5)
-    np.testing.assert_allclose(np.delete(recording.torque, 499), np.delete(columns["torque"], 499), atol=1e-6)
-    assert "1 of them over 1.5 times the usual" in recording.notes[0]
+LOST = "missing after data row"
+
+
+@pytest.mark.parametrize(
+    ("gone", "note"),
+    [
+        ([499], "1 sample is missing after data row 499: filled in by interpolation"),
+        ([499, 500, 501], "3 samples are missing after data row 499: filled in by interpolation"),
+        ([40, 777, 778], "3 samples are missing after data rows 40 and 776: filled in by interpolation"),
+    ],
+)
+def test_lost_samples_are_filled_in_without_touching_the_others(
+    write: Write, swing: Recording, gone: list[int], note: str
+) -> None:
+    whole = {"time": swing.time, "position": swing.position, "velocity": swing.velocity, "torque": swing.torque}
+    path = write({name: np.delete(column, gone) for name, column in whole.items()}, digits="%.17g")
+    recording = read_recording(path)
+    assert recording.notes == (note,)
+    assert len(recording) == len(swing)
+    for name, column in whole.items():
+        np.testing.assert_allclose(np.delete(getattr(recording, name), gone), np.delete(column, gone), atol=1e-12)
+    np.testing.assert_allclose(recording.position, swing.position, atol=1e-5)
+    np.testing.assert_allclose(recording.torque, swing.torque, atol=0.01)
+
+
+def test_a_sample_lost_at_1_khz_is_told_from_a_clock_printed_in_milliseconds(write: Write) -> None:
+    time = np.arange(5000) / 1000
+    one = read_recording(write({"t": np.delete(time, 2000), "q": np.delete(np.sin(time), 2000), "u": time[1:]}))
+    assert len(one) == 5000 and one.rate == pytest.approx(1000)
+    assert LOST in one.notes[0] and not any("rounding" in note for note in one.notes)
+    slow = np.arange(5000) / 999  # every 1000th step is of 2 ms
+    other = read_recording(write({"t": np.round(slow, 3), "q": np.sin(slow), "u": time}))
+    assert len(other) == 5000
+    assert "by rounding only" in other.notes[0]
+
+
+def test_lost_samples_amid_jitter_are_filled_in_before_resampling(write: Write) -> None:
+    rng = np.random.default_rng(3)
+    time = np.delete(np.arange(2000) / 500 + rng.uniform(-5e-5, 5e-5, 2000), [700, 701])
+    recording = read_recording(write({"t": time, "q": np.sin(12 * time), "u": np.cos(time)}, digits="%.17g"))
+    assert LOST in recording.notes[0] and recording.notes[1].startswith("resampled to")
+    np.testing.assert_allclose(recording.position, np.sin(12 * recording.time), atol=1e-5)
 
 
 def test_seconds_since_1970_keep_their_uniformity(write: Write, columns: dict[str, np.ndarray]) -> None:
@@ -555,7 +643,7 @@ def test_real_recordings_are_resampled() -> None:
     for path in paths:
         recording = read_recording(path)
         assert recording.velocity is not None
-        assert recording.notes[0].startswith("resampled to")
+        assert recording.notes[-1].startswith("resampled to")
 
 
 def test_practice_recordings_are_left_alone_and_refused_in_degrees(tmp_path: Path) -> None:

@@ -121,9 +121,10 @@ def test_compare_says_how_far_off_and_where(runs, tmp_path, capsys):
     recordings = [str(runs / "train.csv"), str(runs / "holdout.csv")]
     assert main(["compare", str(runs / "model.json"), *recordings, "--json", str(path)]) == 0
     out = capsys.readouterr().out
-    assert "for q' from" in out and "standard errors" in out
+    assert "for q' from" in out and "far beyond chance" in out
     data = json.loads(path.read_text())
     assert [item["name"] for item in data["recordings"]] == ["train", "holdout"]
+    assert max(region["significance"] for region in data["regions"]) > 100
     assert data["joint"]["errors"]["torque_rms"] > 3 * data["joint"]["noise_floor"]["torque_rms"]
     assert {item["axis"] for item in data["profiles"]} == {"position", "velocity", "torque", "time", "frequency"}
 
@@ -195,7 +196,8 @@ def test_record_plays_what_a_diagnosis_suggests(tmp_path, capsys, monkeypatch):
     first, next_one, path = tmp_path / "first.csv", tmp_path / "next.csv", tmp_path / "d.json"
     plant = ["--theta", "coulomb=0.2,viscous=0.2", "-o"]
     assert main(["record", "--seconds", "8", "--amplitude", "1", *plant, str(first)]) == 0
-    assert main(["diagnose", str(first), "--json", str(path), "--max-torque", "4"]) == 0
+    limits = ["--max-torque", "4", "--max-angle", "2.5", "--max-speed", "20"]
+    assert main(["diagnose", str(first), "--json", str(path), *limits]) == 0
     assert "to tell spring from gravity: record 20 s of" in capsys.readouterr().out
     suggestion = json.loads(path.read_text())["suggestion"]
     assert suggestion["settles"] == [{"effect": "spring", "instead": "gravity"}]
@@ -206,6 +208,7 @@ def test_record_plays_what_a_diagnosis_suggests(tmp_path, capsys, monkeypatch):
         np.abs(played.torque).max() == pytest.approx(suggestion["peak_torque"], abs=0.1)
         and suggestion["peak_torque"] <= 4
     )
+    assert np.abs(played.position).max() <= 2.5
     assert np.ptp(played.position) == pytest.approx(np.ptp(suggestion["reach"]), rel=0.1)
     assert main(["diagnose", str(first), str(next_one), "--json", str(path)]) == 0
     assert json.loads(path.read_text())["suggestion"] is None
@@ -223,6 +226,7 @@ def test_a_diagnosis_without_a_suggestion_is_refused(runs, tmp_path, refused):
             json.dumps({**content, "inseparable": [["torque_offset", "coulomb_asymmetry"]]}),
             "no torque tells torque_offset",
         ),
+        (json.dumps({**content, "forbidden": "no experiment within 0.5 N m would"}), "no experiment within 0.5 N m"),
         (json.dumps({**content, "suggestion": {"seconds": 3}}), "its suggestion cannot be played"),
     ]:
         path.write_text(data)
@@ -262,6 +266,20 @@ def test_effects_lists_every_effect_with_its_law(capsys):
 def test_unwrap_mends_wrapped_angles(wrapped, capsys):
     assert main(["identify", "--unwrap", str(wrapped), "--scheme", "filtered_power"]) == 0
     assert "unwrapped" in capsys.readouterr().out
+
+
+def test_columns_are_those_the_user_names(runs, tmp_path, capsys):
+    odd, saved = tmp_path / "odd.csv", tmp_path / "model.json"
+    recording = read_recording(runs / "train.csv")
+    rows = np.column_stack([1e3 * recording.time, np.degrees(recording.position), recording.torque])
+    np.savetxt(odd, rows, delimiter=",", header='clock,Winkel,"M, soll"', comments="", fmt="%.12g")
+    named = ["--columns", "time=clock:ms,position=Winkel:deg,torque=M, soll:Nm"]
+    assert main(["identify", str(odd), *named, "-o", str(saved)]) == 0
+    assert "position converted to rad from column 'Winkel'" in capsys.readouterr().out
+    want, got = Model.load(runs / "model.json"), Model.load(saved)
+    np.testing.assert_allclose(got.theta, want.theta, rtol=1e-6)
+    assert main(["compare", str(saved), str(odd), *named]) == 0
+    assert main(["add", str(saved), "stribeck", str(odd), *named]) == 0
 
 
 def test_plain_output_has_no_escape_codes(runs, capsys):
@@ -441,6 +459,9 @@ def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refuse
         (["diagnose"], "RECORDING"),
         (["identify", "run.csv", "--scheme", "hamiltonia"], "did you mean hamiltonian?"),
         (["identify", "run.csv", "--shceme", "all"], "--shceme"),
+        (["identify", "run.csv", "--columns", "time"], "'time' should be QUANTITY=NAME"),
+        (["diagnose", "run.csv", "--columns", "time=t,angle=q"], "not for 'angle'"),
+        (["compare", "m.json", "run.csv", "--columns", "time=t,time=ms:ms"], "time is named twice"),
         (["add", "model.json", "stribek", "run.csv"], "did you mean stribeck?"),
         (["record"], "--output"),
         (["record", "-o", "run.txt"], "should end in .csv"),

@@ -22,7 +22,7 @@ from workbench.app.session import Sessions
 from workbench.app.stage import Bench
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import UPLOAD
-from workbench.inputs import InputError
+from workbench.inputs import InputError, Read
 from workbench.report.page import plotly
 
 HOST = "127.0.0.1"
@@ -35,12 +35,12 @@ POLICY = (  # nothing comes from elsewhere, and nothing goes there
 )
 
 
-def make_app(recordings: Sequence[Path] = (), unwrap: bool = False, rig: Path | None = None) -> Bench:
+def make_app(recordings: Sequence[Path] = (), read: Read = read_recording, rig: Path | None = None) -> Bench:
     """The app with its sessions and workers; close it in the end.
 
     Args:
         recordings: files that every session begins with.
-        unwrap: whether jumps of 2 pi in their position are undone.
+        read: how these files are read.
         rig: configuration of the rig that the live view may run; the page cannot name another.
     """
     app = Dash(
@@ -56,7 +56,7 @@ def make_app(recordings: Sequence[Path] = (), unwrap: bool = False, rig: Path | 
         add_log_handler=False,
     )
     app.layout = layout.page()
-    bench = Bench(app, Sessions(recordings, unwrap, rig))
+    bench = Bench(app, Sessions(recordings, read, rig))
     layout.connect(bench)
     _guard(app.server)
     return bench
@@ -100,7 +100,7 @@ class Server:
     """The app behind a port of this computer: `serve`, then `close`."""
 
     def __init__(
-        self, port: int = 0, recordings: Sequence[Path] = (), unwrap: bool = False, rig: Path | None = None
+        self, port: int = 0, recordings: Sequence[Path] = (), read: Read = read_recording, rig: Path | None = None
     ) -> None:
         """Bind the port, 0 being any that is free; the rest is as for `make_app`.
 
@@ -112,7 +112,7 @@ class Server:
         except OSError:
             raise InputError(f"port {port} is taken: name another with --port, or 0 for any that is free") from None
         with listening:
-            self.bench = make_app(recordings, unwrap, rig)
+            self.bench = make_app(recordings, read, rig)
             _warm_up()
             number = listening.getsockname()[1]
             self._server = make_server(

@@ -8,15 +8,16 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import RLock
 
-from pendulum_env.recording import checks, read_recording
+from pendulum_env.recording import checks, columns, read_recording
 from workbench.app.jobs import Job
 from workbench.app.live import Run
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import MODELS, UNWRAP, refuse_too_much, safe_name, unpack
-from workbench.inputs import MISTAKES, InputError, read_model, sentence
+from workbench.inputs import MISTAKES, InputError, Read, read_model, sentence
 
 ID = re.compile(r"[0-9a-f]{32}")  # random, drawn by the page; never part of a path
 MOST_SESSIONS = 16  # the one that was used least recently gives way
@@ -81,7 +82,11 @@ class Session:
 
     def plain(self, text: str) -> str:
         """A sentence in the page's words: about files without the session's folder, and controls for options."""
-        return text.replace(f"{self.folder}/", "").replace(checks.UNWRAP, f"tick '{UNWRAP}' and load it again")
+        here = {checks.UNWRAP: f"tick '{UNWRAP}' and load it again", columns.CHOOSE: "rename columns in the file"}
+        text = text.replace(f"{self.folder}/", "")
+        for option, control in here.items():
+            text = text.replace(option, control)
+        return text
 
     def cancel(self) -> None:
         """Let go of the job."""
@@ -122,7 +127,7 @@ class Session:
             try:
                 file = self.place(name, *loaded)
                 unpack(file, content)
-                loaded.append(self.read(file, unwrap))
+                loaded.append(self.read(file, partial(read_recording, unwrap=unwrap)))
             except MISTAKES as mistake:
                 refused.append(sentence(mistake))
         if loaded:
@@ -130,7 +135,7 @@ class Session:
         if refused:
             raise InputError("; ".join(refused))
 
-    def read(self, file: Path, unwrap: bool = False) -> Loaded:
+    def read(self, file: Path, read: Read = read_recording) -> Loaded:
         """Read a file of the folder; one that cannot be read does not stay.
 
         Raises:
@@ -138,18 +143,18 @@ class Session:
         """
         try:
             refuse_too_much(file)
-            return Loaded(file, read_recording(file, unwrap=unwrap))
+            return Loaded(file, read(file))
         except MISTAKES:
             file.unlink(missing_ok=True)
             raise
 
-    def copy(self, files: Sequence[Path], unwrap: bool) -> None:
+    def copy(self, files: Sequence[Path], read: Read) -> None:
         """Take in copies of recordings that lie elsewhere."""
         loaded: list[Loaded] = []
         for original in files:
             file = self.place(original.name, *loaded)
             shutil.copyfile(original, file)
-            loaded.append(self.read(file, unwrap))
+            loaded.append(self.read(file, read))
         self.keep(*loaded)
 
     def keep(self, *loaded: Loaded) -> None:
@@ -216,9 +221,9 @@ class Session:
 class Sessions:
     """All sessions of a server by the id that each page holds."""
 
-    def __init__(self, recordings: Sequence[Path] = (), unwrap: bool = False, rig: Path | None = None) -> None:
+    def __init__(self, recordings: Sequence[Path] = (), read: Read = read_recording, rig: Path | None = None) -> None:
         """Make a folder for their folders; every session begins with a copy of the recordings, and may run the rig."""
-        self._initial, self._unwrap, self._rig = tuple(recordings), unwrap, rig
+        self._initial, self._read, self._rig = tuple(recordings), read, rig
         self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-")
         self._all: dict[str, Session] = {}
         self._lock = RLock()
@@ -242,7 +247,7 @@ class Sessions:
         if known is None:
             try:
                 if self._initial:
-                    session.act(lambda: session.copy(self._initial, self._unwrap))
+                    session.act(lambda: session.copy(self._initial, self._read))
             finally:
                 session.lock.release()
         if gone is not None:

@@ -9,7 +9,16 @@ from estimators.tables import errors_table
 from pendulum_env.physics import effect
 from pendulum_env.words import parameters_table
 from workbench.command import Command
-from workbench.inputs import argument, check_outputs, keep_apart, read_model, read_recordings, take_recordings, wrote
+from workbench.inputs import (
+    argument,
+    check_outputs,
+    keep_apart,
+    read_model,
+    read_recordings,
+    reader,
+    take_recordings,
+    wrote,
+)
 from workbench.terminal import Terminal
 
 FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
@@ -28,8 +37,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs([arguments.output], [*arguments.recordings, *arguments.holdout])
     keep_apart(arguments.recordings, arguments.holdout)
     model = read_model(arguments.model)
-    recordings = read_recordings(arguments.recordings, arguments.unwrap, terminal)
-    holdout = read_recordings(arguments.holdout, arguments.unwrap, terminal)
+    recordings = read_recordings(arguments.recordings, reader(arguments), terminal)
+    holdout = read_recordings(arguments.holdout, reader(arguments), terminal)
     with terminal.progress(f"adding {arguments.effect}") as progress:
         added = add(model, arguments.effect, recordings, holdout, progress)
     before, after = added.before, added.after

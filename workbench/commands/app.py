@@ -12,7 +12,7 @@ from threading import Timer
 
 from pendulum_env.backends.hardware.config import ConfigError, load
 from workbench.command import Command
-from workbench.inputs import InputError, read_recordings, whole
+from workbench.inputs import InputError, read_recordings, reader, take_reading, whole
 from workbench.terminal import Terminal
 
 PORT, HIGHEST = 8050, 65535
@@ -21,7 +21,7 @@ PORT, HIGHEST = 8050, 65535
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
     parser.add_argument("recordings", metavar="RECORDING", nargs="*", help="CSV, CSV.GZ, Parquet or NPZ to begin with")
-    parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
+    take_reading(parser)
     parser.add_argument("--config", metavar="FILE", help="rig.toml of a rig, that the live view then offers, too")
     parser.add_argument("--port", type=_port, default=PORT, help=f"of this computer (default {PORT}); 0: any")
     parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
@@ -31,11 +31,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Serve until interrupted."""
     if find_spec("dash") is None:
         raise InputError("the workbench in a browser needs the extra app: pip install 'pendulum-ident[app]'")
-    read_recordings(arguments.recordings, arguments.unwrap, terminal)  # complains now, not in the browser
+    read_recordings(arguments.recordings, reader(arguments), terminal)  # complains now, not in the browser
     rig = None if arguments.config is None else _rig(arguments.config)
     from workbench.app.server import Server  # dash takes a while to import
 
-    server = Server(arguments.port, [Path(name) for name in arguments.recordings], arguments.unwrap, rig)
+    server = Server(arguments.port, [Path(name) for name in arguments.recordings], reader(arguments), rig)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:

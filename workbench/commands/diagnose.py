@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 
 from estimators.design import USUAL
 from estimators.diagnose import diagnose
@@ -11,7 +12,16 @@ from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE
 from workbench.command import Command
 from workbench.commands.identify import six_schemes
-from workbench.inputs import check_outputs, keep_apart, number, read_model, read_recordings, take_recordings, wrote
+from workbench.inputs import (
+    check_outputs,
+    keep_apart,
+    number,
+    read_model,
+    read_recordings,
+    reader,
+    take_recordings,
+    wrote,
+)
 from workbench.story import tell
 from workbench.terminal import Terminal
 
@@ -26,6 +36,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=number(0.1),
         help=f"bound of the torque of a suggested experiment [N m] (default {USUAL:g}, or the largest recorded)",
     )
+    parser.add_argument(
+        "--max-angle",
+        metavar="RAD",
+        type=number(0.01),
+        default=math.inf,
+        help="bound of its angle to either side [rad]",
+    )
+    parser.add_argument(
+        "--max-speed", metavar="RAD/S", type=number(0.01), default=math.inf, help="bound of its speed [rad/s]"
+    )
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
     parser.add_argument("--report", metavar="FILE.html", help="write a report with plots, one file to share")
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
@@ -39,10 +59,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs(outputs, [*arguments.recordings, *arguments.holdout])
     keep_apart(arguments.recordings, arguments.holdout)
     base = read_model(arguments.model).terms if arguments.model else BASE
-    recordings = read_recordings(arguments.recordings, arguments.unwrap, terminal)
-    holdout = read_recordings(arguments.holdout, arguments.unwrap, terminal)
+    recordings = read_recordings(arguments.recordings, reader(arguments), terminal)
+    holdout = read_recordings(arguments.holdout, reader(arguments), terminal)
     with terminal.progress("diagnosing") as progress:
-        found = diagnose(recordings, holdout, base, progress, arguments.max_torque)
+        found = diagnose(
+            recordings, holdout, base, progress, arguments.max_torque, arguments.max_angle, arguments.max_speed
+        )
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
     if arguments.output is not None:

@@ -17,7 +17,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording
 from workbench.command import Command
-from workbench.inputs import InputError, argument, check_outputs, read_recordings, take_recordings, wrote
+from workbench.inputs import InputError, argument, check_outputs, read_recordings, reader, take_recordings, wrote
 from workbench.terminal import Terminal
 
 SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
     outputs = [arguments.json, arguments.output]
     check_outputs(outputs, arguments.recordings)
-    recordings = read_recordings(arguments.recordings, arguments.unwrap, terminal)
+    recordings = read_recordings(arguments.recordings, reader(arguments), terminal)
     refuse_slow(recordings, arguments.scheme)
     with terminal.progress("identifying"):
         found = identify(recordings, BASE, arguments.scheme)

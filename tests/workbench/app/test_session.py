@@ -7,6 +7,7 @@ import pickle
 import shlex
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Event
 
@@ -20,7 +21,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.plant import paper_plant
-from pendulum_env.recording import Recording, write_recording
+from pendulum_env.recording import Recording, read_recording, write_recording
 from tests.workbench.app.plants import recorded
 
 pytest.importorskip("dash")
@@ -167,6 +168,11 @@ def test_the_page_says_where_it_undoes_jumps(session: Session, swing: Recording,
     assert session.notice == "" and len(session.state.loaded) == 1
 
 
+def test_the_page_says_what_to_do_about_columns(session: Session) -> None:
+    upload(session, "run.csv", b"time,q,position,torque\n0,0,0,0\n")
+    assert "could both be position: rename columns in the file" in session.notice and "--columns" not in session.notice
+
+
 def test_what_the_session_began_with_is_a_copy(swing: Recording, tmp_path: Path) -> None:
     original = tmp_path / "swing.csv"
     write_recording(swing, original)
@@ -175,6 +181,16 @@ def test_what_the_session_began_with_is_a_copy(swing: Recording, tmp_path: Path)
     assert session.state.added == () and len(session.state.ladder) == 1
     session.act(lambda: session.remove("swing.csv"))
     assert session.state.loaded == () and original.exists()
+    sessions.close()
+
+
+def test_what_the_session_begins_with_is_read_as_the_user_asked(swing: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "swing.csv"
+    write_recording(swing, path)
+    path.write_text(path.read_text().replace("position", "Winkel"))
+    sessions = Sessions([path], partial(read_recording, columns={"position": "Winkel"}))
+    (loaded,) = sessions.of(IDS[0]).state.loaded
+    np.testing.assert_allclose(loaded.recording.position, swing.position)
     sessions.close()
 
 
