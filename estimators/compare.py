@@ -96,7 +96,8 @@ class Comparison:
 
 def distance(name: str, evidence: Evidence, model: Model) -> Distance:
     """Errors of a model with inertia on a body of evidence."""
-    return Distance(name, evidence.errors(model), evidence.data.noise(abs(model.estimates["inertia"].value)))
+    errors = evidence.watching(model).errors(model)
+    return Distance(name, errors, evidence.data.noise(abs(model.estimates["inertia"].value)))
 
 
 def compare(model: Model, recordings: Recordings) -> Comparison:
@@ -110,7 +111,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     model, recordings = model_that_moves(model), chosen_recordings(recordings)
     parts = [Evidence.of([recording]) for recording in recordings]
     windows = [window for part in parts for window in part.data.windows]
-    together = Evidence(dataset(windows), tuple(flight for part in parts for flight in part.flights))
+    together = Evidence(dataset(windows), tuple(flight for part in parts for flight in part.flights)).watching(model)
     joint = distance("all", together, model)
     maps = profiles(together.samples, together.residual(model.terms, model.theta), joint.noise_floor)
     distances = [distance(recording.name, part, model) for recording, part in zip(recordings, parts, strict=True)]

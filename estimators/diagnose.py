@@ -196,7 +196,7 @@ def _untimely(search: Search, base: Sequence[Term], text: str) -> Diagnosis:
 
 def unexplained(search: Search, last: Step) -> list[Region]:
     """Regions that the final model leaves unexplained, in torque or else in free-running motion."""
-    left = search.train.residual(last.model.terms, last.model.theta)
+    left = search.train.watching(last.model).residual(last.model.terms, last.model.theta)
     wrong = impossible(last.model, search.train.samples)
     if wrong:
         text = (

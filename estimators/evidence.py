@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators import shooting
 from estimators.dataset import Dataset, prepare
 from estimators.free_running import Flights, position_rms, take_off
 from estimators.least_squares import Fit, solve
@@ -55,6 +56,21 @@ class Evidence:
     def samples(self) -> Samples:
         """Samples at the windows' centres, (R,) each."""
         return self.data.samples
+
+    def watching(self, model: Model) -> Evidence:
+        """The same with the link of the model's transmission, if it has one, as the motion around each instant tells.
+
+        Carried along the measured motion from the start, its state is lost after a few bounces. Takes a second.
+        """
+        if not any(term.kind == "transmission" for term in model.terms):
+            return self
+        term = shooting.hidden_term(model.terms)
+        watched = [shooting.watch(windows, model) for windows in self.data.windows]
+        flights = [
+            replace(flight, hidden={term.id: shooting.hidden_state(flight, x, term)})
+            for flight, x in zip(self.flights, watched, strict=True)
+        ]
+        return replace(self, data=replace(self.data, watched={term.id: watched}), flights=tuple(flights))
 
     def residual(self, terms: Sequence[Term], theta: Array) -> Array:
         """Measured minus modelled torque in every window (R,) [N m]."""

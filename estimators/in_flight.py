@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimators import output_error
+from estimators import output_error, shooting
 from estimators.diagnosis import Step
 from estimators.free_running import position_noise, take_off
 from estimators.search import MOST, PLAIN, Search, complexity, has_transmission
@@ -78,7 +78,9 @@ def sharpen(search: Search, steps: list[Step]) -> list[Step]:
     Windows lose what happens near reversals, and much of what a coarse encoder tells; innovations lose nothing.
     """
     last = steps[-1]
-    if not search.fits(last) or has_transmission(last.model.terms):
+    if has_transmission(last.model.terms):
+        return _shoot(search, steps)
+    if not search.fits(last):
         return steps
     start = output_error.Point(last.model.terms, last.model.theta)
     flights, checks = ([take_off(w, HOP) for w in part.data.windows] for part in (search.train, search.holdout))
@@ -89,6 +91,21 @@ def sharpen(search: Search, steps: list[Step]) -> list[Step]:
     torque = refined.errors["holdout"].torque_rms / last.errors["holdout"].torque_rms
     stands = len(steps) == 1 or search.is_confirmed(refined, steps[-2])
     return [*steps[:-1], refined] if new <= old and torque < NO_WORSE and stands else steps
+
+
+def _shoot(search: Search, steps: list[Step]) -> list[Step]:
+    """The steps with the last model, one with a transmission, fitted along with the state of its link."""
+
+    def watched(model: Model) -> Step:
+        parts = {"train": search.train, "holdout": search.holdout}
+        return Step(steps[-1].added, model, {name: part.watching(model).errors(model) for name, part in parts.items()})
+
+    def error(step: Step) -> float:
+        return step.errors["holdout"].torque_rms * step.errors["holdout"].position_rms
+
+    old = steps[-1].model
+    best = min(watched(old), watched(shooting.estimate(search.train.data.windows, old)), key=error)
+    return [*steps[:-1], best] if search.is_confirmed(best, steps[-2]) else steps
 
 
 def grow_in_flight(search: Search, steps: list[Step]) -> list[Step]:
@@ -147,8 +164,8 @@ def _beats(search: Search, point: output_error.Point, start: output_error.Point)
 
 
 def has_hidden_state(terms: Sequence[Term]) -> bool:
-    """Whether the motion depends on a state that nobody measures: of a link, or of bristles."""
-    return any(term.kind in ("transmission", "dissipative") and term.remembers for term in terms)
+    """Whether the motion depends on a state of bristles, which nobody measures."""
+    return any(term.kind == "dissipative" and term.remembers for term in terms)
 
 
 def position_error(step: Step) -> float:

@@ -17,24 +17,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.evidence import Evidence
 from estimators.free_running import Flights, stacked, start_memory
 from estimators.least_squares import robust_covariance
 from estimators.output_error import GRAIN, SMALLEST, Point, named
 from estimators.windows import Windows
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory, simulate
 from pendulum_env.physics.term import Memory
 
 HOP = 0.25  # [s], length of a flight
 MOST = 120  # flights that parameters are fitted to
-STEP = 0.5e-3  # [s], of the integrator: a contact sets in with a jump of torque
+STEPS = (
+    1e-3,
+    0.25e-3,
+)  # [s], of the integrator: coarse on the way, then fine, as contacts set in with a jump of torque
 DIFFERENCE = 1e-2  # relative change of a parameter for derivatives, large enough to move contacts by a step
 NUDGE = np.array([3e-4, 3e-3, 1e-3, 1e-2])  # the same of position and velocity of motor and link [rad], [rad/s]
 SHARES = (1.0, 0.4, 0.1, 0.0)  # of a step of the parameters that are tried,
 LARGEST = 0.3  # relative change of a parameter in a step
 DAMPING = np.array([0.01, 1.0, 100.0])  # factors on the damping of a state that are tried
-TURNS, LAUNCHES = 25, 4
+TURNS, TRIAL_TURNS, FINE_TURNS, LAUNCHES = 25, 6, 8, 4
+STIFFER = (1.0, 1.8)  # times the contact's stiffness, from which a fit starts
 GAIN = 0.01  # share by which a turn has to lower the squared error
 STEEP = 10.0  # times the usual slope, beyond which a flight is about to miss a contact, and counts less
 
@@ -46,6 +49,7 @@ class Shots:
     flights: Flights
     states: Array
     damping: Array  # (B,)
+    step: float = STEPS[0]  # [s], longest of the integrator
 
     @property
     def measured(self) -> Array:
@@ -77,7 +81,7 @@ class Shots:
             v,
             np.tile(recording.time[flights.first], len(points)),
             memory=memory,
-            longest_step=STEP,
+            longest_step=self.step,
             remember=remember,
         )
 
@@ -246,11 +250,10 @@ def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array,
     return both[:, :, 0], both[:, :, 1:]
 
 
-def fit(every: Sequence[Shots], point: Point) -> tuple[Point, list[Shots]]:
-    """Parameters and states that fit the flights of all recordings best."""
-    every = [launch(shots, point)[0] for shots in every]
-    stalled = 0
-    for _ in range(TURNS):
+def fit(every: Sequence[Shots], point: Point, turns: int = TURNS) -> tuple[Point, list[Shots], float]:
+    """Parameters and states that fit the flights of all recordings best, and their squared error."""
+    every, stalled, cost = list(every), 0, np.inf
+    for _ in range(turns):
         values, slopes = point.values, _linearise(every, point)
         size = np.maximum(np.abs(values), SMALLEST)
         damping = np.diag(0.01 * np.linalg.norm(slopes.by_parameter, axis=0) + 1e-12)
@@ -277,7 +280,7 @@ def fit(every: Sequence[Shots], point: Point) -> tuple[Point, list[Shots]]:
             stalled = stalled + 1 if anew > cost * (1 - GAIN) else 0
             if stalled == 2:
                 break
-    return point, every
+    return point, every, cost
 
 
 def _follow(
@@ -296,54 +299,77 @@ def _follow(
     return settle(shots, points, states, np.clip(shots.damping * factors, 1e-6, 1e3), 1)
 
 
-def estimate(evidence: Evidence, model: Model) -> Model:
-    """The model with parameters fitted by multiple shooting; standard errors from the spread of the flights."""
+def estimate(every: Sequence[Windows], model: Model) -> Model:
+    """The model with parameters fitted by multiple shooting; standard errors from the spread of the flights.
+
+    Args:
+        every: recording's windows.
+        model: to start from; one of its terms is a transmission.
+    """
     point = Point(model.terms, model.theta)
-    every = [tiles(windows) for windows in evidence.data.windows]
-    thinned = -(-sum(len(first) for first in every) // MOST)
-    shots = [cut(windows, point, first[::thinned]) for windows, first in zip(evidence.data.windows, every, strict=True)]
-    point, shots = fit(shots, point)
+    first = [tiles(windows) for windows in every]
+    thinned = -(-sum(len(one) for one in first) // MOST)
+
+    def fitted(point: Point, step: int, turns: int = TURNS) -> tuple[Point, list[Shots], float]:
+        return fit(
+            [launch(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True)], point, turns
+        )
+
+    rugged = hidden_term(model.terms).rugged
+    if rugged:  # a loose contact has its own minimum for many a stiffness, and the windows prefer a soft one
+        starts = [stiffer(start, rugged, factor) for start in (point, hung(point)) for factor in STIFFER]
+        point = min((fitted(start, 3 * thinned, TRIAL_TURNS) for start in starts), key=lambda found: found[2])[0]
+    point, shots, _ = fitted(point, thinned)
+    if rugged:
+        point, shots, _ = fit([replace(one, step=STEPS[1]) for one in shots], point, FINE_TURNS)
     slopes = _linearise(shots, point)
     return named(point, np.sqrt(np.diag(robust_covariance(slopes.by_parameter, slopes.error, slopes.flight))))
+
+
+def stiffer(point: Point, name: str, factor: float) -> Point:
+    """A point with one shape parameter of the transmission changed by a factor."""
+    terms = [
+        replace(term, **{name: factor * term.shape[name]}) if term.kind == "transmission" else term
+        for term in point.terms
+    ]
+    return replace(point, terms=tuple(terms))
+
+
+def hung(point: Point) -> Point:
+    """A point with the gravity that the link has."""
+    names = [column.name for term in point.terms for column in term.columns]
+    if "gravity" not in names:
+        return point
+    term = hidden_term(point.terms)
+    theta = point.theta.copy()
+    theta[names.index("gravity")] = theta[names.index(term.id)] * term.shape["gravity"]
+    return replace(point, theta=theta)
 
 
 # -------------------------------------------------------------------------------------------------------- watching
 
 
-def watch(evidence: Evidence, model: Model) -> Evidence:
-    """Evidence with the hidden states of a model as the motion around each instant tells them, all along recordings."""
-    if not any(term.kind == "transmission" for term in model.terms):
-        return evidence
-    point = Point(model.terms, model.theta)
-    id = hidden_term(model.terms).id
-    watched = [_watch(windows, point, id) for windows in evidence.data.windows]
-    flights = [
-        replace(flight, hidden={id: _state(flight, x, id)}) for flight, x in zip(evidence.flights, watched, strict=True)
-    ]
-    return replace(evidence, data=replace(evidence.data, watched={id: watched}), flights=tuple(flights))
-
-
-def _watch(windows: Windows, point: Point, id: str) -> Samples:
+def watch(windows: Windows, model: Model) -> Samples:
     """Samples of a recording with the motion of motor and link as flights that follow each other have it."""
-    x = windows.trace([hidden_term(point.terms)])[0]
+    point, term = Point(model.terms, model.theta), hidden_term(model.terms)
+    x = windows.trace([term])[0]
     shots, _ = launch(cut(windows, point, tiles(windows)), point)
     path = shots.fly([point], shots.states[None], remember=True)
-    assert path.memory is not None
     index = shots.flights.first + np.arange(len(path.position))[:, None]
 
-    def filled(measured: object, simulated: Array) -> Array:
+    def filled(measured: ArrayLike, simulated: Array) -> Array:
         series = np.array(measured, dtype=float)
         series[index] = simulated
         return series
 
-    link = tuple(filled(old, new) for old, new in zip(x.memory[id], path.memory[id], strict=True))
+    assert path.memory is not None
+    link = tuple(filled(old, new) for old, new in zip(x.memory[term.id], path.memory[term.id], strict=True))
     q, v = filled(x.position, path.position), filled(x.velocity, path.velocity)
-    return replace(x, position=q, velocity=v, memory={id: link})
+    return replace(x, position=q, velocity=v, memory={term.id: link})
 
 
-def _state(flight: Flights, x: Samples, id: str) -> Memory:
-    """Hidden state at the start of every flight, as far from the measured state there as it is from the simulated."""
-    position, velocity = x.memory[id]
-    first = flight.first
-    stretch, speed = position[first] - np.asarray(x.position)[first], velocity[first] - np.asarray(x.velocity)[first]
-    return flight.position[0] + stretch, flight.velocity + speed
+def hidden_state(flights: Flights, x: Samples, term: Term) -> Memory:
+    """State of a link at the start of flights, as far from the measured motor as it is from the one that is watched."""
+    position, velocity = (series[flights.first] for series in x.memory[term.id])
+    q, v = np.asarray(x.position)[flights.first], np.asarray(x.velocity)[flights.first]
+    return flights.position[0] + position - q, flights.velocity + velocity - v

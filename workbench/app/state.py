@@ -200,7 +200,7 @@ class State:
     def _left(self, floor: float) -> tuple[Region, ...]:
         """Where the last model leaves more than noise."""
         evidence = self._train
-        residual: Array = evidence.residual(self.model.terms, self.model.theta)
+        residual: Array = evidence.watching(self.model).residual(self.model.terms, self.model.theta)
         if not is_structured(residual, floor):
             return ()
         return tuple(stand_out(profiles(evidence.samples, residual, floor)))

@@ -80,4 +80,4 @@ class Case:
 
     def residuals(self, evidence: Evidence) -> list[Array]:
         """Measured minus modelled torque (R,) [N m] of each drawn model."""
-        return [evidence.residual(model.terms, model.theta) for _, _, model in self.models]
+        return [evidence.watching(m).residual(m.terms, m.theta) for _, _, m in self.models]

@@ -64,11 +64,11 @@ def _views(session: Session, file: str, shown: int) -> list[Component]:
 
 def _flown(case: Case, recording: Recording) -> Component:
     """Free-running simulation of a recording: of its held-out part, if it has one."""
-    flights = [one for one in (*case.testing.flights, *case.training.flights) if one.windows.recording is recording]
+    found = ((part, k) for part in (case.testing, case.training) for k in range(len(part.flights)))
+    part, k = next((part, k) for part, k in found if part.flights[k].windows.recording is recording)
+    flights = [part.watching(model).flights[k] for _, _, model in case.models]
     note = "Each simulation starts from the measured state and runs freely for one second on the recorded torque alone."
-    return panel(
-        "Position in free run", html.P(note, className="note"), graph(position_figure(case, "flown", flights[0]))
-    )
+    return panel("Position in free run", html.P(note, className="note"), graph(position_figure(case, "flown", flights)))
 
 
 def _regions(points: Points, shown: int) -> Component:

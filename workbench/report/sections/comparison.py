@@ -21,6 +21,7 @@ BROAD = 3.4  # width of the measured curve, on which the models are drawn
 def comparison(case: Case) -> Section:
     """Both comparisons for every held-out recording, those with the largest errors first."""
     evidence, residuals = case.testing, case.residuals(case.testing)
+    watched = [evidence.watching(model) for _, _, model in case.models]
     ends = np.cumsum([len(w.centers) for w in evidence.data.windows])[:-1]
     split = [np.split(residual, ends) for residual in residuals]
     torque = np.split(evidence.data.torque(), ends)
@@ -31,7 +32,7 @@ def comparison(case: Case) -> Section:
         {
             "name": case.holdout[k].name,
             "torque": torque_figure(case, k, torque[k], [part[k] for part in split], noise),
-            "position": position_figure(case, f"position-{k}", evidence.flights[k]),
+            "position": position_figure(case, f"position-{k}", [each.flights[k] for each in watched]),
         }
         for k in order
     ]
@@ -54,8 +55,15 @@ def torque_figure(case: Case, k: int, torque: Array, residuals: Sequence[Array],
     return figure
 
 
-def position_figure(case: Case, id: str, flights: Flights) -> Figure:
-    """Position of one recording and free-running simulations, each window started from the measured state."""
+def position_figure(case: Case, id: str, each: Sequence[Flights]) -> Figure:
+    """Position of one recording and free-running simulations, each window started from the measured state.
+
+    Args:
+        case: whose models are drawn.
+        id: of the figure.
+        each: flights of the recording as each model starts them.
+    """
+    flights = each[0]
     points = int(np.clip(2 * POINTS // len(flights.first), *PER_FLIGHT))
     step = max(1, (len(flights.position) - 1) // points)
     at = np.arange(0, len(flights.position), step)
@@ -63,7 +71,8 @@ def position_figure(case: Case, id: str, flights: Flights) -> Figure:
     start = recording.time[flights.first]
     x = joined(list((start + at[:, None] / recording.rate).T))
     measured = joined(list(flights.position[at].T))
-    errors = [joined(list(follow(flights, m.terms, m.theta)[at].T)) for _, _, m in case.models]
+    models = zip(each, (model for _, _, model in case.models), strict=True)
+    errors = [joined(list(follow(own, m.terms, m.theta)[at].T)) for own, m in models]
     simulated = [measured + error for error in errors]
     label = f"Measured position and free-running simulation over time, recording {recording.name}"
     names = ("position", "error", "rad")
