@@ -50,7 +50,8 @@ class Innovations:
         transition, inertia = _linearised(flights, index, terms, theta, interval)
         # torque noise is new in every period: over the interval it moves the velocity as its mean does
         shaken = (flights.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / every
-        process = shaken[:, :, None, None] * np.array([[interval**2 / 3, interval / 2], [interval / 2, 1.0]])
+        moved = interval**2 * (1 / 3 - 1 / (12 * every**2))  # held over each period, not white in between
+        process = shaken[:, :, None, None] * np.array([[moved, interval / 2], [interval / 2, 1.0]])
         measured = max(white_noise(recording.position), INTEGRATED) ** 2
         gain, spread = np.empty(transition.shape[:3]), np.empty(transition.shape[:2])
         covariance = np.zeros((index.shape[1], 2, 2))  # the state at the start is a matter of the fit

@@ -158,6 +158,14 @@ class Search:
         """Whether the torque fits."""
         return step.errors["train"].torque_rms < LOOSE * self.floor
 
+    def explains(self, steps: Sequence[Step]) -> bool:
+        """Whether the last model fits, or does at least much better on held-out data than the base model.
+
+        What does neither is another thing, such as a torque that wanders, some of which one or the other can imitate.
+        """
+        new, old = (step.errors["holdout"].torque_rms for step in (steps[-1], steps[0]))
+        return len(steps) == 1 or self.fits(steps[-1]) or new < PLAIN * old
+
     def settle(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Search every shape parameter again, now that all terms are in."""
         trial = self.screen.trial(terms)
@@ -369,4 +377,5 @@ def complexity(term: Term) -> int:
 def look(train: Evidence, test: Evidence, base: Sequence[Term], progress: Progress) -> tuple[Search, list[Step]]:
     """Search the library; returns the steps from the base model to the final one."""
     search = Search(train, test, progress)
-    return search, search.disown(search.resolve(search.find(search.settle(base))))
+    steps = search.disown(search.resolve(search.find(search.settle(base))))
+    return search, steps if search.explains(steps) else steps[:1]

@@ -36,7 +36,7 @@ NUDGE = np.array([3e-4, 3e-3, 1e-3, 1e-2])  # the same of position and velocity 
 SHARES = (1.0, 0.4, 0.1, 0.0)  # of a step of the parameters that are tried,
 LARGEST = 0.3  # relative change of a parameter in a step
 DAMPING = np.array([0.01, 1.0, 100.0])  # factors on the damping of a state that are tried
-TURNS, TRIAL_TURNS, FINE_TURNS, LAUNCHES = 25, 6, 8, 4
+TURNS, TRIAL_TURNS, FINE_TURNS, LAUNCHES = 25, 6, 8, 2
 STIFFER = (1.0, 1.8)  # times the contact's stiffness, from which a fit starts
 GAIN = 0.01  # share by which a turn has to lower the squared error
 STEEP = 10.0  # times the usual slope, beyond which a flight is about to miss a contact, and counts less
@@ -184,10 +184,10 @@ def launch(shots: Shots, point: Point) -> tuple[Shots, Array]:
     for side in (-1, 0, 1) if gap else ():
         candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
     start = np.full((len(candidates), traced.shape[1]), DAMPING[0])
-    states, _, squares = settle(shots, [point] * len(candidates), np.array(candidates), start, LAUNCHES)
-    best = np.argmin(squares, axis=0)
-    flight = np.arange(len(best))
-    return replace(shots, states=states[best, :, flight].T, damping=start[0]), squares[best, flight]
+    states, damping, squares = settle(shots, [point] * len(candidates), np.array(candidates), start, LAUNCHES)
+    best, flight = np.argmin(squares, axis=0), np.arange(len(start[0]))
+    states, _, squares = settle(shots, [point], states[best, :, flight].T[None], damping[best, flight][None], LAUNCHES)
+    return replace(shots, states=states[0], damping=start[0]), squares[0]
 
 
 # ------------------------------------------------------------------------------------------------------ parameters

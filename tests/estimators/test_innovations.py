@@ -1,0 +1,50 @@
+"""Errors of flights as innovations, on recordings of a simulator that shares no model code."""
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import output_error
+from estimators.evidence import Evidence, fit_terms
+from estimators.free_running import take_off
+from estimators.output_error import Point
+from pendulum_env.physics import BASE
+from pendulum_env.recording import Recording
+
+TRUTH = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
+AT = Point(BASE, np.array(list(TRUTH.values())))
+
+
+def recorded(seed: int, counts: int = 1_024_000) -> Evidence:
+    experiment = Experiment(rate=500.0, seconds=10.0, seed=seed, counts=counts, torque_noise=0.05)
+    (run,) = simulate([(Plant(**TRUTH), experiment)])
+    return Evidence.of([Recording("run", run.time, run.position, run.torque)])
+
+
+@pytest.mark.parametrize("counts", [8192, 1_024_000])
+def test_at_the_true_parameters_innovations_are_as_large_as_expected_and_unrelated(counts: int):
+    evidence = recorded(5, counts)
+    flights = [take_off(windows, 0.5) for windows in evidence.data.windows]
+    (new,) = output_error.residuals(flights, [AT], output_error.innovations(flights, AT))
+    (plain,) = output_error.residuals(flights, [AT])
+    new, plain = new[:, :, 0], plain[:, :, 0]
+    assert np.median(np.sqrt(np.mean(new**2, axis=1))) == pytest.approx(1.0, abs=0.25)
+
+    def relation(errors: np.ndarray) -> float:
+        return float(np.median(np.sum(errors[:, 1:] * errors[:, :-1], axis=1) / np.sum(errors**2, axis=1)))
+
+    assert relation(plain) > 0.6
+    assert abs(relation(new)) < 0.3
+
+
+def test_a_coarse_encoder_hides_less_from_innovations_than_from_windows():
+    errors = []
+    for seed in range(6):
+        evidence = recorded(10 + seed, counts=8192)
+        start, _ = fit_terms(evidence, BASE)
+        flights = [take_off(windows, 0.5) for windows in evidence.data.windows]
+        filters = output_error.innovations(flights, Point(BASE, start.theta))
+        point = output_error.fit(flights, BASE, start.theta, filters=filters)
+        errors.append(np.abs(np.array([start.theta, point.theta]) / AT.theta - 1))
+    windows, innovations = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert np.all(innovations < 0.75 * windows)
