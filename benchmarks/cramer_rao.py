@@ -29,6 +29,8 @@ from benchmarks.scoring import positive, rate, take_workers
 from benchmarks.truth import Truth
 from estimators import output_error
 from estimators.evidence import Evidence, fit_terms
+from estimators.free_running import take_off
+from estimators.in_flight import HOP
 from estimators.screen import Screen
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.recording import Recording
@@ -193,9 +195,9 @@ def fit_windows(evidence: Evidence, hidden: Sequence[str]) -> Model:
 
 
 def fit_flights(evidence: Evidence, start: Model) -> Model:
-    """The same terms, refined by output error."""
-    point = output_error.fit(evidence.flights, start.terms, start.theta)
-    return output_error.model(evidence.flights, point)
+    """The same terms, refined by the innovations of short flights."""
+    flights = [take_off(windows, HOP) for windows in evidence.data.windows]
+    return output_error.likeliest(flights, output_error.Point(start.terms, start.theta))
 
 
 def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:

@@ -272,7 +272,7 @@ class Addition:
 def fit(train: Evidence, holdout: Evidence, terms: Sequence[Term] = BASE) -> Step:
     """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
     search = Search(train, holdout)
-    return search.report(None, search.settle(terms))
+    return sharpen(search, [search.report(None, search.settle(terms))])[-1]
 
 
 def add(
@@ -296,9 +296,11 @@ def add(
     search = Search(*gather(recordings, holdout), progress)
     progress("fitting without it", 0.1)
     before = search.report(None, search.settle(model.terms))
+    (shown,) = sharpen(search, [before])
     progress(f"searching {id}", 0.3)
     trial = search.screen.best(before.model.terms, kind)
     progress(f"fitting with {id}", 0.8)
     terms = search.settle(trial.terms) if trial else (*before.model.terms, kind())
-    after = search.report(id, terms)
-    return Addition(before, after, search.floor, objection(after, before, search.train.samples))
+    progress("sharpening", 0.9)
+    *_, after = sharpen(search, [before, search.report(id, terms)])
+    return Addition(shown, after, search.floor, objection(after, shown, search.train.samples))

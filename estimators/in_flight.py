@@ -73,39 +73,44 @@ def fly(search: Search, steps: list[Step]) -> list[Step]:
 
 
 def sharpen(search: Search, steps: list[Step]) -> list[Step]:
-    """The steps with the last model at its largest likelihood, where noise is all that it leaves to explain.
+    """The steps with the last model fitted to all there is to know, where held-out data bear that out.
 
     Windows lose what happens near reversals, and much of what a coarse encoder tells; innovations lose nothing.
     """
     last = steps[-1]
     if has_transmission(last.model.terms):
-        return _shoot(search, steps)
-    if not search.fits(last):
+        found = _with_link(search, last)
+    elif search.fits(last):
+        found = _likeliest(search, last)
+    else:
         return steps
+    return [*steps[:-1], found] if len(steps) == 1 or search.is_confirmed(found, steps[-2]) else steps
+
+
+def _likeliest(search: Search, last: Step) -> Step:
+    """The model at its largest likelihood, if held-out innovations are no larger for it."""
     start = output_error.Point(last.model.terms, last.model.theta)
     flights, checks = ([take_off(w, HOP) for w in part.data.windows] for part in (search.train, search.holdout))
-    filters, expected = output_error.innovations(flights, start), output_error.innovations(checks, start)
-    point = output_error.fit(flights, start.terms, start.theta, filters=filters)
-    old, new = (output_error.rms(checks, one, output_error.evenly(checks), expected) for one in (start, point))
-    refined = search.with_errors(last.added, output_error.model(flights, point, filters))
-    torque = refined.errors["holdout"].torque_rms / last.errors["holdout"].torque_rms
-    stands = len(steps) == 1 or search.is_confirmed(refined, steps[-2])
-    return [*steps[:-1], refined] if new <= old and torque < NO_WORSE and stands else steps
+    found = search.with_errors(last.added, output_error.likeliest(flights, start))
+    filters, evenly = output_error.innovations(checks, start), output_error.evenly(checks)
+    points = (start, output_error.Point(found.model.terms, found.model.theta))
+    old, new = (output_error.rms(checks, point, evenly, filters) for point in points)
+    torque = found.errors["holdout"].torque_rms / last.errors["holdout"].torque_rms
+    return found if new <= old and torque < NO_WORSE else last
 
 
-def _shoot(search: Search, steps: list[Step]) -> list[Step]:
-    """The steps with the last model, one with a transmission, fitted along with the state of its link."""
+def _with_link(search: Search, last: Step) -> Step:
+    """The model with its link watched, and fitted along with the link's motion if that lowers held-out errors."""
 
     def watched(model: Model) -> Step:
         parts = {"train": search.train, "holdout": search.holdout}
-        return Step(steps[-1].added, model, {name: part.watching(model).errors(model) for name, part in parts.items()})
+        return Step(last.added, model, {name: part.watching(model).errors(model) for name, part in parts.items()})
 
     def error(step: Step) -> float:
         return step.errors["holdout"].torque_rms * step.errors["holdout"].position_rms
 
-    old = steps[-1].model
-    best = min(watched(old), watched(shooting.estimate(search.train.data.windows, old)), key=error)
-    return [*steps[:-1], best] if search.is_confirmed(best, steps[-2]) else steps
+    models = last.model, shooting.estimate(search.train.data.windows, last.model)
+    return min((watched(model) for model in models), key=error)
 
 
 def grow_in_flight(search: Search, steps: list[Step]) -> list[Step]:

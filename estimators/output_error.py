@@ -159,6 +159,15 @@ def fit(
     return point
 
 
+def likeliest(flights: Sequence[Flights], start: Point) -> Model:
+    """The model of largest likelihood near a point, if noise is all that it leaves to explain.
+
+    Flights should be about half a second long: errors of longer ones grow in other ways than a linear model says.
+    """
+    filters = innovations(flights, start)
+    return model(flights, fit(flights, start.terms, start.theta, filters=filters), filters)
+
+
 def rms(
     flights: Sequence[Flights], point: Point, weights: Sequence[Array] | None = None, filters: Filters = ()
 ) -> float:

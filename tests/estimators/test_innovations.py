@@ -43,8 +43,7 @@ def test_a_coarse_encoder_hides_less_from_innovations_than_from_windows():
         evidence = recorded(10 + seed, counts=8192)
         start, _ = fit_terms(evidence, BASE)
         flights = [take_off(windows, 0.5) for windows in evidence.data.windows]
-        filters = output_error.innovations(flights, Point(BASE, start.theta))
-        point = output_error.fit(flights, BASE, start.theta, filters=filters)
-        errors.append(np.abs(np.array([start.theta, point.theta]) / AT.theta - 1))
+        found = output_error.likeliest(flights, Point(BASE, start.theta))
+        errors.append(np.abs(np.array([start.theta, found.theta]) / AT.theta - 1))
     windows, innovations = np.sqrt(np.mean(np.square(errors), axis=0))
     assert np.all(innovations < 0.75 * windows)
