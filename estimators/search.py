@@ -204,7 +204,7 @@ class Search:
         """Steps to the best model there is; where the one that grows first does not fit, others may start otherwise.
 
         A start may make held-out errors worse, as a wall does that held-out data hardly reach while they show what else
-        is missing: the model that it leads to has to be confirmed all the same, step by step.
+        is missing. The model that it leads to has to be confirmed all the same: step by step or, if it fits, at once.
         """
         bare = self.step(None, base)
         grown = self.grow([bare])
@@ -213,12 +213,16 @@ class Search:
             return found
         before = self.screen.trial(base)
         begun = {step.added for step in grown[1:2]}
-        for trial in self.alternatives(base)[:BRANCHES]:
+        starts = [trial for trial in self.alternatives(base)[:BRANCHES] if self.is_material(trial, before)]
+        for trial in sorted(starts, key=lambda trial: complexity(trial.terms[-1])):
             id = trial.terms[-1].id
-            if id not in begun and self.is_material(trial, before, NEEDED):
-                branch = self.prune(self.grow([bare, self.step(id, self.settle(trial.terms))]))
-                if self.are_confirmed(branch):
-                    found = min(found, branch, key=self._cost)
+            if id in begun:
+                continue
+            branch = self.prune(self.grow([bare, self.step(id, self.settle(trial.terms))]))
+            if self.fits(branch[-1]) and self.is_confirmed(branch[-1], bare):
+                return branch
+            if self.are_confirmed(branch):
+                found = min(found, branch, key=self._cost)
         return found
 
     def _cost(self, steps: list[Step]) -> float:
