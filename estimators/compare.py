@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from estimators.agreement import Disagreement, disagreements_with, misfits
 from estimators.dataset import dataset
@@ -95,9 +96,15 @@ class Comparison:
 
 
 def distance(name: str, evidence: Evidence, model: Model) -> Distance:
-    """Errors of a model with inertia on a body of evidence."""
-    errors = evidence.watching(model).errors(model)
-    return Distance(name, errors, evidence.data.noise(abs(model.estimates["inertia"].value)))
+    """Errors of a model with inertia on a body of evidence, as it is."""
+    return Distance(name, evidence.errors(model), evidence.data.noise(abs(model.estimates["inertia"].value)))
+
+
+def joined(parts: Sequence[Evidence]) -> Evidence:
+    """Evidence of several recordings, with what is watched in each."""
+    data = dataset([window for part in parts for window in part.data.windows])
+    watched = {id: [x for part in parts for x in part.data.watched[id]] for id in parts[0].data.watched}
+    return Evidence(replace(data, watched=watched), tuple(flight for part in parts for flight in part.flights))
 
 
 def compare(model: Model, recordings: Recordings) -> Comparison:
@@ -109,9 +116,8 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         TypeError: if something else is given than a model and recordings.
     """
     model, recordings = model_that_moves(model), chosen_recordings(recordings)
-    parts = [Evidence.of([recording]) for recording in recordings]
-    windows = [window for part in parts for window in part.data.windows]
-    together = Evidence(dataset(windows), tuple(flight for part in parts for flight in part.flights)).watching(model)
+    parts = [Evidence.of([recording]).watching(model) for recording in recordings]
+    together = joined(parts)
     joint = distance("all", together, model)
     maps = profiles(together.samples, together.residual(model.terms, model.theta), joint.noise_floor)
     distances = [distance(recording.name, part, model) for recording, part in zip(recordings, parts, strict=True)]

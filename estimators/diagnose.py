@@ -22,6 +22,7 @@ from estimators.in_flight import (
     hides,
     is_astray,
     position_error,
+    relink,
     sharpen,
     strays,
 )
@@ -156,7 +157,9 @@ def _examine(
     if late is not None:
         return _untimely(search, base, late)
     progress("sharpening", 0.93)
-    rough, steps = steps, sharpen(search, steps)
+    rough, steps = steps, relink(search, sharpen(search, steps))
+    if [step.added for step in steps] != [step.added for step in rough]:
+        rough = steps  # another transmission took the place of what windows took for one
     candidates, groups = judge(search, rough, steps)
     doubts = identifiability([measure(recording) for recording in recordings], steps[-1].model.terms)
     progress("looking for the next experiment", 0.95)
@@ -296,11 +299,14 @@ def add(
     search = Search(*gather(recordings, holdout), progress)
     progress("fitting without it", 0.1)
     before = search.report(None, search.settle(model.terms))
-    (shown,) = sharpen(search, [before])
+    (shown,) = sharpen(search, [before], model)
     progress(f"searching {id}", 0.3)
     trial = search.screen.best(before.model.terms, kind)
     progress(f"fitting with {id}", 0.8)
     terms = search.settle(trial.terms) if trial else (*before.model.terms, kind())
     progress("sharpening", 0.9)
-    *_, after = sharpen(search, [before, search.report(id, terms)])
+    longer = Model.build(
+        (*shown.model.terms, terms[-1]), np.append(shown.model.theta, np.zeros(len(terms[-1].columns)))
+    )
+    *_, after = sharpen(search, [before, search.report(id, terms)], longer)
     return Addition(shown, after, search.floor, objection(after, shown, search.train.samples))

@@ -60,11 +60,11 @@ class Evidence:
     def watching(self, model: Model) -> Evidence:
         """The same with the link of the model's transmission, if it has one, as the motion around each instant tells.
 
-        Carried along the measured motion from the start, its state is lost after a few bounces. Takes a second.
+        Carried along the measured motion from the start, its state is lost after a few bounces. Takes a second or two.
         """
-        if not any(term.kind == "transmission" for term in model.terms):
+        if not shooting.has_link(model.terms):
             return self
-        term = shooting.hidden_term(model.terms)
+        term = shooting.link_of(model.terms)
         watched = [shooting.watch(windows, model) for windows in self.data.windows]
         flights = [
             replace(flight, hidden={term.id: shooting.hidden_state(flight, x, term)})

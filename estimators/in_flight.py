@@ -21,6 +21,7 @@ LEAST_POSITION = 1e-3  # and of this share of the motion, which no initial state
 FLIGHT = 0.93  # share of the error of flights, fitted and held out, to which an effect has to lower it
 SURE = 3.5  # standard errors by which flights have to gain
 HOP = 0.5  # [s], length of flights that are short enough for errors to grow as a linear model says
+FEWEST = 2  # of these for each parameter
 IN_FLIGHT = 6  # starts from which they are fitted, of those that promise most
 
 
@@ -72,45 +73,86 @@ def fly(search: Search, steps: list[Step]) -> list[Step]:
     return steps
 
 
-def sharpen(search: Search, steps: list[Step]) -> list[Step]:
+def sharpen(search: Search, steps: list[Step], start: Model | None = None) -> list[Step]:
     """The steps with the last model fitted to all there is to know, where held-out data bear that out.
 
-    Windows lose what happens near reversals, and much of what a coarse encoder tells; innovations lose nothing.
+    Windows lose what happens near reversals, and much of what a coarse encoder tells. What a link does is watched.
+
+    Args:
+        search: with the data.
+        steps: the last of which is fitted anew.
+        start: where to look for a model with a link first, if not where windows have it.
     """
-    last = steps[-1]
-    if has_transmission(last.model.terms):
-        found = _with_link(search, last)
+    *others, last = (_watched(search, step) for step in steps)
+    if shooting.has_link(last.model.terms):
+        found = _with_link(search, last, start or last.model)
     elif search.fits(last):
         found = _likeliest(search, last)
     else:
         return steps
-    return [*steps[:-1], found] if len(steps) == 1 or search.is_confirmed(found, steps[-2]) else steps
+    if others and not search.is_confirmed(found, others[-1]):
+        return steps
+    return [*others, found]
+
+
+def _watched(search: Search, step: Step, model: Model | None = None) -> Step:
+    """A step, perhaps with another model, with the errors that its model has if the link is watched."""
+    model = step.model if model is None else model
+    if not shooting.has_link(model.terms):
+        return step
+    parts = {"train": search.train, "holdout": search.holdout}
+    return Step(step.added, model, {name: part.watching(model).errors(model) for name, part in parts.items()})
 
 
 def _likeliest(search: Search, last: Step) -> Step:
-    """The model at its largest likelihood, if held-out innovations are no larger for it."""
+    """The model at its largest likelihood, if that is known better, and held-out innovations are no larger for it."""
     start = output_error.Point(last.model.terms, last.model.theta)
     flights, checks = ([take_off(w, HOP) for w in part.data.windows] for part in (search.train, search.holdout))
+    if sum(len(flight.first) for flight in flights) < FEWEST * len(start.values):
+        return last
     found = search.with_errors(last.added, output_error.likeliest(flights, start))
     filters, evenly = output_error.innovations(checks, start), output_error.evenly(checks)
     points = (start, output_error.Point(found.model.terms, found.model.theta))
     old, new = (output_error.rms(checks, point, evenly, filters) for point in points)
     torque = found.errors["holdout"].torque_rms / last.errors["holdout"].torque_rms
-    return found if new <= old and torque < NO_WORSE else last
+    return found if new <= old and torque < NO_WORSE and _uncertainty(found) < _uncertainty(last) else last
 
 
-def _with_link(search: Search, last: Step) -> Step:
-    """The model with its link watched, and fitted along with the link's motion if that lowers held-out errors."""
+def _uncertainty(step: Step) -> float:
+    """Mean logarithm of the standard errors."""
+    return float(np.mean([np.log(max(estimate.std, 1e-300)) for estimate in step.model.estimates.values()]))
 
-    def watched(model: Model) -> Step:
-        parts = {"train": search.train, "holdout": search.holdout}
-        return Step(last.added, model, {name: part.watching(model).errors(model) for name, part in parts.items()})
 
-    def error(step: Step) -> float:
-        return step.errors["holdout"].torque_rms * step.errors["holdout"].position_rms
+def _with_link(search: Search, last: Step, start: Model) -> Step:
+    """The watched step, or that of a model fitted along with its link's motion if that lowers held-out errors."""
+    models = [shooting.estimate(search.train.data.windows, start), *([start] if start is not last.model else [])]
+    return min(last, *(_watched(search, last, model) for model in models), key=_product)
 
-    models = last.model, shooting.estimate(search.train.data.windows, last.model)
-    return min((watched(model) for model in models), key=error)
+
+def _product(step: Step) -> float:
+    """Product of both held-out errors [N m rad]."""
+    return step.errors["holdout"].torque_rms * step.errors["holdout"].position_rms
+
+
+def relink(search: Search, steps: list[Step]) -> list[Step]:
+    """The steps, or those to another transmission alone where the one in the model does not fit and that does better.
+
+    A link that is carried along the measured motion is soon lost behind a wide play, so that an elastic transmission,
+    and what patches it up, may leave less torque. Watched, the loose one shows.
+    """
+    last = steps[-1]
+    if not shooting.has_link(last.model.terms) or search.fits(last):
+        return steps
+    present, base = {term.id for term in last.model.terms}, steps[0].model.terms
+    found = last
+    for kind in (kind for kind in search.library.values() if kind.link and kind.id not in present):
+        search.progress(f"watching the link of {kind.id}", 0.94)
+        trial = search.screen.best(base, kind)
+        if trial is not None:
+            step = search.step(kind.id, trial.terms)
+            found = min(found, _with_link(search, _watched(search, step), step.model), key=_product)
+    better = _product(found) < BETTER * _product(last) and search.is_confirmed(found, steps[0])
+    return [steps[0], found] if better else steps
 
 
 def grow_in_flight(search: Search, steps: list[Step]) -> list[Step]:

@@ -18,12 +18,13 @@ import numpy as np
 
 from estimators.free_running import Flights
 from estimators.motion import white_noise
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.simulation import Balance
 
 INTEGRATED = 3e-6  # [rad], that the simulation itself errs by
 NUDGE = np.array([1e-4, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives of the acceleration
+TURNING = 1e4  # times the variance where the joint turns or sticks: within a sample nobody knows when
 STIFFEST = 0.3  # change of the velocity error within a step, beyond which linearisation says nothing
 
 
@@ -47,9 +48,10 @@ class Innovations:
         recording = flights.windows.recording
         index = flights.first + every * np.arange((len(flights.position) - 1) // every + 1)[:, None]  # (N + 1, B)
         interval = every / recording.rate
-        transition, inertia = _linearised(flights, index, terms, theta, interval)
+        transition, inertia, turns = _linearised(flights, index, terms, theta, interval)
         # torque noise is new in every period: over the interval it moves the velocity as its mean does
         shaken = (flights.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / every
+        shaken *= np.where(turns, TURNING, 1.0)
         moved = interval**2 * (1 / 3 - 1 / (12 * every**2))  # held over each period, not white in between
         process = shaken[:, :, None, None] * np.array([[moved, interval / 2], [interval / 2, 1.0]])
         measured = max(white_noise(recording.position), INTEGRATED) ** 2
@@ -76,8 +78,11 @@ class Innovations:
 
 def _linearised(
     flights: Flights, index: Index, terms: Sequence[Term], theta: Array, interval: float
-) -> tuple[Array, Array]:
-    """What becomes of an error of position and velocity over each interval (N, B, 2, 2), and the inertia (N + 1, B)."""
+) -> tuple[Array, Array, Mask]:
+    """What becomes of an error of position and velocity over each of N intervals, (N, B, 2, 2).
+
+    Also the inertia (N + 1, B), and whether the joint turns in an interval or did in the one before (N, B).
+    """
     balance, measured = Balance(terms, theta), flights.windows.samples
     memory = {
         id: tuple(np.asarray(series)[index] for series in states)
@@ -113,4 +118,5 @@ def _linearised(
     kept = np.clip((net - dry) / (net + dry + 1e-12), 0.0, 1.0)
     turns = direction[1:] != direction[:-1]
     transition[:, :, 1] *= np.where(turns, kept[1:], 1.0)[:, :, None]
-    return transition, full(balance.mass(x))
+    turns[1:] |= turns[:-1]
+    return transition, full(balance.mass(x)), turns

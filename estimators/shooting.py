@@ -12,7 +12,7 @@ Pereyra, Inverse Problems 19(2), 2003.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,7 @@ from pendulum_env.physics import Model, Samples, Term, Trajectory, simulate
 from pendulum_env.physics.term import Memory
 
 HOP = 0.25  # [s], length of a flight
+FEWEST = 2  # flights for each parameter
 MOST = 120  # flights that parameters are fitted to
 STEPS = (
     1e-3,
@@ -38,6 +39,7 @@ LARGEST = 0.3  # relative change of a parameter in a step
 DAMPING = np.array([0.01, 1.0, 100.0])  # factors on the damping of a state that are tried
 TURNS, TRIAL_TURNS, FINE_TURNS, LAUNCHES = 25, 6, 8, 2
 STIFFER = (1.0, 1.8)  # times the contact's stiffness, from which a fit starts
+CLIMBS, CLIMB = 4, 0.9  # times a stiffer and wider play is tried, and share to which that has to lower the error
 GAIN = 0.01  # share by which a turn has to lower the squared error
 STEEP = 10.0  # times the usual slope, beyond which a flight is about to miss a contact, and counts less
 
@@ -67,10 +69,10 @@ class Shots:
         terms, theta = stacked([(point.terms, point.theta) for point in points], count)
         memory: dict[str, Memory] = {}
         for variants in zip(*(point.terms for point in points), strict=True):
-            if variants[0].kind != "transmission":
+            if not (variants[0].link or variants[0].delay):
                 memory.update(start_memory([flights], variants))
         q, v, *hidden = (row.ravel() for row in np.swapaxes(states, 0, 1))
-        memory[hidden_term(points[0].terms).id] = tuple(hidden)
+        memory[link_of(points[0].terms).id] = tuple(hidden)
         recording = flights.windows.recording
         return simulate(
             terms,
@@ -96,27 +98,35 @@ def _each(points: Sequence[Point], times: int) -> list[Point]:
     return [point for point in points for _ in range(times)]
 
 
-def hidden_term(terms: Sequence[Term]) -> Term:
-    """The term with a state that nobody measures."""
-    return next(term for term in terms if term.kind == "transmission")
+def has_link(terms: Sequence[Term]) -> bool:
+    """Whether one of the terms has a link behind the motor, whose motion nobody measures."""
+    return any(term.link for term in terms)
+
+
+def link_of(terms: Sequence[Term]) -> Term:
+    """The first term that has a link."""
+    return next(term for term in terms if term.link)
 
 
 def cut(windows: Windows, point: Point, first: Index) -> Shots:
     """Flights from given samples on, started as the measured motion suggests."""
     recording = windows.recording
-    length = max(1, round(HOP * recording.rate))
-    index = first + np.arange(length + 1)[:, None]
+    index = first + np.arange(length(windows) + 1)[:, None]
     position = np.vstack([windows.samples.position[first], recording.position[index[1:]]])
     flights = Flights(windows, first, recording.torque[index[:-1]], position, windows.samples.velocity[first])
-    hidden = start_memory([flights], [hidden_term(point.terms)])[hidden_term(point.terms).id]
+    hidden = start_memory([flights], [link_of(point.terms)])[link_of(point.terms).id]
     return Shots(flights, np.array([position[0], flights.velocity, *hidden]), np.full(len(first), DAMPING[0]))
 
 
 def tiles(windows: Windows) -> Index:
     """First samples of flights that follow each other all along a part of a recording."""
-    length = max(1, round(HOP * windows.recording.rate))
-    last = windows.stop - length - 1
-    return np.unique(np.append(np.arange(windows.first, last, length), max(last, windows.first)))
+    last = windows.stop - length(windows) - 1
+    return np.unique(np.append(np.arange(windows.first, last, length(windows)), last))
+
+
+def length(windows: Windows) -> int:
+    """Periods in a flight."""
+    return min(max(1, round(HOP * windows.recording.rate)), windows.stop - windows.first - 1)
 
 
 # ---------------------------------------------------------------------------------------------------------- states
@@ -179,7 +189,7 @@ def launch(shots: Shots, point: Point) -> tuple[Shots, Array]:
     Tried are the states they have, those that the measured motion suggests, and a link on either side of the play.
     """
     traced = cut(shots.flights.windows, point, shots.flights.first).states
-    gap = hidden_term(point.terms).shape.get("gap", 0.0)
+    gap = link_of(point.terms).shape.get("gap", 0.0)
     candidates = [shots.states, traced]
     for side in (-1, 0, 1) if gap else ():
         candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
@@ -304,10 +314,12 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
 
     Args:
         every: recording's windows.
-        model: to start from; one of its terms is a transmission.
+        model: to start from; one of its terms has a link. It is returned as it is where flights are too few.
     """
     point = Point(model.terms, model.theta)
     first = [tiles(windows) for windows in every]
+    if sum(len(one) for one in first) < FEWEST * len(point.values):
+        return model
     thinned = -(-sum(len(one) for one in first) // MOST)
 
     def fitted(point: Point, step: int, turns: int = TURNS) -> tuple[Point, list[Shots], float]:
@@ -315,10 +327,20 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
             [launch(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True)], point, turns
         )
 
-    rugged = hidden_term(model.terms).rugged
+    rugged = link_of(model.terms).rugged
     if rugged:  # a loose contact has its own minimum for many a stiffness, and the windows prefer a soft one
-        starts = [stiffer(start, rugged, factor) for start in (point, hung(point)) for factor in STIFFER]
-        point = min((fitted(start, 3 * thinned, TRIAL_TURNS) for start in starts), key=lambda found: found[2])[0]
+
+        def tried(starts: Sequence[Point]) -> tuple[Point, float]:
+            found = [fitted(start, 3 * thinned, TRIAL_TURNS) for start in starts]
+            best, _, cost = min(found, key=lambda one: one[2])
+            return best, cost
+
+        point, cost = tried([changed(start, {rugged: f}) for start in (point, hung(point)) for f in STIFFER])
+        for _ in range(CLIMBS):
+            other, lower = tried([changed(point, {rugged: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
+            if lower > cost * CLIMB:
+                break
+            point, cost = other, lower
     point, shots, _ = fitted(point, thinned)
     if rugged:
         point, shots, _ = fit([replace(one, step=STEPS[1]) for one in shots], point, FINE_TURNS)
@@ -326,21 +348,22 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
     return named(point, np.sqrt(np.diag(robust_covariance(slopes.by_parameter, slopes.error, slopes.flight))))
 
 
-def stiffer(point: Point, name: str, factor: float) -> Point:
-    """A point with one shape parameter of the transmission changed by a factor."""
-    terms = [
-        replace(term, **{name: factor * term.shape[name]}) if term.kind == "transmission" else term
-        for term in point.terms
-    ]
-    return replace(point, terms=tuple(terms))
+def changed(point: Point, factors: Mapping[str, float]) -> Point:
+    """A point with shape parameters of the link's term, where it has them, changed by factors."""
+
+    def other(term: Term) -> Term:
+        known = {name: factor * term.shape[name] for name, factor in factors.items() if name in term.shape}
+        return replace(term, **known) if term.link else term
+
+    return replace(point, terms=tuple(other(term) for term in point.terms))
 
 
 def hung(point: Point) -> Point:
     """A point with the gravity that the link has."""
     names = [column.name for term in point.terms for column in term.columns]
-    if "gravity" not in names:
+    term = link_of(point.terms)
+    if "gravity" not in names or "gravity" not in term.shape or term.id not in names:
         return point
-    term = hidden_term(point.terms)
     theta = point.theta.copy()
     theta[names.index("gravity")] = theta[names.index(term.id)] * term.shape["gravity"]
     return replace(point, theta=theta)
@@ -351,7 +374,7 @@ def hung(point: Point) -> Point:
 
 def watch(windows: Windows, model: Model) -> Samples:
     """Samples of a recording with the motion of motor and link as flights that follow each other have it."""
-    point, term = Point(model.terms, model.theta), hidden_term(model.terms)
+    point, term = Point(model.terms, model.theta), link_of(model.terms)
     x = windows.trace([term])[0]
     shots, _ = launch(cut(windows, point, tiles(windows)), point)
     path = shots.fly([point], shots.states[None], remember=True)

@@ -119,6 +119,7 @@ class Term:
     beyond: ClassVar[str] = ""  # what data without the effect still leave open
     shapes: ClassVar[tuple[Shape, ...]] = ()
     rugged: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
+    link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
     forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]
 
     @property

@@ -47,6 +47,7 @@ class JointFlexibility(Term):
     id = "joint_flexibility"
     law = "J (ql'' - q'') + mgl (sin ql - sin q)"
     kind = "transmission"
+    link = True
     reveal = "excitation around the resonance"
     shapes = (
         Shape("resonance", "rad/s", 1.0, 2e3),
@@ -113,6 +114,7 @@ class Backlash(Term):
     id = "backlash"
     law = "J (ql'' - q'') + mgl (sin ql - sin q) with play"
     kind = "transmission"
+    link = True
     reveal = "many reversals under changing load"
     forgets = 2.0
     rugged = "resonance"

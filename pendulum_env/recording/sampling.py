@@ -43,10 +43,21 @@ def refuse_bad_time(time: Array) -> None:
         )
 
 
-def lost(time: Array) -> Index:
+def skips(time: Array, position: Array) -> bool:
+    """Whether position (N,) moves on in the long steps of time (N,) [s] as in several: samples were lost there.
+
+    A clock whose period is no multiple of the printed digits has long steps, too, but the joint does not know of them.
+    """
+    steps, moves = np.diff(time), np.diff(position)
+    long = np.flatnonzero(steps[1:-1] > LONG * float(np.median(steps))) + 1
+    beside = 0.5 * (moves[long - 1] + moves[long + 1])
+    return bool(moves[long] @ beside > LONG * (beside @ beside))
+
+
+def lost(time: Array, position: Array | None = None) -> Index:
     """How many samples are lost between each and the next of time (N,) [s], (N - 1,): zeros unless clearly a few are.
 
-    A clock whose period is no multiple of the printed digits skips one now and then, too, but at regular intervals.
+    Long steps at regular intervals may be rounding of a slower clock: then position (N,) tells, where it is given.
     """
     steps = np.diff(time)
     none = np.zeros(len(steps), dtype=np.intp)
@@ -59,7 +70,7 @@ def lost(time: Array) -> Index:
     if not even or missing.max() > IN_A_ROW or missing.sum() > MOST_LOST * len(time):
         return none
     if len(places) > 2 and np.ptp(np.diff(places)) <= 1 and printed_resolution(time) > usual / 2:
-        return none
+        return missing if position is not None and skips(time, position) else none
     return missing
 
 
@@ -69,7 +80,7 @@ def filled(values: dict[str, Array]) -> tuple[dict[str, Array], tuple[str, ...]]
     Position and velocity are interpolated by cubic splines, torque linearly: nobody knows what it was.
     """
     time = values["time"]
-    missing = lost(time)
+    missing = lost(time, values["position"])
     if not missing.any():
         return values, ()
     known = np.append(0, np.cumsum(missing + 1))  # (N,), places of the samples that there are
@@ -112,7 +123,7 @@ def uniform(values: dict[str, Array]) -> tuple[dict[str, Array], tuple[str, ...]
         return values, notes
     step = (time[-1] - time[0]) / (len(time) - 1)
     off = unevenness(time)
-    if off <= max(1.001 * printed_resolution(time), NEGLIGIBLE * step):
+    if off <= max(1.001 * printed_resolution(time), NEGLIGIBLE * step) and not skips(time, values["position"]):
         grid = np.linspace(time[0], time[-1], len(time))
         note = f"time set to uniform {1 / step:.6g} Hz, from which it differed by rounding only (up to {off:.2g} s)"
         return values | {"time": grid}, (*notes, note)

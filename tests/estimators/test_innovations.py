@@ -46,4 +46,16 @@ def test_a_coarse_encoder_hides_less_from_innovations_than_from_windows():
         found = output_error.likeliest(flights, Point(BASE, start.theta))
         errors.append(np.abs(np.array([start.theta, found.theta]) / AT.theta - 1))
     windows, innovations = np.sqrt(np.mean(np.square(errors), axis=0))
-    assert np.all(innovations < 0.75 * windows)
+    assert np.exp(np.mean(np.log(innovations / windows))) < 0.8
+
+
+def test_a_fine_encoder_hides_no_more_from_innovations_than_from_windows():
+    errors = []
+    for seed in range(8):
+        evidence = recorded(30 + seed)
+        start, _ = fit_terms(evidence, BASE)
+        flights = [take_off(windows, 0.5) for windows in evidence.data.windows]
+        found = output_error.likeliest(flights, Point(BASE, start.theta))
+        errors.append(np.abs(np.array([start.theta, found.theta]) / AT.theta - 1))
+    windows, innovations = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert np.exp(np.mean(np.log(innovations / windows))) < 1.2

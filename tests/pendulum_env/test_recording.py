@@ -16,6 +16,7 @@ from hypothesis.extra.numpy import arrays
 
 from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
 from pendulum_env.recording.columns import TOLD, UNITS, _names, find_columns
+from pendulum_env.recording.sampling import uniform
 
 FORMATS = (".csv", ".csv.gz", ".parquet", ".npz")
 SHARED = Path(__file__).parents[3] / "shared"  # real and simulated recordings, absent on most machines
@@ -590,6 +591,17 @@ def test_a_sample_lost_at_1_khz_is_told_from_a_clock_printed_in_milliseconds(wri
     other = read_recording(write({"t": np.round(slow, 3), "q": np.sin(slow), "u": time}))
     assert len(other) == 5000
     assert "by rounding only" in other.notes[0]
+
+
+@pytest.mark.parametrize("every", [50, 200, 1000])
+def test_samples_lost_at_regular_intervals_are_told_by_the_motion(every: int) -> None:
+    time = np.arange(10_000) / 1000
+    kept = np.arange(len(time)) % every != 37
+    signals = {"time": time, "position": np.sin(3 * time) + 0.4 * np.sin(12 * time), "torque": np.cos(time)}
+    made, notes = uniform({name: values[kept] for name, values in signals.items()})
+    assert len(made["time"]) == len(time)
+    assert made["position"] == pytest.approx(signals["position"], abs=1e-5)
+    assert "missing" in notes[0] or "resampled" in notes[0]
 
 
 def test_lost_samples_amid_jitter_are_filled_in_before_resampling(write: Write) -> None:
