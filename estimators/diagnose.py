@@ -12,7 +12,7 @@ from estimators.dataset import choose_half_width
 from estimators.design import USUAL, Limits, questions, suggest
 from estimators.diagnosis import Diagnosis, Step
 from estimators.equations import IdentificationError
-from estimators.evidence import Evidence
+from estimators.evidence import Evidence, fit_terms
 from estimators.identifiability import identifiability
 from estimators.in_flight import (
     BETTER,
@@ -28,7 +28,7 @@ from estimators.in_flight import (
 )
 from estimators.inputs import Recordings, Terms, chosen_recordings, chosen_terms, model_that_moves
 from estimators.measurements import measure
-from estimators.plausibility import impossible, objection, wrong_signs
+from estimators.plausibility import impossible, objection, turned_round, wrong_signs
 from estimators.regions import Region, profiles, stand_out
 from estimators.search import Progress, Search, look, no_progress
 from estimators.timing import late_torque
@@ -133,9 +133,9 @@ def _examine(
     usual: float,
 ) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
-    late = late_torque(recordings, [base])
-    if late is not None:
-        return _untimely(Search(*evidence, progress), base, late)
+    wrong = late_torque(recordings, [base]) or turned_round(fit_terms(evidence[0], base)[0])
+    if wrong is not None:
+        return _mislogged(Search(*evidence, progress), base, wrong)
     search, steps = look(*evidence, base, progress)
     window_share = 1.0
     if strays(search, steps[-1]) or has_hidden_state(steps[-1].model.terms):
@@ -155,7 +155,7 @@ def _examine(
         tried += [trial.terms for trial in search.alternatives(steps[-1].model.terms)[:NEAREST]]
     late = late_torque(recordings, tried)
     if late is not None:
-        return _untimely(search, base, late)
+        return _mislogged(search, base, late)
     progress("sharpening", 0.93)
     rough, steps = steps, relink(search, sharpen(search, steps))
     if [step.added for step in steps] != [step.added for step in rough]:
@@ -190,8 +190,8 @@ def _examine(
     )
 
 
-def _untimely(search: Search, base: Sequence[Term], text: str) -> Diagnosis:
-    """What is said of torque that is late: no effect is named before that is mended."""
+def _mislogged(search: Search, base: Sequence[Term], text: str) -> Diagnosis:
+    """What is said of torque that is late or turned round: no effect is named before that is mended."""
     step = search.report(None, search.settle(base))
     region = Region("time", 0.0, float(search.train.samples.time.max()), 0.0, 0.0, text)
     return Diagnosis((step,), (), (), (region,), search.floor, (text,))

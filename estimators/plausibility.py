@@ -46,6 +46,15 @@ def wrong_signs(model: Model) -> list[str]:
     return []
 
 
+def turned_round(model: Model) -> str | None:
+    """What to do if every parameter of the base model came out negative, as where the torque is logged turned round."""
+    values = [model.estimates[name] for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
+    clear = [estimate.value < -3 * estimate.std for estimate in values]
+    if len(values) < 3 or sum(clear) < 3 or not clear[0] or any(estimate.value > 0 for estimate in values):
+        return None
+    return wrong_signs(model)[0]
+
+
 def is_nothing(model: Model, term: Term) -> bool:
     """Whether every linear parameter of a term is as good as zero by its own standard error."""
     own = [model.estimates[column.name] for column in term.columns]

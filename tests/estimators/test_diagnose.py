@@ -168,7 +168,9 @@ def test_torque_of_the_other_sign_is_told():
     (r,) = simulate([(PLANT, run(1, 8.0))])
     turned = Recording("turned", r.time, r.position, -r.torque)
     assert any("opposite signs" in doubt.text for doubt in identify([turned]).doubts)
-    assert any("opposite signs" in line for line in diagnose([turned]).advice)
+    found = diagnose([turned])
+    assert found.selected == ()
+    assert "opposite signs" in found.unexplained[0].text
 
 
 @pytest.mark.parametrize("seed", range(3))
