@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators import shooting
 from estimators.dataset import Dataset, prepare
 from estimators.free_running import Flights, position_rms, take_off
 from estimators.least_squares import Fit, solve
 from estimators.shapes import continuous
+from estimators.shots import has_link, hidden_state, link_of, watch
 from estimators.windows import WHOLE, Part
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model, Samples, Term
@@ -62,12 +62,12 @@ class Evidence:
 
         Carried along the measured motion from the start, its state is lost after a few bounces. Takes a second or two.
         """
-        if not shooting.has_link(model.terms):
+        if not has_link(model.terms):
             return self
-        term = shooting.link_of(model.terms)
-        watched = [shooting.watch(windows, model) for windows in self.data.windows]
+        term = link_of(model.terms)
+        watched = [watch(windows, model) for windows in self.data.windows]
         flights = [
-            replace(flight, hidden={term.id: shooting.hidden_state(flight, x, term)})
+            replace(flight, hidden={term.id: hidden_state(flight, x, term)})
             for flight, x in zip(self.flights, watched, strict=True)
         ]
         return replace(self, data=replace(self.data, watched={term.id: watched}), flights=tuple(flights))

@@ -10,6 +10,7 @@ from estimators import output_error, shooting
 from estimators.diagnosis import Step
 from estimators.free_running import position_noise, take_off
 from estimators.search import MOST, PLAIN, Search, complexity, has_transmission
+from estimators.shots import has_link
 from pendulum_env.physics import Model, Term
 
 BETTER = 0.8  # share of the held-out position error to which a refinement has to lower it
@@ -84,7 +85,7 @@ def sharpen(search: Search, steps: list[Step], start: Model | None = None) -> li
         start: where to look for a model with a link first, if not where windows have it.
     """
     *others, last = (_watched(search, step) for step in steps)
-    if shooting.has_link(last.model.terms):
+    if has_link(last.model.terms):
         found = _with_link(search, last, start or last.model)
     elif search.fits(last):
         found = _likeliest(search, last)
@@ -98,7 +99,7 @@ def sharpen(search: Search, steps: list[Step], start: Model | None = None) -> li
 def _watched(search: Search, step: Step, model: Model | None = None) -> Step:
     """A step, perhaps with another model, with the errors that its model has if the link is watched."""
     model = step.model if model is None else model
-    if not shooting.has_link(model.terms):
+    if not has_link(model.terms):
         return step
     parts = {"train": search.train, "holdout": search.holdout}
     return Step(step.added, model, {name: part.watching(model).errors(model) for name, part in parts.items()})
@@ -141,7 +142,7 @@ def relink(search: Search, steps: list[Step]) -> list[Step]:
     and what patches it up, may leave less torque. Watched, the loose one shows.
     """
     last = steps[-1]
-    if not shooting.has_link(last.model.terms) or search.fits(last):
+    if not has_link(last.model.terms) or search.fits(last):
         return steps
     present, base = {term.id for term in last.model.terms}, steps[0].model.terms
     found = last

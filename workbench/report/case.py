@@ -78,6 +78,19 @@ class Case:
         final = ("final model", "--final", self.diagnosis.model)
         return (base, final) if self.diagnosis.selected else (base,)
 
+    @cached_property
+    def _watched(self) -> list[tuple[Evidence, list[Evidence]]]:
+        return []
+
+    def watched(self, evidence: Evidence) -> list[Evidence]:
+        """Evidence for each drawn model, with its link watched if it has one; worked out once."""
+        for known, watched in self._watched:
+            if known is evidence:
+                return watched
+        self._watched.append((evidence, [evidence.watching(model) for _, _, model in self.models]))
+        return self._watched[-1][1]
+
     def residuals(self, evidence: Evidence) -> list[Array]:
         """Measured minus modelled torque (R,) [N m] of each drawn model."""
-        return [evidence.watching(m).residual(m.terms, m.theta) for _, _, m in self.models]
+        seen = zip(self.watched(evidence), self.models, strict=True)
+        return [own.residual(model.terms, model.theta) for own, (_, _, model) in seen]

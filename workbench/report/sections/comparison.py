@@ -21,7 +21,6 @@ BROAD = 3.4  # width of the measured curve, on which the models are drawn
 def comparison(case: Case) -> Section:
     """Both comparisons for every held-out recording, those with the largest errors first."""
     evidence, residuals = case.testing, case.residuals(case.testing)
-    watched = [evidence.watching(model) for _, _, model in case.models]
     ends = np.cumsum([len(w.centers) for w in evidence.data.windows])[:-1]
     split = [np.split(residual, ends) for residual in residuals]
     torque = np.split(evidence.data.torque(), ends)
@@ -32,7 +31,7 @@ def comparison(case: Case) -> Section:
         {
             "name": case.holdout[k].name,
             "torque": torque_figure(case, k, torque[k], [part[k] for part in split], noise),
-            "position": position_figure(case, f"position-{k}", [each.flights[k] for each in watched]),
+            "position": position_figure(case, f"position-{k}", [own.flights[k] for own in case.watched(evidence)]),
         }
         for k in order
     ]
