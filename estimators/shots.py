@@ -8,7 +8,7 @@ the play are tried anew from the other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,8 +46,10 @@ class Shots:
         """Samples from one compared position to the next."""
         return max(1, round(GRAIN * self.flights.windows.recording.rate))
 
-    def fly(self, points: Sequence[Point], states: Array, remember: bool = False) -> Trajectory:
-        """Flights of V points from V sets of states (V, S, B), each (N + 1, V B)."""
+    def fly(
+        self, points: Sequence[Point], states: Array, observe: Callable[[Samples], None] | None = None
+    ) -> Trajectory:
+        """Flights of V points from V sets of states (V, S, B), each (N + 1, V B); `observe` as in `simulate`."""
         flights, count = self.flights, states.shape[2]
         terms, theta = stacked([(point.terms, point.theta) for point in points], count)
         memory: dict[str, Memory] = {}
@@ -67,7 +69,7 @@ class Shots:
             np.tile(recording.time[flights.first], len(points)),
             memory=memory,
             longest_step=self.step,
-            remember=remember,
+            observe=observe,
         )
 
     def errors(self, points: Sequence[Point], states: Array) -> Array:
@@ -185,7 +187,8 @@ def watch(windows: Windows, model: Model) -> Samples:
     point, term = Point(model.terms, model.theta), link_of(model.terms)
     x = windows.trace([term])[0]
     shots, _ = launch(cut(windows, point, tiles(windows)), point)
-    path = shots.fly([point], shots.states[None], remember=True)
+    seen: list[Memory] = []
+    path = shots.fly([point], shots.states[None], lambda state: seen.append(state.memory[term.id]))
     index = shots.flights.first + np.arange(len(path.position))[:, None]
 
     def filled(measured: ArrayLike, simulated: Array) -> Array:
@@ -193,8 +196,8 @@ def watch(windows: Windows, model: Model) -> Samples:
         series[index] = simulated
         return series
 
-    assert path.memory is not None
-    link = tuple(filled(old, new) for old, new in zip(x.memory[term.id], path.memory[term.id], strict=True))
+    moved = (np.array(series) for series in zip(*seen, strict=True))
+    link = tuple(filled(old, new) for old, new in zip(x.memory[term.id], moved, strict=True))
     q, v = filled(x.position, path.position), filled(x.velocity, path.velocity)
     return replace(x, position=q, velocity=v, memory={term.id: link})
 

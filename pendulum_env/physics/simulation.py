@@ -10,7 +10,7 @@ stick. Source of the set-valued law: Acary and Brogliato, Numerical Methods for 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -29,7 +29,6 @@ class Trajectory(NamedTuple):
 
     position: Array  # (N + 1, B) [rad]
     velocity: Array  # (N + 1, B) [rad/s]
-    memory: Mapping[str, Memory] | None = None  # (N + 1, B) each, by term; where it was asked for
 
 
 class Balance:
@@ -180,7 +179,7 @@ def simulate(
     before: Array | None = None,
     memory: Mapping[str, Memory] | None = None,
     longest_step: float = LONGEST_STEP,
-    remember: bool = False,
+    observe: Callable[[Samples], None] | None = None,
 ) -> Trajectory:
     """Simulate B pendulums in free run under a torque command that is held over each period.
 
@@ -195,7 +194,7 @@ def simulate(
         before: commands before the first, (M,) or (M, B), for terms that delay the torque; zero where unknown.
         memory: initial state variables of terms with memory, where they are known; else those of long rest.
         longest_step: longest integration step [s].
-        remember: whether the state variables of terms with memory are returned too.
+        observe: called with all that is known at the start of every period and at the end of the last one.
     """
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
@@ -222,17 +221,12 @@ def simulate(
     x = replace(x, memory={**balance.start(x), **(memory or {})})
     positions, velocities = np.empty((2, len(torque) + 1, *batch))
     positions[0], velocities[0] = q, v
-    states = [x.memory]
+    if observe is not None:
+        observe(x)
     for k, command in enumerate(commands):
         x = step(balance, replace(x, torque=command), h)
         if (k + 1) % count == 0:
             positions[(k + 1) // count], velocities[(k + 1) // count] = x.position, x.velocity
-            if remember:
-                states.append(x.memory)
-    if not remember:
-        return Trajectory(positions, velocities)
-    series = {
-        id: tuple(np.array([np.broadcast_to(state[id][i], batch) for state in states]) for i in range(len(first)))
-        for id, first in states[0].items()
-    }
-    return Trajectory(positions, velocities, series)
+            if observe is not None:
+                observe(x)
+    return Trajectory(positions, velocities)

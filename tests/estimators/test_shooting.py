@@ -46,3 +46,13 @@ def test_a_link_that_is_watched_leaves_less_unexplained_than_one_that_is_carried
 
 def test_a_model_without_a_transmission_has_nothing_to_watch(loose: Evidence):
     assert loose.watching(Model.build(BASE, np.array(list(BASIC.values())))) is loose
+
+
+def test_a_link_is_watched_behind_a_command_that_is_late_and_in_a_short_part(loose: Evidence):
+    true = model(np.array([*BASIC.values(), LINK]), **SHAPE)
+    late = Model.build((*true.terms, effect("dead_time")(dead_time=0.002)), true.theta)
+    assert loose.watching(late).errors(late).position_rms > 2 * loose.watching(true).errors(true).position_rms
+    (recording,) = (windows.recording for windows in loose.data.windows)
+    short = Recording("short", *(series[:900] for series in (recording.time, recording.position, recording.torque)))
+    part = Evidence.of([short], part=(0.7, 1.0)).watching(true)
+    assert np.isfinite(part.errors(true).torque_rms)
