@@ -116,6 +116,9 @@ def test_a_host_that_is_killed(scene, kind):
 @one
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_host_that_is_told_to_end(scene, kind, number):
+    if signal.getsignal(number) == signal.SIG_IGN:
+        pytest.skip("whoever started these tests has them ignore this signal, as nohup does")
+
     def attempt():
         s = scene(kind)
         os.kill(s.host.process.pid, number)
