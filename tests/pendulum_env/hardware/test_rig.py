@@ -197,6 +197,8 @@ def test_handlers_of_signals_are_there_while_the_rig_is_open_and_restored_after(
 
 
 def test_an_interrupt_while_the_rig_is_closed_leaves_no_handler_behind(emulated, monkeypatch):
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        pytest.skip("whoever started these tests has them ignore interrupts, as a shell does in the background")
     rig = emulated("serial", limits=PATIENT)
     before = signal.getsignal(signal.SIGINT)
     env = make(rig)
