@@ -64,14 +64,19 @@ def take_off(windows: Windows, seconds: float = SECONDS) -> Flights:
     for nominal in range(earliest, latest + 1, length):
         low, high = max(earliest, nominal - reach // 2), min(latest, nominal + reach)
         first.append(low + int(np.argmax(clear[low : high + 1])))
-    starts = np.array(first or [earliest])
-    index = starts + np.arange(length + 1)[:, None]
+    return cut_flights(windows, np.array(first or [earliest]), length)
+
+
+def cut_flights(windows: Windows, first: Index, length: int) -> Flights:
+    """Flights of `length` periods from given samples (B,) on, which start from the smoothed motion."""
+    recording = windows.recording
+    index = first + np.arange(length + 1)[:, None]
     return Flights(
         windows=windows,
-        first=starts,
+        first=first,
         torque=recording.torque[index[:-1]],
-        position=np.vstack([windows.samples.position[starts], recording.position[index[1:]]]),
-        velocity=windows.samples.velocity[starts],
+        position=np.vstack([windows.samples.position[first], recording.position[index[1:]]]),
+        velocity=windows.samples.velocity[first],
     )
 
 

@@ -83,7 +83,7 @@ def residuals(flights: Sequence[Flights], points: Sequence[Point], filters: Filt
 
 def _errors(flights: Flights, path: Array, filter: Innovations | None) -> Array:
     """Errors (B, N, V) of simulated positions (N + 1, V + 2, B), the last two of them from nudged initial states."""
-    grain = _grain(flights)
+    grain = grain_of(flights)
     path, measured = path[grain::grain], flights.position[grain::grain]
     sensitivity = np.moveaxis((path[:, -2:] - path[:, :1]) / NUDGE[:, None], 2, 0)  # (B, N, 2)
     error = np.moveaxis(path[:, :-2] - measured[:, None], 2, 0)  # (B, N, V)
@@ -93,14 +93,14 @@ def _errors(flights: Flights, path: Array, filter: Innovations | None) -> Array:
     return np.asarray(error - frames @ (np.swapaxes(frames, 1, 2) @ error))
 
 
-def _grain(flights: Flights) -> int:
+def grain_of(flights: Flights) -> int:
     """Samples from one compared position to the next."""
     return max(1, round(GRAIN * flights.windows.recording.rate))
 
 
 def innovations(flights: Sequence[Flights], point: Point) -> list[Innovations]:
     """Filters of the errors around a point."""
-    return [Innovations.of(flight, point.terms, point.theta, _grain(flight)) for flight in flights]
+    return [Innovations.of(flight, point.terms, point.theta, grain_of(flight)) for flight in flights]
 
 
 def weigh(flights: Sequence[Flights], point: Point) -> list[Array]:
@@ -110,9 +110,13 @@ def weigh(flights: Sequence[Flights], point: Point) -> list[Array]:
 
 def _weights(base: Sequence[Array]) -> list[Array]:
     """Weight of each flight, (B, 1, 1) a recording: flights that go astray at the top of the swing count less."""
-    sizes = [np.sqrt(np.mean(part[:, :, :1] ** 2, axis=(1, 2))) for part in base]
+    return [own[:, None, None] for own in trust([np.sqrt(np.mean(part[:, :, :1] ** 2, axis=(1, 2))) for part in base])]
+
+
+def trust(sizes: Sequence[Array]) -> list[Array]:
+    """Weight of each flight, (B,) a recording, from its root mean square error: far beyond the usual one, little."""
     usual = 3 * float(np.median(np.concatenate(sizes))) + 1e-12
-    return [(1 / (1 + (size / usual) ** 2))[:, None, None] for size in sizes]
+    return [1 / (1 + (size / usual) ** 2) for size in sizes]
 
 
 def _stacked(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.least_squares import robust_covariance
-from estimators.output_error import SMALLEST, Point, named
+from estimators.output_error import SMALLEST, Point, named, trust
 from estimators.shapes import moved
 from estimators.shots import DAMPING, Shots, cut, each, launch, link_of, moves, settle, slopes_by_state, tiles
 from estimators.windows import Windows
@@ -64,13 +64,11 @@ def _linearise(every: Sequence[Shots], point: Point) -> Slopes:
         near = shots.errors(nearby, np.repeat(shots.states[None], len(nearby), axis=0))
         parts.append((error, np.moveaxis((near - error) / DIFFERENCE, 0, 2), by_state))
     free = [_project(*move) for move in parts]
-    spread = [np.sqrt(np.mean(error**2, axis=1)) for error, _, _ in parts]
-    usual = 3 * float(np.median(np.concatenate(spread))) + 1e-12
     steep = [np.linalg.norm(slopes, axis=1) for _, slopes in free]  # (B, P)
     limit = STEEP * np.median(np.concatenate(steep), axis=0)
-    trust = [np.minimum(1.0, limit / (own + 1e-300)).min(axis=1) for own in steep]
-    weights = tuple(1 / (1 + (own / usual) ** 2) for own in spread)
-    root = [np.sqrt(w) * t for w, t in zip(weights, trust, strict=True)]
+    steady = [np.minimum(1.0, limit / (own + 1e-300)).min(axis=1) for own in steep]
+    weights = tuple(trust([np.sqrt(np.mean(error**2, axis=1)) for error, _, _ in parts]))
+    root = [np.sqrt(w) * s for w, s in zip(weights, steady, strict=True)]
     counts = np.concatenate([np.full(len(error), error.shape[1]) for error, _, _ in parts])
     return Slopes(
         np.concatenate([(r[:, None] * error).ravel() for r, (error, _) in zip(root, free, strict=True)]),

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.free_running import Flights, stacked, start_memory
-from estimators.output_error import GRAIN, Point
+from estimators.free_running import Flights, cut_flights, stacked, start_memory
+from estimators.output_error import Point, grain_of
 from estimators.windows import Windows
 from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory, simulate
@@ -39,12 +39,8 @@ class Shots:
     @property
     def measured(self) -> Array:
         """Positions to compare with (N, B) [rad]."""
-        return self.flights.position[self.grain :: self.grain]
-
-    @property
-    def grain(self) -> int:
-        """Samples from one compared position to the next."""
-        return max(1, round(GRAIN * self.flights.windows.recording.rate))
+        grain = grain_of(self.flights)
+        return self.flights.position[grain::grain]
 
     def fly(
         self, points: Sequence[Point], states: Array, observe: Callable[[Samples], None] | None = None
@@ -74,7 +70,8 @@ class Shots:
 
     def errors(self, points: Sequence[Point], states: Array) -> Array:
         """Errors of position of V points from V sets of states (V, S, B), each (V, B, N) [rad]."""
-        path = self.fly(points, states).position[self.grain :: self.grain]
+        grain = grain_of(self.flights)
+        path = self.fly(points, states).position[grain::grain]
         return np.moveaxis(path.reshape(len(path), len(points), -1) - self.measured[:, None], 0, 2)
 
 
@@ -95,12 +92,9 @@ def link_of(terms: Sequence[Term]) -> Term:
 
 def cut(windows: Windows, point: Point, first: Index) -> Shots:
     """Flights from given samples on, started as the measured motion suggests."""
-    recording = windows.recording
-    index = first + np.arange(length(windows) + 1)[:, None]
-    position = np.vstack([windows.samples.position[first], recording.position[index[1:]]])
-    flights = Flights(windows, first, recording.torque[index[:-1]], position, windows.samples.velocity[first])
-    hidden = start_memory([flights], [link_of(point.terms)])[link_of(point.terms).id]
-    return Shots(flights, np.array([position[0], flights.velocity, *hidden]), np.full(len(first), DAMPING[0]))
+    flights, link = cut_flights(windows, first, length(windows)), link_of(point.terms)
+    hidden = start_memory([flights], [link])[link.id]
+    return Shots(flights, np.array([flights.position[0], flights.velocity, *hidden]), np.full(len(first), DAMPING[0]))
 
 
 def tiles(windows: Windows) -> Index:

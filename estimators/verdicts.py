@@ -53,21 +53,16 @@ def judge(
 def _judge_selected(search: Search, final: Trial, before: Step, after: Step, last: Step) -> list[Candidate]:
     """The effect added from `before` to `after`, followed by those that would do as well in its place."""
     term = next(t for t in final.terms if t.id == after.added)
-    rivals = search.rivals(final, term)
+    # windows, in which a link is carried along, know little of it: there motion has decided
+    rivals = [] if term.link else search.rivals(final, term)
     odds = {rival.terms[-1].id: _odds(search, rival, final, term) for rival in rivals}
-    if term.link:
-        odds = {}  # windows, in which the link is carried along, know little of it; motion has decided
     total = 1.0 + sum(odds.values())
 
     def looks_the_same(rival: Trial) -> bool:
         simple = complexity(rival.terms[-1]) <= complexity(term)
         return simple and search.is_as_good(search.step(None, rival.terms), last)
 
-    level = [
-        rival
-        for rival in rivals
-        if rival.terms[-1].id in odds and search.nats(final, rival) < search.margin(final, rival)
-    ]
+    level = [rival for rival in rivals if search.nats(final, rival) < search.margin(final, rival)]
     alike = {r.terms[-1].id: f"fits as well as {term.id} in these data" for r in level if looks_the_same(r)}
     for rival in level:
         if search.fits(last) and search.is_called_for(rival, final):
