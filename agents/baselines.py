@@ -15,6 +15,7 @@ from agents import multisine
 from agents.foresight import foresee
 from agents.knowledge import COUNT, CRITERIA, NOMINAL
 from agents.observer import CONSTRAINTS, EPISODE, TICK, Batch, Constraint, read
+from agents.structure import DISCRIMINATE, Structure, promised
 from pendulum_env._typing import Array
 from pendulum_env.excitation import excitation
 from pendulum_env.lookup import find
@@ -96,6 +97,38 @@ class LookAhead:
         return (COUNT / step)[:, None] * energy
 
 
+class SeparatingLookAhead:
+    """As `LookAhead`, for telling structures apart: what counts is `promised`.
+
+    The observation does not hold all that this needs, so it keeps account itself of what it expects to have seen.
+    """
+
+    def __init__(self, constraint: Constraint, torques: int, ticks: int, levels: tuple[float, ...]) -> None:
+        """Take how many torques a sequence has, how long each is held [ticks], and their levels."""
+        most = constraint.peak if constraint.rms is None else constraint.rms
+        self._peak, self._ticks, self._structure = constraint.peak, ticks, Structure()
+        self._sequences = most * np.array(list(itertools.product(levels, repeat=torques))).T  # (torques, C)
+
+    def predict(
+        self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Batch, State]:
+        """Torques (B, 1); the state holds the information that is expected by now (B, P, P)."""
+        seen, batch = read(observation), len(observation)
+        if state is None or np.all(episode_start):
+            self._structure.start(batch)
+            state = (self._structure.information,)
+        torque = np.repeat(self._sequences[:, None], batch, axis=1)  # (torques, B, C)
+        held = np.repeat(torque, self._ticks, axis=0)
+        theta = np.maximum(seen.estimates, 0.3) * NOMINAL  # early estimates may be impossible
+        rows, usable = foresee(held, theta, seen.position, seen.velocity, self._structure)
+        rows = rows * usable[..., None]
+        worth = promised(state[0][:, None] + np.einsum("tbci,tbcj->bcij", rows, rows, optimize=True))
+        best = worth.argmax(axis=1)
+        played, row = torque[0][np.arange(batch), best], rows[0][np.arange(batch), best]
+        known = state[0] + row[:, :, None] * row[:, None, :]
+        return (played / self._peak)[:, None].astype(np.float32), (known,)
+
+
 class Fixed:
     """One signal for every pendulum and episode, as it was found in advance."""
 
@@ -126,9 +159,17 @@ def _look_ahead(constraint: Constraint, criterion: str) -> Policy:  # 0.4 s
     return LookAhead(constraint, 3, 7, (-2.0, -1.0, 0.0, 1.0, 2.0), criterion)
 
 
-def _optimised(constraint: Constraint) -> Policy:
+def _optimised(constraint: Constraint, criterion: str = "D") -> Policy:
     name = next(name for name, known in CONSTRAINTS.items() if known == constraint)
-    return Fixed(multisine.signal(multisine.shipped(name), constraint), constraint)
+    return Fixed(multisine.signal(multisine.shipped(name, criterion), constraint), constraint)
+
+
+def _separating(constraint: Constraint, greedy: bool) -> Policy:
+    budget = constraint.rms is not None
+    levels = (-2.0, -1.0, 0.0, 1.0, 2.0) if budget else (-1.0, 0.0, 1.0)
+    if greedy:
+        return SeparatingLookAhead(constraint, 1, 1, levels)
+    return SeparatingLookAhead(constraint, 3 if budget else 4, 7 if budget else 5, levels)
 
 
 BASELINE = "two-tone"  # the paper's
@@ -142,6 +183,13 @@ BASELINES: dict[str, Callable[[Constraint, int], Policy]] = {
     "greedy-A": lambda constraint, _: _greedy(constraint, "A"),
     "look-ahead": lambda constraint, _: _look_ahead(constraint, "D"),
     "look-ahead-A": lambda constraint, _: _look_ahead(constraint, "A"),
+}
+
+SEPARATING: dict[str, Callable[[Constraint, int], Policy]] = {  # those that a verdict on the structure is sooner with
+    **{name: BASELINES[name] for name in (BASELINE, "multisine", "multisine-optimised", "chirp", "prbs")},
+    "multisine-separating": lambda constraint, _: _optimised(constraint, DISCRIMINATE),
+    "greedy": lambda constraint, _: _separating(constraint, greedy=True),
+    "look-ahead": lambda constraint, _: _separating(constraint, greedy=False),
 }
 
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from agents.knowledge import CRITERIA
+from agents.structure import DISCRIMINATE
 from pendulum_env.lookup import find
+from pendulum_env.reading import read_toml, shown
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Config:
 
     Attributes:
         constraint: of the torque, "peak" or "rms".
-        criterion: of the reward, "D" or "A".
+        criterion: of the reward, "D", "A" or "discriminate".
         algorithm: "ppo", which chooses between torque levels, or "sac", which chooses any torque.
         seed: of plants, noise, network and exploration.
         steps: decisions in all.
@@ -75,11 +75,15 @@ class Config:
         config = cls(**{**usual, **settings})
         for name, (low, high) in RANGES.items():
             _check(name, getattr(config, name), low, high, isinstance(known[name].default, int))
-        if not isinstance(config.levels, tuple) or len(config.levels) < 2:
-            raise ValueError(f"levels should be a list of two or more shares of the peak, not {config.levels!r}")
+        if not isinstance(config.levels, tuple) or not 2 <= len(config.levels) <= MOST_LEVELS:
+            raise ValueError(
+                f"levels should be a list of 2 to {MOST_LEVELS} shares of the peak, not {shown(config.levels)}"
+            )
         for level in config.levels:
             _check("a level", level, -1.0, 1.0, False)
         decisions = config.pendulums * config.rollout
+        if decisions > ROLLOUT:
+            raise ValueError(f"pendulums times rollout is {decisions}, at most {ROLLOUT} decisions are possible")
         if config.algorithm == "ppo" and config.batch > decisions:
             raise ValueError(f"batch ({config.batch}) has to be within the {decisions} decisions of a rollout")
         return config
@@ -93,33 +97,35 @@ def _check(name: str, value: object, low: float, high: float, whole: bool) -> No
     """
     right = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
     if not right or not low <= value <= high:  # type: ignore[operator]  # a number by then
-        bounds = f"{low:.15g} or more" if high == math.inf else f"from {low:.15g} to {high:.15g}"
-        raise ValueError(f"{name} should be a {'whole ' if whole else ''}number, {bounds}, not {value!r}")
+        kind = "whole number" if whole else "number"
+        raise ValueError(f"{name} should be a {kind}, from {low:.15g} to {high:.15g}, not {shown(value)}")
 
 
-RANGES: dict[str, tuple[float, float]] = {  # of the settings that are numbers
+MOST_LEVELS = 1000
+ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
+RANGES: dict[str, tuple[float, float]] = {  # of the settings that are numbers; the upper ends keep memory in bounds
     "seed": (0, 2**20 - 1),  # beyond, plants of an evaluation would be drawn
-    "steps": (1, math.inf),
-    "pendulums": (1, math.inf),
-    "batch": (1, math.inf),
+    "steps": (1, 10**12),
+    "pendulums": (1, 100_000),
+    "batch": (1, 10**7),
     "learning_rate": (0.0, 1.0),
     "gamma": (0.0, 1.0),
-    "hidden": (1, math.inf),
-    "rollout": (1, math.inf),
-    "epochs": (1, math.inf),
-    "entropy": (0.0, math.inf),
-    "replay": (1, math.inf),
-    "updates": (1, math.inf),
-    "price_rate": (0.0, math.inf),
-    "head_start": (0, math.inf),
-    "checkpoint": (1, math.inf),
+    "hidden": (1, 4096),
+    "rollout": (1, 10**6),
+    "epochs": (1, 10_000),
+    "entropy": (0.0, 1e6),
+    "replay": (1, 10**7),
+    "updates": (1, 100_000),
+    "price_rate": (0.0, 1e6),
+    "head_start": (0, 10**9),
+    "checkpoint": (1, 10**12),
 }
 USUAL: dict[str, dict[str, dict[str, Any]]] = {  # what a choice changes
     "constraint": {
         "peak": {},
         "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000},
     },
-    "criterion": {name: {} for name in CRITERIA},
+    "criterion": {**{name: {} for name in CRITERIA}, DISCRIMINATE: {"steps": 640_000}},
     "algorithm": {"ppo": {}, "sac": {"steps": 600_000, "batch": 512, "checkpoint": 50_000}},
 }
 
@@ -128,9 +134,7 @@ def read_settings(path: str | Path) -> dict[str, Any]:
     """Settings of a TOML file.
 
     Raises:
-        ValueError: if it is no TOML.
-        OSError: if it cannot be read.
+        Unreadable: if it cannot be read, or is no TOML.
     """
-    with open(path, "rb") as file:
-        settings = tomllib.load(file)
+    settings = read_toml(path)
     return {name: tuple(value) if isinstance(value, list) else value for name, value in settings.items()}

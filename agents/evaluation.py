@@ -18,8 +18,8 @@ from agents.design_env import RATE, ExcitationDesignVector
 from agents.knowledge import COUNT, NOMINAL, log_det
 from agents.observer import TICK
 from estimators.online import OnlineEstimator
-from estimators.schemes import scheme
-from estimators.search import Progress
+from estimators.progress import Progress
+from estimators.schemes.six import scheme
 from pendulum_env._typing import JSON, Array
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.physics import BASE

@@ -7,6 +7,7 @@ Source: Hansen, The CMA Evolution Strategy: A Tutorial, arXiv 1604.00772.
 
 from __future__ import annotations
 
+import itertools
 import json
 from functools import partial
 from pathlib import Path
@@ -16,12 +17,14 @@ import numpy as np
 from agents.foresight import foresee
 from agents.knowledge import COUNT, CRITERIA, NOMINAL, PRIOR
 from agents.observer import CONSTRAINTS, EPISODE, TICK, Constraint
-from estimators.search import Progress
+from agents.structure import DISCRIMINATE, FAINT, Structure, promised
+from estimators.progress import Progress
 from pendulum_env._typing import Array
 
 FOUND = Path(__file__).parent / "policies" / "multisine.json"
 FREQUENCIES = 0.2 * np.arange(1, 21)  # [Hz]
 PAPER = (1, 9)  # where the paper's two tones are among them, about
+GENERATIONS = {"D": 250, DISCRIMINATE: 80}
 SPREAD = 0.3  # within which plants are drawn
 
 
@@ -71,15 +74,23 @@ def taught(weights: Array, theta: Array, constraint: Constraint, criterion: str 
     """Mean over plants (B, P) of what the criterion counts after an episode under each of C signals (2 F, C) [nat]."""
     torque = signal(weights, constraint)  # (T, C)
     rest = np.zeros(len(theta))
-    rows, usable = foresee(np.repeat(torque[:, None], len(theta), axis=1), theta, rest, rest)
+    structure = Structure() if criterion == DISCRIMINATE else None
+    rows, usable = foresee(np.repeat(torque[:, None], len(theta), axis=1), theta, rest, rest, structure)
     rows = rows * usable[..., None]
-    information = PRIOR * np.eye(COUNT) + np.einsum("tbci,tbcj->bcij", rows, rows)
-    return np.asarray(CRITERIA[criterion](information).mean(axis=0))
+    information = (PRIOR if structure is None else FAINT) * np.eye(rows.shape[-1]) + np.einsum(
+        "tbci,tbcj->bcij", rows, rows, optimize=True
+    )
+    worth = promised if structure is not None else CRITERIA[criterion]
+    return np.asarray(worth(information).mean(axis=0))
 
 
-def shipped(constraint: str) -> Array:
-    """Weights (2 F,) that were found under a constraint."""
-    return np.array(json.loads(FOUND.read_text())[constraint])
+def shipped(constraint: str, criterion: str = "D") -> Array:
+    """Weights (2 F,) that were found under a constraint, for log det information or to tell structures apart."""
+    return np.array(json.loads(FOUND.read_text())[_key(constraint, criterion)])
+
+
+def _key(constraint: str, criterion: str) -> str:
+    return constraint if criterion == "D" else f"{criterion}-{constraint}"
 
 
 def _say(name: str, text: str, share: float) -> None:
@@ -89,9 +100,10 @@ def _say(name: str, text: str, share: float) -> None:
 def main() -> None:
     """Find them anew."""
     found = {}
-    for name, constraint in CONSTRAINTS.items():
-        weights = optimise(constraint, tell=partial(_say, name))
-        found[name] = np.round(weights / np.abs(weights).max(), 4).tolist()
+    for name, criterion in itertools.product(CONSTRAINTS, ("D", DISCRIMINATE)):
+        key, generations = _key(name, criterion), GENERATIONS[criterion]
+        weights = optimise(CONSTRAINTS[name], criterion=criterion, generations=generations, tell=partial(_say, key))
+        found[key] = np.round(weights / np.abs(weights).max(), 4).tolist()
     FOUND.write_text(json.dumps(found) + "\n")
 
 

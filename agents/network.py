@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.observer import CONSTRAINTS, mirrored
+from agents.observer import CONSTRAINTS, INPUTS, LENGTHS, mirrored
+from agents.structure import DISCRIMINATE, STRUCTURE_FEATURES
 from pendulum_env._typing import Array
+from pendulum_env.files import replacing
 from pendulum_env.lookup import find
 from pendulum_env.policy import State
+from pendulum_env.reading import Unreadable, read_arrays, shown
 
+LARGEST_WEIGHT = 1e6  # far beyond any that a training finds, and no sum of them overflows
 SHIPPED = Path(__file__).parent / "policies"
+NAMES = (*CONSTRAINTS, f"{DISCRIMINATE}-peak")  # of those that ship
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +39,11 @@ class Network:
     biases: Sequence[Array]
     levels: Array | None
     constraint: str
+
+    @property
+    def discriminates(self) -> bool:
+        """Whether it was trained to tell structures apart, and sees what is known of them."""
+        return self.weights[0].shape[1] >= INPUTS + STRUCTURE_FEATURES
 
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
@@ -54,12 +64,16 @@ class Network:
         return (sign * share)[..., None].astype(np.float32), state
 
     def save(self, path: str | Path) -> None:
-        """Write an NPZ file; arrays only."""
+        """Write an NPZ file; arrays only.
+
+        Raises:
+            OSError: if it cannot be written; it names the file.
+        """
         layers: dict[str, Any] = {f"weight{k}": weight.astype(np.float32) for k, weight in enumerate(self.weights)}
         layers |= {f"bias{k}": bias.astype(np.float32) for k, bias in enumerate(self.biases)}
         if self.levels is not None:
             layers["levels"] = self.levels
-        with open(path, "wb") as file:
+        with replacing(path) as file:
             np.savez_compressed(file, constraint=np.array(self.constraint), **layers)
 
     @classmethod
@@ -67,29 +81,62 @@ class Network:
         """Read what `save` wrote.
 
         Raises:
-            ValueError: if the file is no policy.
+            Unreadable: if the file cannot be read, or is no policy.
         """
+        hint = "a policy is what `pendulum-ident train` writes"
+        arrays = read_arrays(path, hint)
         try:
-            with np.load(path, allow_pickle=False) as file:
-                count = sum(name.startswith("weight") for name in file)
-                weights, biases = (
-                    [file[f"{what}{k}"].astype(float) for k in range(count)] for what in ("weight", "bias")
-                )
-                network = cls(weights, biases, file.get("levels"), str(file["constraint"]))
-            if len(biases[-1]) != (1 if network.levels is None else len(network.levels)):
-                raise ValueError("outputs and levels do not fit")
-        except (KeyError, ValueError, EOFError):
-            raise ValueError(f"{path}: is no policy, which is what `pendulum-ident train` writes") from None
-        return network
+            return cls._of(arrays)
+        except ValueError as error:
+            raise Unreadable(f"{path}: is no policy: {error}; {hint}") from None
+
+    @classmethod
+    def _of(cls, arrays: Mapping[str, NDArray[Any]]) -> Network:
+        count = sum(name.startswith("weight") for name in arrays)
+        weights = [_numbers(arrays, f"weight{k}", 2) for k in range(count)]
+        biases = [_numbers(arrays, f"bias{k}", 1) for k in range(count)]
+        levels = _numbers(arrays, "levels", 1) if "levels" in arrays else None
+        constraint = str(arrays["constraint"]) if "constraint" in arrays else ""
+        if constraint not in CONSTRAINTS:
+            raise ValueError(f"its constraint is {shown(constraint)}, none of {', '.join(CONSTRAINTS)}")
+        if not weights:
+            raise ValueError("it lacks weight0")
+        seen = weights[0].shape[1]
+        inputs = [seen if seen in LENGTHS else INPUTS, *(len(bias) for bias in biases)]
+        for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+            if weight.shape != (len(bias), inputs[k]):
+                raise ValueError(f"weight{k} has shape {weight.shape}, where {(len(bias), inputs[k])} follows")
+        if len(biases[-1]) != (1 if levels is None else len(levels)):
+            raise ValueError("outputs and levels differ in number")
+        if levels is not None and np.abs(levels).max() > 1.0:
+            raise ValueError("a level is beyond 1, the peak")
+        return cls(weights, biases, levels, constraint)
+
+
+def _numbers(arrays: Mapping[str, NDArray[Any]], name: str, axes: int) -> Array:
+    """An array of a policy file that holds nothing but finite numbers.
+
+    Raises:
+        ValueError: if it is missing, or none.
+    """
+    if name not in arrays:
+        raise ValueError(f"it lacks {name}")
+    array = arrays[name]
+    if array.dtype.kind not in "iuf" or array.ndim != axes or not array.size:
+        raise ValueError(f"{name} has type {shown(str(array.dtype))} and shape {shown(array.shape)}")
+    if not (np.abs(array) <= LARGEST_WEIGHT).all():  # nor NaN
+        raise ValueError(f"{name} holds a number that is not finite, or beyond {LARGEST_WEIGHT:g}")
+    return array.astype(float)
 
 
 def load(name: str) -> Network:
-    """Policy that ships with the package, by the constraint it was trained under, or from a file NAME.npz.
+    """Policy that ships with the package, or from a file NAME.npz.
+
+    By the constraint it was trained under, "peak" or "rms"; the one that tells structures apart is "discriminate-peak".
 
     Raises:
-        ValueError: if there is none of that name, or the file is no policy.
-        OSError: if the file cannot be read.
+        ValueError: if there is none of that name, or the file cannot be read, or is no policy.
     """
     if name.endswith(".npz"):
         return Network.load(name)
-    return Network.load(find("policy", name, {id: SHIPPED / f"{id}.npz" for id in CONSTRAINTS}))
+    return Network.load(find("policy", name, {id: SHIPPED / f"{id}.npz" for id in NAMES}))

@@ -21,13 +21,14 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.config import Config
 from agents.design_env import ExcitationDesignVector
-from agents.knowledge import CRITERIA
 from agents.network import Network
-from agents.observer import CONSTRAINTS
+from agents.observer import CONSTRAINTS, EPISODE
+from agents.structure import DISCRIMINATE, LESSON
 from agents.tasks import FinalWorth, Forwards, Levels, PriceTorque
 from agents.vec_env import BatchedVecEnv
-from estimators.search import Progress
+from estimators.progress import Progress
 from pendulum_env.files import write_whole
+from pendulum_env.reading import Unreadable, read_own
 
 CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
 TUNING = 2**21  # added to seeds, for plants that neither training nor evaluation draws
@@ -83,13 +84,24 @@ def _begin(config: Config, folder: Path | None, resume: bool) -> Learner:
 def make_env(config: Config) -> BatchedVecEnv:
     """Pendulums to learn on."""
     design = ExcitationDesignVector(
-        config.pendulums, constraint=config.constraint, criterion=config.criterion, autoreset_mode="SameStep"
+        config.pendulums,
+        constraint=config.constraint,
+        criterion=config.criterion,
+        seconds=_seconds(config),
+        autoreset_mode="SameStep",
     )
-    env: VectorEnv[Any, Any, Any] = FinalWorth(design, config.head_start)
-    if design.constraint.rms is not None:
-        env = PriceTorque(env, design.constraint, config.price_rate)
+    env: VectorEnv[Any, Any, Any] = design
+    if config.criterion != DISCRIMINATE:  # whose verdict comes early, or never; and whose budget is kept at all times
+        env = FinalWorth(env, config.head_start)
+        if design.constraint.rms is not None:
+            env = PriceTorque(env, design.constraint, config.price_rate)
     env = Forwards(env)
     return BatchedVecEnv(Levels(env, config.levels) if config.algorithm == "ppo" else env)
+
+
+def _seconds(config: Config) -> float:
+    """Length of an episode."""
+    return LESSON if config.criterion == DISCRIMINATE else EPISODE
 
 
 def make_model(config: Config) -> Learner:
@@ -145,12 +157,16 @@ def stretched(network: Network, config: Config) -> Network:
 
 
 def learnt(network: Network, config: Config, count: int = 64) -> float:
-    """Mean of what the criterion counts at the end of an episode, on plants of no training and no evaluation [nat]."""
-    env = ExcitationDesignVector(count, constraint=network.constraint)
+    """Mean of what an episode adds to what counts, on plants of no training and no evaluation [nat]."""
+    env = ExcitationDesignVector(
+        count, constraint=network.constraint, criterion=config.criterion, seconds=_seconds(config)
+    )
     observation, _ = env.reset(seed=TUNING + config.seed)
+    total = 0.0
     for _ in range(env.steps_per_episode):
-        observation = env.step(network.predict(observation)[0])[0]
-    return float(CRITERIA[config.criterion](env.knowledge.information).mean())
+        observation, reward, *_ = env.step(network.predict(observation)[0])
+        total += float(reward.mean())
+    return total
 
 
 # ------------------------------------------------------------------------------------------------------- checkpoints
@@ -168,17 +184,21 @@ def _keep(path: Path, model: Learner, config: Config) -> None:
         packed = cloudpickle.dumps(state)
     finally:
         model._logger = logger
-    write_whole(path, packed)
+    write_whole(path, packed, private=True)
 
 
 def _restore(path: Path, config: Config) -> Learner:
-    """What `_keep` wrote; like every pickle, only to be read where nobody else can write.
+    """What `_keep` wrote. Reading a pickle runs what is in it, so it has to be this user's own.
 
     Raises:
-        CheckpointError: if it is of another configuration, or no checkpoint.
+        CheckpointError: if it is of another configuration or another user, or no checkpoint.
     """
     try:
-        state = cloudpickle.loads(path.read_bytes())
+        packed = read_own(path)
+    except Unreadable as error:
+        raise CheckpointError(str(error)) from None
+    try:
+        state = cloudpickle.loads(packed)
         before, model, (python, numpy, torched) = state["config"], state["model"], state["random"]
     except Exception as error:  # whatever a broken or foreign pickle may raise
         raise CheckpointError(f"{path}: is no checkpoint of this version ({type(error).__name__})") from None

@@ -13,8 +13,9 @@ SHORT = (  # about two minutes on two cores
     ("hidden_effects", ("--n", "24")),
 )
 COMMANDS = (
-    "environments", "schemes", "diagnosis_time", "hidden_effects", "known_truth", "cramer_rao", "ambiguity",
-    "independent_plant", "rig",
+    "environments", "schemes", "joint_state", "watching", "diagnosis_time", "hidden_effects", "known_truth",
+    "cramer_rao", "ambiguity", "independent_plant", "mutations", "reproducibility", "rig", "rig_faults", "six_joint",
+    "survey", "timing",
 )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from benchmarks.independent_plant import LIBRARY, Array, Case, random_case, simu
 from benchmarks.parallel import each
 from benchmarks.scoring import Exact, compare, positive, rate, take_workers
 from estimators import Diagnosis, diagnose
-from estimators.design import SECONDS, USUAL
+from estimators.diagnosis.experiment import SECONDS, USUAL
 from pendulum_env.excitation import family
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal

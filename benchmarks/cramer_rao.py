@@ -27,11 +27,11 @@ from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, 
 from benchmarks.parallel import each
 from benchmarks.scoring import positive, rate, take_workers
 from benchmarks.truth import Truth
-from estimators import output_error
-from estimators.evidence import Evidence, fit_terms
-from estimators.free_running import take_off
-from estimators.in_flight import HOP
-from estimators.screen import Screen
+from estimators.selection.candidates import Screen
+from estimators.selection.data import Evidence, fit_terms
+from estimators.selection.motion import HOP
+from estimators.simulation import output_error
+from estimators.simulation.free_running import take_off
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal
@@ -189,8 +189,7 @@ def fit_windows(evidence: Evidence, hidden: Sequence[str]) -> Model:
     """The fit over windows of the base terms and some effects, shape parameters searched."""
     screen, terms = Screen(evidence.data), BASE
     for id in hidden:
-        trial = screen.best(terms, effect(id))
-        terms = terms if trial is None else trial.terms
+        terms = min(screen.variants(terms, effect(id)), key=lambda trial: trial.fitted_rms).terms
     return fit_terms(evidence, terms)[0]
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks import schemes
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from benchmarks.parallel import each, peak_memory
-from estimators.diagnose import diagnose
+from estimators.diagnosis.run import diagnose
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal
 

@@ -31,7 +31,7 @@ from benchmarks.scoring import (
 )
 from benchmarks.sparse_regression import Selection, is_installed, select_sparsely
 from benchmarks.truth import Truth, read_truth
-from estimators.diagnosis import Verdict
+from estimators.diagnosis.result import Verdict
 from pendulum_env.physics import effects
 from workbench.terminal import Terminal
 
@@ -48,16 +48,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--wide", action="store_true", help="plants half to twice the usual ranges")
     parser.add_argument("--variants", action="store_true", help="also less usual laws of the same effects")
+    parser.add_argument("--misfits", action="store_true", help="each effect beside one that the library lacks")
     parser.add_argument("--out", type=Path, help="folder for recordings and figure (default build/hidden_effects/...)")
     parser.add_argument("--no-pysindy", action="store_true", help="skip the comparison with sparse regression")
     take_workers(parser)
     arguments = parser.parse_args(argv)
     terminal = Terminal()
     options = {"wide": arguments.wide, "variants": arguments.variants}
-    name = "_".join([f"n{arguments.n}", f"seed{arguments.seed}", *(key for key, chosen in options.items() if chosen)])
+    chosen = [key for key, is_chosen in (options | {"misfits": arguments.misfits}).items() if is_chosen]
+    name = "_".join([f"n{arguments.n}", f"seed{arguments.seed}", *chosen])
     folder: Path = arguments.out or Path("build") / "hidden_effects" / name
 
-    truths = generate(folder, arguments.n, arguments.seed, options, arguments.workers, terminal)
+    n = arguments.n
+    counts = (0, 0, 0, n) if arguments.misfits else tuple(round(share * n) for share in (NULLS, PAIRS, OUTSIDE))
+    truths = generate(folder, n, arguments.seed, counts, options, arguments.workers, terminal)
     outcomes = examine_all(folder, truths, arguments.workers, terminal)
     tell(outcomes, terminal)
     page = folder / "hidden_effects.html"
@@ -73,14 +77,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def generate(
-    folder: Path, n: int, seed: int, options: dict[str, bool], workers: int, terminal: Terminal
+    folder: Path,
+    n: int,
+    seed: int,
+    counts: Sequence[int],
+    options: dict[str, bool],
+    workers: int,
+    terminal: Terminal,
 ) -> list[Truth]:
-    """Simulate the set, or take it from the folder if it is there."""
+    """Simulate the set, or take it from the folder if it is there; `counts` of nulls, pairs and so on."""
     if (folder / "truth.json").exists() and len(truths := read_truth(folder)) == n:
         terminal.say(f"recordings taken from {folder}; delete it to simulate them anew")
         return truths
     (folder / "truth.json").unlink(missing_ok=True)
-    counts = [round(share * n) for share in (NULLS, PAIRS, OUTSIDE)]
     cases = blind_set(np.random.default_rng(seed), n, *counts, **options)
     with terminal.progress("simulating") as progress:
         for first in range(0, n, CHUNK * workers):

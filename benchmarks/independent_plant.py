@@ -67,13 +67,16 @@ EFFECTS: dict[str, dict[str, float]] = {
     # Friction z' = dahl_sigma v (1 - sgn(v) z/f)^dahl_n with f the dry friction, plus dahl_d z'/dahl_sigma.
     "presliding": {"dahl_sigma": 0.0, "dahl_n": 1.0, "dahl_d": 0.0},
     "encoder_eccentricity": {"ecc_e": 0.0, "ecc_ph": 0.0},  # the encoder reads q + ecc_e sin(q + ecc_ph)
-    "hard_stop": {"wall_q": NEVER, "wall_k": 0.0, "wall_d": 0.0},  # beyond wall_q, on the far side of it from q = 0
+    # Pushes back by wall_k x (1 + wall_c x') + wall_d x' at a depth x beyond either wall, and never pulls.
+    "hard_stop": {"wall_lo": -NEVER, "wall_hi": NEVER, "wall_k": 0.0, "wall_c": 0.0, "wall_d": 0.0},
     # Outside the library: what an honest diagnosis calls unexplained.
     "cubic_damping": {"cubic": 0.0},  # cubic v^3
     "knocks": {"knock_rate": 0.0, "knock_height": 0.0, "knock_width": 0.03},  # half-sine pulses at random times
     "random_walk_torque": {"walk_rms": 0.0, "walk_T": 4.0},  # wandering torque with correlation time walk_T
+    "friction_spot": {"spot_f": 0.0, "spot_q": 0.0, "spot_w": 0.3},  # spot_f exp(-((q - spot_q) / spot_w)^2) sgn v
+    "gain_falls_with_speed": {"fall": 0.0},  # tau (1 - fall |v|)
 }
-OUTSIDE_LIBRARY = ("cubic_damping", "knocks", "random_walk_torque")
+OUTSIDE_LIBRARY = ("cubic_damping", "knocks", "random_walk_torque", "friction_spot", "gain_falls_with_speed")
 LIBRARY = tuple(effect for effect in EFFECTS if effect not in OUTSIDE_LIBRARY)
 _TRANSMISSION = frozenset({"backlash", "joint_flexibility"})
 _STIFF = frozenset({"presliding", "hard_stop"})
@@ -252,6 +255,8 @@ def _motor_torque(model: _Model, p: _Table, state: Array, angle: Array) -> Array
         tau = np.select([p.sat_law == 0, p.sat_law == 1], [p.sat * np.tanh(ratio), clipped], tau / np.hypot(1, ratio))
     if "torque_ripple" in model.effects:
         tau = tau * (1 + p.rip_s * np.sin(p.rip_n * angle) + p.rip_c * np.cos(p.rip_n * angle))
+    if "gain_falls_with_speed" in model.effects:
+        tau = tau * np.maximum(1 - p.fall * np.abs(state[3] if model.two_masses else state[1]), 0)
     return tau
 
 
@@ -263,9 +268,9 @@ def _link_load(model: _Model, p: _Table, q: Array, v: Array) -> Array:
     if "spring" in model.effects:
         load = load + p.spring_k * (q - p.spring_q0)
     if "hard_stop" in model.effects:
-        side = np.sign(p.wall_q)
-        depth = side * (q - p.wall_q)
-        load = load + side * (depth > 0) * np.maximum(p.wall_k * depth + p.wall_d * side * v, 0)  # a wall cannot pull
+        for side, depth in ((1, q - p.wall_hi), (-1, p.wall_lo - q)):
+            push = p.wall_k * depth * (1 + p.wall_c * side * v) + p.wall_d * side * v
+            load = load + side * (depth > 0) * np.maximum(push, 0)
     return load
 
 
@@ -286,6 +291,8 @@ def _friction(
         dry = dry + p.load_mu * np.abs(tau + p.load_w * np.sin(q))
     if "position_dependent_friction" in model.effects:
         dry = np.maximum(dry + p.pos_s * np.sin(q) + p.pos_c * np.cos(q), 0)
+    if "friction_spot" in model.effects:
+        dry = dry + p.spot_f * np.exp(-(((q - p.spot_q) / p.spot_w) ** 2))
     warmth = np.ones_like(v)
     if "friction_drift" in model.effects:
         warm = p.drift_a * np.exp(-time / p.drift_T)
@@ -778,16 +785,21 @@ def _random_effect(
             return {"ecc_e": _around(rng, 0.02), "ecc_ph": angle}
         case "hard_stop":  # within reach of most excitations
             low, high = (0.25, 0.6) if experiment.excitation == "multisine" else (0.6, 1.3)
-            return {
-                "wall_q": (sign if variants else 1.0) * float(rng.uniform(low, high)),
-                "wall_k": _around(rng, 40.0),
-            } | ({"wall_d": 0.3} if either else {})
+            walls = {"wall_lo": -float(rng.uniform(low, high)), "wall_hi": float(rng.uniform(low, high))}
+            if rng.random() < 0.5:  # one of them alone
+                del walls[str(rng.choice(list(walls)))]
+            losses = {"wall_d": 0.3} if either else {"wall_c": float(rng.uniform(0.0, 0.1))}
+            return walls | {"wall_k": _around(rng, 40.0)} | losses
         case "cubic_damping":
             return {"cubic": _around(rng, 0.004)}
         case "knocks":
             return {"knock_rate": _around(rng, 0.6), "knock_height": _around(rng, 3.0)}
         case "random_walk_torque":
             return {"walk_rms": _around(rng, 0.25)}
+        case "friction_spot":
+            return {"spot_f": _around(rng, 0.8), "spot_q": float(rng.uniform(-0.5, 0.5))}
+        case "gain_falls_with_speed":
+            return {"fall": _around(rng, 0.02)}
     _require(effect, EFFECTS, "effect")
     raise NotImplementedError(f"no typical size for '{effect}': add it beside the others")
 
@@ -849,17 +861,28 @@ def write_case(folder: str | Path, name: str, train: SimulatedRecording, holdout
 
 
 def blind_set(
-    rng: np.random.Generator, n: int = 60, nulls: int = 10, pairs: int = 8, outside: int = 0, **options: Any
+    rng: np.random.Generator,
+    n: int = 60,
+    nulls: int = 10,
+    pairs: int = 8,
+    outside: int = 0,
+    misfits: int = 0,
+    **options: Any,
 ) -> list[Case]:
-    """`n` random cases: nothing hidden, pairs, effects outside the library, and every library effect in turn."""
+    """`n` random cases: nothing hidden, pairs, effects outside the library, and every library effect in turn.
+
+    Misfits have an effect of the library and one that it lacks.
+    """
     couples = [pair for pair in combinations(LIBRARY, 2) if not _TRANSMISSION & set(pair)]
     couples.remove(("torque_offset", "coulomb_asymmetry"))  # the same set of torques: no data can tell them apart
     chosen = rng.permutation(len(couples))[:pairs].tolist()
-    alone = n - nulls - pairs - outside
+    alone = n - nulls - pairs - outside - misfits
     if alone < 0:
-        raise ValueError(f"n = {n} is less than nulls + pairs + outside = {n - alone}: raise n")
+        raise ValueError(f"n = {n} is less than nulls + pairs + outside + misfits = {n - alone}: raise n")
     hidden: list[Sequence[str]] = [() for _ in range(nulls)] + [couples[j] for j in chosen]
     hidden += [(OUTSIDE_LIBRARY[j % len(OUTSIDE_LIBRARY)],) for j in range(outside)]
+    order = rng.permutation(len(LIBRARY)).tolist() if misfits else []
+    hidden += [(LIBRARY[order[j % len(LIBRARY)]], OUTSIDE_LIBRARY[j % len(OUTSIDE_LIBRARY)]) for j in range(misfits)]
     hidden += [(LIBRARY[j % len(LIBRARY)],) for j in range(alone)]
     cases = []
     for effects in (hidden[j] for j in rng.permutation(len(hidden)).tolist()):
@@ -879,6 +902,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--nulls", type=int, default=10, help="cases with nothing hidden (default 10)")
     parser.add_argument("--pairs", type=int, default=8, help="cases with two effects (default 8)")
     parser.add_argument("--outside", type=int, default=0, help="cases with an effect the library lacks (default 0)")
+    parser.add_argument(
+        "--misfits", type=int, default=0, help="cases with a library effect and one it lacks (default 0)"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--wide", action="store_true", help="plants half to twice the usual ranges")
@@ -888,7 +914,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     rng = np.random.default_rng(args.seed)
     try:
         options = {"wide": args.wide, "variants": args.variants, "seconds": args.seconds}
-        cases = blind_set(rng, args.n, args.nulls, args.pairs, args.outside, **options)
+        cases = blind_set(rng, args.n, args.nulls, args.pairs, args.outside, args.misfits, **options)
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -9,7 +9,7 @@ import sys
 from time import perf_counter
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.identify import identify
+from estimators.schemes.identification import identify
 from pendulum_env.recording import Recording
 
 LENGTHS = (10.0, 20.0, 40.0, 60.0, 80.0, 160.0)  # [s]

@@ -16,9 +16,10 @@ import numpy as np
 
 from benchmarks.parallel import each, peak_memory
 from benchmarks.truth import Truth, read_pair
-from estimators.diagnose import diagnose
-from estimators.diagnosis import Diagnosis, Verdict
-from estimators.evidence import Errors
+from estimators.diagnosis.result import Diagnosis, Verdict
+from estimators.diagnosis.run import diagnose
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import Errors
 from pendulum_env.physics import effects
 from workbench.terminal import Terminal
 
@@ -142,12 +143,12 @@ def compare(
     return Exact.AMBIGUOUS if swapped else Exact.NO
 
 
-def examine(truth: Truth, folder: Path) -> Outcome:
+def examine(truth: Truth, folder: Path, criterion: Criterion | None = None) -> Outcome:
     """Diagnose one pair of recordings; an exception is an outcome, too."""
     try:
         train, holdout = read_pair(folder, truth.name)
         begin = perf_counter()
-        found = diagnose([train], [holdout])
+        found = diagnose([train], [holdout], criterion=criterion)
         seconds = perf_counter() - begin
     except Exception as error:  # the other cases still count
         return Outcome(truth, failure=f"{type(error).__name__}: {error}")

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from benchmarks.scoring import Exact, compare
 from benchmarks.truth import Truth, read_pair
-from estimators.dataset import Dataset
-from estimators.diagnose import gather
-from estimators.search import Search
+from estimators.diagnosis.run import gather
+from estimators.selection.search import Search
+from estimators.weak_form.dataset import Dataset
 from pendulum_env.physics import BASE, Term
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ def select_sparsely(truth: Truth, folder: Path) -> Selection:
     try:
         train, holdout = read_pair(folder, truth.name)
         search = Search(*gather([train], [holdout]))
-        terms = [trial.terms[-1] for trial in search.alternatives(BASE)]
+        terms = [longer[-1] for longer in search.candidates(BASE)]
         return Selection(truth, _survivors(search.train.data, search.holdout.data, terms))
     except Exception as error:  # the other cases still count
         return Selection(truth, failure=f"{type(error).__name__}: {error}")

@@ -144,8 +144,13 @@ def _effect_parameters(id: str, plant: Mapping[str, float], p: Mapping[str, Any]
         case "encoder_eccentricity":
             e, phase = p["ecc"]  # e sin(q + phase)
             return {f"{id}.sin": e * cos(phase), f"{id}.cos": e * sin(phase)}
-        case "hard_stop" if not p.get("wall_d"):
-            return {id: p["wall_k"], f"{id}.stop": p["wall_q"]}
+        case "hard_stop":
+            both = p.get("wall_q")  # at the same angle to either side
+            lower, upper = (-both, both) if both else (p.get("wall_lo"), p.get("wall_hi"))
+            stops = {"lower": lower, "upper": upper}
+            losses = {"hysteresis": p.get("wall_c"), "damping_time": p.get("wall_d", 0.0) / p["wall_k"]}
+            shapes = {f"{id}.{name}": value for name, value in (stops | losses).items() if value}
+            return {f"{id}.stiffness": p["wall_k"], **shapes}
     return {}
 
 

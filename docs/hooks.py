@@ -16,7 +16,7 @@ from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-from estimators.schemes import SCHEMES
+from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, effects
 from workbench.cli import main
 from workbench.commands import COMMANDS
@@ -30,8 +30,13 @@ ARITHMATEX = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<latex>.*?)</
 def on_files(files: Files, config: MkDocsConfig) -> None:
     """Add the pages that are made."""
     made = {
+        "index.md": from_root("README.md"),
+        "contributing.md": from_root("CONTRIBUTING.md"),
+        "security.md": from_root("SECURITY.md"),
+        "changelog.md": from_root("CHANGELOG.md"),
         "tutorial.md": tutorial(),
         "reference/command-line.md": command_line(),
+        "gallery.md": gallery(),
         "reference/effects.md": effects_page(),
         "reference/schemes.md": schemes_page(),
     }
@@ -47,6 +52,13 @@ def on_page_content(content: str, **_: Any) -> str:
         return convert(html.unescape(found["latex"]).strip()[2:-2].strip(), display=display)
 
     return ARITHMATEX.sub(mathml, content)
+
+
+def from_root(name: str) -> str:
+    """A file beside docs/ as a page: its links and pictures as seen from there."""
+    page = (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](").replace('src="docs/', 'src="')
+    page = page.replace("](README.md", "](index.md").replace("](examples/tutorial.ipynb)", "](tutorial.md)")
+    return re.sub(r"\]\((CONTRIBUTING|SECURITY|CHANGELOG)\.md", lambda found: found[0].lower(), page)
 
 
 def tutorial() -> str:
@@ -79,8 +91,8 @@ def command_line() -> str:
         "Every command exits with 0 on success and with 2 on bad input, with one line that says what is wrong.",
         f"```text\n{_help()}\n```",
     ]
-    for name, command in COMMANDS.items():
-        summary = command.summary[:1].upper() + command.summary[1:]
+    for name, text in COMMANDS.items():
+        summary = text[:1].upper() + text[1:]
         parts += [f"## {name}", f"{summary}.", f"```text\n{_help(name)}\n```"]
     return "\n\n".join(parts)
 
@@ -115,6 +127,22 @@ def effects_page() -> str:
             f"Parameters, of a size that a rig might show: {parameters(kind)}.",
             f"To show it, a recording needs {kind.reveal}.",
         ]
+    return "\n\n".join(parts)
+
+
+def gallery() -> str:
+    """What each effect leaves of a model that lacks it; `make pages` draws the pictures."""
+    parts = [
+        "# Gallery of effects",
+        "What each effect leaves of the base model, fitted to 20 s of the paper's excitation: mean residual torque "
+        "over angle, velocity, torque and time, beside what noise alone would give (grey). Find the row that looks "
+        "like yours: `pendulum-ident compare --report` draws the same four curves for your recordings. An effect that "
+        "looks flat here needs another motion to show; the reference says which.",
+    ]
+    for id in effects():
+        if (ROOT / "docs" / "gallery" / f"{id}.svg").exists():
+            label = f"Residual over angle, velocity, torque and time where {id} is hidden"
+            parts += [f"**[`{id}`](reference/effects.md#{id})**", f"![{label}](gallery/{id}.svg)"]
     return "\n\n".join(parts)
 
 

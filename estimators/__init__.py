@@ -1,17 +1,24 @@
 """What learns from measurements: six schemes, recursive least squares, comparison and diagnosis."""
 
-from estimators.compare import Comparison, compare
-from estimators.diagnose import Addition, add, diagnose, fit, gather
-from estimators.diagnosis import Diagnosis, Verdict
-from estimators.equations import IdentificationError
-from estimators.evidence import Errors, Evidence, fit_terms
-from estimators.identify import Identification, identify
-from estimators.schemes import SCHEMES, scheme
+from estimators.checks.alignment import Aligned, Alignment, align
+from estimators.comparison import Comparison, compare
+from estimators.diagnosis.addition import Addition, add, fit
+from estimators.diagnosis.result import Diagnosis, Verdict
+from estimators.diagnosis.run import diagnose, gather
+from estimators.regression.equations import IdentificationError
+from estimators.schemes.identification import Identification, identify
+from estimators.schemes.six import SCHEMES, scheme
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import Errors, Evidence, fit_terms
+from estimators.show import notebook as notebook  # teaches results to show themselves
 
 __all__ = [
     "SCHEMES",
     "Addition",
+    "Aligned",
+    "Alignment",
     "Comparison",
+    "Criterion",
     "Diagnosis",
     "Errors",
     "Evidence",
@@ -19,6 +26,7 @@ __all__ = [
     "IdentificationError",
     "Verdict",
     "add",
+    "align",
     "compare",
     "diagnose",
     "fit",

@@ -1,8 +1,15 @@
 """What produces measurements of a pendulum: physics, recordings, excitation, backends and the Gymnasium environment.
 
-Importing it makes the environments known to `gymnasium.make`, without importing Gymnasium itself.
+Importing it makes the environments known to `gymnasium.make`, as is Gymnasium's custom; pymunk waits until then.
 """
 
-from pendulum_env.plugin import announce
+from gymnasium.envs.registration import register
 
-announce()
+from pendulum_env.registration import ARM, PENDULUM
+
+register(
+    PENDULUM,
+    entry_point="pendulum_env.env:DirectDrivePendulum",
+    vector_entry_point="pendulum_env.vector_env:DirectDrivePendulumVector",
+)
+register(ARM, entry_point="pendulum_env.arms.env:PlanarArm")

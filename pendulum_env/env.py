@@ -1,4 +1,4 @@
-"""The pendulum as a Gymnasium environment: simulated by pymunk, replayed from a recording, or the rig itself."""
+"""The pendulum as a Gymnasium environment: simulated by pymunk or MuJoCo, replayed, or the rig itself."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from pendulum_env.backends import BACKENDS, Replay, Rig, RigidBody, Sample, Sensor, Setup, Start, Status
+from pendulum_env.backends import BACKENDS, Sample, Sensor, Setup, Start, Status
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, RESET_OPTIONS, VELOCITIES, check_positive, spaces
 from pendulum_env.lookup import find
@@ -64,7 +64,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         """Make the pendulum.
 
         Args:
-            backend: "pymunk", "replay" or "dm1015b", the rig.
+            backend: "pymunk", "mujoco" (extra `export`), "replay" or "dm1015b", the rig.
             effects: hidden in the simulated plant, as `stribeck=0.4`; `pendulum-ident effects` lists them.
             theta: parameters of the plant that differ from the paper's, by name, or all four in order.
             model: an identified model or its file, as the plant.
@@ -84,6 +84,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             RecordingError: if the recording cannot be read.
             ModelError: if the model cannot be read.
             DriveError: if the rig cannot be reached or is in use.
+            ModuleNotFoundError: if a backend needs an extra that is not installed.
         """
         check_positive("a pendulum", rate=rate, substeps=substeps, max_torque=max_torque)
         if render_mode is not None:
@@ -100,17 +101,14 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self.overlay: Callable[[], Sequence[str]] = tuple  # lines that a wrapper wants to have shown
         sensor = Sensor(counts, torque_noise, ideal)
         files = [None if file is None else str(file) for file in (recording, config)]
-        self._setup = Setup(self.model, 1.0 / rate, int(substeps), sensor, *files)
+        self._setup = Setup(self.model, float(rate), int(substeps), sensor, *files)
         self._make = find("backend", backend, BACKENDS)
         self.backend = self._make(self._setup)
         self.backend.open()
         # what a wrapper may want to know of the measurement
-        self.recording = self.backend.recording if isinstance(self.backend, Replay) else None
-        own = self.backend if isinstance(self.backend, (Replay, Rig)) else None  # with rate and encoder of its own
-        self.rate = float(rate) if own is None else own.rate
-        self.counts = counts if own is None else own.counts
-        if isinstance(self.backend, Rig):
-            self.max_torque = min(self.max_torque, self.backend.max_torque)
+        self.traits = self.backend.traits
+        self.recording, self.rate, self.counts = self.traits.recording, self.traits.rate, self.traits.counts
+        self.max_torque = min(self.max_torque, self.traits.max_torque)
         self.metadata = {**self.metadata, "render_fps": max(1, round(self.rate))}
         self.observation_space, self.action_space = spaces(self.max_torque)
         self._renderer = Renderer(render_mode) if render_mode is not None else None
@@ -119,7 +117,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
     @property
     def simulated(self) -> bool:
         """Whether the plant is a model, that can start anywhere and be replaced."""
-        return isinstance(self.backend, RigidBody)
+        return self.traits.simulated
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -145,8 +143,6 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             raise ValueError(f"the {type(self.backend).__name__} backend starts as it is: reset it without options")
         if self._running:
             self.backend.disable()
-        if clear and isinstance(self.backend, Rig):
-            self.backend.clear()
         if "theta" in options:
             self.model = self.model.at(options["theta"])
             self.backend = self._make(replace(self._setup, model=self.model))
@@ -154,11 +150,11 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         position, velocity = (float(options.get(name, 0.0)) for name in ("position", "velocity"))
         if not math.isfinite(position + velocity):
             raise ValueError(f"a pendulum cannot start at {position:g} rad with {velocity:g} rad/s: give numbers")
-        start = Start(position, velocity, self.np_random)
+        start = Start(position, velocity, self.np_random, clear)
         first = self.backend.enable(start)
         self._running = True
         # the backward difference starts with the angle one period earlier
-        self._before = first.position
+        self._before, self._then = first.position, first.time
         if self.simulated:
             self._before = float(self._setup.sensor.position(position - velocity / self.rate))
         observation, info = self._show(first)
@@ -192,8 +188,9 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         """What the agent and the estimators see of a sample."""
         position, velocity = sample.position, sample.velocity
         if velocity is None:
-            velocity = (position - self._before) * self.rate
-        self._before = position
+            periods = max(1, round((sample.time - self._then) * self.rate))  # a recording may have gaps
+            velocity = (position - self._before) * self.rate / periods
+        self._before, self._then = position, sample.time
         bounded = min(max(velocity, -MAX_VELOCITY), MAX_VELOCITY)
         observation = np.array([math.cos(position), math.sin(position), bounded], dtype=np.float32)
         info: dict[str, Any] = {
@@ -201,7 +198,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             "position": position,
             "velocity": velocity,
             "torque": sample.torque,
-            "follows": self.backend.follows,
+            "follows": self.traits.follows,
         }
         if sample.timing is not None:
             info |= sample.timing._asdict()

@@ -6,13 +6,17 @@ same torque for one instant or for N of them, in any order, and never exceeds `a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 from pendulum_env.lookup import find
+from pendulum_env.reading import LARGE, Unreadable, Value
+
+MOST_TORQUE = 1e6  # [N m] of a signal; the largest robots have some 1e4
 
 
 class Excitation(Protocol):
@@ -196,6 +200,8 @@ def excitation(
     for what, value in (("seconds", seconds), ("amplitude", amplitude)):
         if not 0 < value < np.inf:
             raise ValueError(f"an excitation needs {what} above zero, got {value:g}")
+    if amplitude > MOST_TORQUE:
+        raise ValueError(f"an excitation needs an amplitude of at most {MOST_TORQUE:g} N m, got {amplitude:g}")
     return kind.draw(np.random.default_rng(rng), seconds, amplitude)
 
 
@@ -231,7 +237,8 @@ SIGNALS: dict[str, type[Any]] = {
 def signal_json(signal: Excitation) -> JSON:
     """Plain dictionary for JSON of a signal that `SIGNALS` knows."""
     kind = next(name for name, kind in SIGNALS.items() if isinstance(signal, kind))
-    return {"kind": kind, **{f.name: getattr(signal, f.name) for f in fields(SIGNALS[kind])}}
+    values = {f.name: getattr(signal, f.name) for f in fields(SIGNALS[kind])}
+    return {"kind": kind, **{name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}}
 
 
 def signal_from_json(data: JSON) -> Excitation:
@@ -240,13 +247,54 @@ def signal_from_json(data: JSON) -> Excitation:
     Raises:
         ValueError: if it is none.
     """
+    return signal_of(Value("the signal", "", data))
+
+
+RANGES: dict[str, tuple[float, float]] = {  # of numbers in files, outside of which no torque has a meaning
+    "amplitude": (1e-9, MOST_TORQUE),
+    "levels": (-MOST_TORQUE, MOST_TORQUE),
+    "base": (1e-6, 1e3),
+    "low": (1e-6, 1e3),
+    "high": (1e-6, 1e3),
+    "seconds": (1e-3, 1e6),
+    "edges": (1e-6, 1e6),
+    "harmonics": (1, 1000),
+}
+LONGEST = {"harmonics": 100, "phases": 100, "edges": 100_000, "levels": 100_000}  # lists in files
+
+
+def signal_of(data: Value) -> Excitation:
+    """Signal from what stands in a file.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    known = f"a signal is one of {', '.join(SIGNALS)} with all of its numbers, within its amplitude"
     try:
-        kind = SIGNALS[data["kind"]]
-        values = {f.name: data[f.name] for f in fields(kind)}
-        signal: Excitation = kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
-        torque = signal.signal(np.linspace(0, 60, 6001))
-        if np.abs(torque).max() <= signal.amplitude * (1 + 1e-9):
-            return signal
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError):
-        pass
-    raise ValueError(f"a signal is one of {', '.join(SIGNALS)} with all of its numbers, within its amplitude")
+        kind = SIGNALS.get(data["kind"].text())
+        if kind is None:
+            raise data["kind"].fault(f"one of {', '.join(SIGNALS)}")
+        signal: Excitation = kind(**{f.name: _numbers(data[f.name], f.name) for f in fields(kind)})
+    except Unreadable as error:
+        raise Unreadable(f"{known}: {error}") from None
+    match signal:
+        case TwoTone(phases=phases):
+            fits = len(phases) == 2
+        case Multisine(harmonics=harmonics, phases=phases):
+            fits = len(phases) == len(harmonics) > 0 and all(n == int(n) for n in harmonics)
+            signal = replace(signal, harmonics=tuple(int(n) for n in harmonics))
+        case Levels(edges=edges, levels=levels):
+            fits = len(edges) == len(levels) > 0 and all(a < b for a, b in pairwise(edges))
+        case _:
+            fits = True
+    if fits and np.abs(signal.signal(np.linspace(0, 60, 6001))).max() <= signal.amplitude * (1 + 1e-9):
+        return signal
+    raise Unreadable(known)
+
+
+def _numbers(value: Value, name: str) -> float | tuple[float, ...]:
+    """A number of a signal, or its numbers."""
+    low, high = RANGES.get(name, (-LARGE, LARGE))
+    if name not in LONGEST:
+        return value.number(low, high)
+    return tuple(item.number(low, high) for item in value.items(LONGEST[name]))

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from io import FileIO
 from pathlib import Path
+from typing import BinaryIO
 
 
 def check_output(path: str | Path) -> Path:
@@ -22,28 +27,59 @@ def check_output(path: str | Path) -> Path:
     return path
 
 
-def write_whole(path: str | Path, content: str | bytes) -> None:
+def write_whole(path: str | Path, content: str | bytes, *, private: bool = False) -> None:
     """Write a file so that a reader sees the old one or the new one, never half of it.
 
-    Links are followed; a device or pipe, such as /dev/null, is written to rather than replaced.
+    A `private` one nobody else may read or write.
+
+    Raises:
+        OSError: as `replacing`.
+    """
+    with replacing(path, private=private) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+
+
+@contextmanager
+def replacing(path: str | Path, *, private: bool = False) -> Iterator[BinaryIO]:
+    """A file to write to, which takes its name only when all of it is on the disk.
+
+    Until then it lies beside its place under a hidden name, which goes away if anything is raised. Links are followed;
+    a device or pipe, such as /dev/null, is written to rather than replaced.
 
     Raises:
         OSError: if it cannot be written; it names the file.
     """
-    data = content.encode() if isinstance(content, str) else content
+    place = Path(os.path.realpath(path))
+    special = place.exists() and not place.is_file()
+    target = place if special else place.with_name(f".{place.name}.{os.getpid()}.part")
     try:
-        if Path(path).exists() and not Path(path).is_file():
-            Path(path).write_bytes(data)
-        else:
-            _replace(Path(path).resolve(), data)
+        try:
+            with open(target, "wb", opener=_private if private else None) as file:
+                yield file
+                file.flush()
+                synchronise(file)
+            if not special:
+                target.replace(place)
+        finally:
+            if not special:
+                with suppress(OSError):  # what went wrong before is what counts
+                    target.unlink(missing_ok=True)
     except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from error
+        raise OSError(error.errno, error.strerror or " ".join(str(error).split()), str(path)) from error
 
 
-def _replace(path: Path, data: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+def _private(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o600)
+
+
+def synchronise(file: BinaryIO | FileIO) -> None:
+    """Wait until what was written is on the disk: some disks say only then that they are full.
+
+    Raises:
+        OSError: if it does not get there.
+    """
     try:
-        temporary.write_bytes(data)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        os.fsync(file.fileno())
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a pipe or a device has no disk
+            raise

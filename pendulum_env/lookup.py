@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 T = TypeVar("T")
+LONGEST = 60  # characters of a name that a sentence quotes
 
 
 def find(kind: str, name: str, known: Mapping[str, T]) -> T:
@@ -16,6 +17,7 @@ def find(kind: str, name: str, known: Mapping[str, T]) -> T:
         ValueError: if nothing is; the message names the nearest and all that exist.
     """
     if name not in known:
+        name = name if len(name) <= LONGEST else f"{name[: LONGEST - 3]}..."
         near = difflib.get_close_matches(name, known, n=1)
         hint = f" did you mean {near[0]}?" if near else ""
         raise ValueError(f"unknown {kind} '{name}':{hint} Known: {', '.join(sorted(known))}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from functools import singledispatch
 from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -32,6 +33,12 @@ class Html(str):
     """Markup that may go into markup as it is."""
 
     __slots__ = ()
+
+
+@singledispatch
+def shown(result: object) -> str:
+    """A result as HTML; each kind of result is registered where it is known how to show it."""
+    raise TypeError(f"there is no picture of a {type(result).__name__}")
 
 
 def markup(content: object) -> Html:
@@ -182,7 +189,10 @@ def show_model(model: Model) -> str:
 
 def show_recording(recording: Recording) -> str:
     """A recording: length and rate, what was changed at reading, what it lacks, and its curves."""
-    signals = [("position q", recording.position, "rad", BLUE), ("torque", recording.torque, "N m", ORANGE)]
+    signals = [
+        ("position q", recording.position, "rad", BLUE),
+        ("torque", recording.torque, recording.torque_unit, ORANGE),
+    ]
     if recording.velocity is not None:
         signals.insert(1, ("velocity q'", recording.velocity, "rad/s", GREEN))
     remarks = [*recording.notes]

@@ -10,6 +10,7 @@ import numpy as np
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Model, Term, effect
+from pendulum_env.reading import LARGE
 
 PAPER: dict[str, float] = {  # the paper's Table 2, dynamic row
     "inertia": 0.0895,  # [kg m^2]
@@ -33,8 +34,10 @@ TYPICAL: dict[str, float] = {  # sizes of effects that a good rig might show, by
     "friction_drift.coulomb": 0.35,
     "payload_change.inertia": 0.02,
     "payload_change.gravity": 0.4,
-    "hard_stop": 40.0,
-    "hard_stop.stop": 1.2,
+    "hard_stop.stiffness": 40.0,
+    "hard_stop.lower": -1.2,
+    "hard_stop.upper": 1.2,
+    "hard_stop.hysteresis": 0.05,
 }
 TYPICAL_BY_UNIT: dict[str, float] = {  # for all others
     "N m": 0.2,
@@ -56,8 +59,8 @@ def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
     theta = theta or {}
     for name, value in theta.items():
         find("parameter", name, PAPER)
-        if not 0 <= value < math.inf or (name == "inertia" and value == 0):
-            raise ValueError(f"{name} of a plant cannot be {value:g}: give a positive number")
+        if not 0 <= value <= LARGE or (name == "inertia" and value == 0):
+            raise ValueError(f"{name} of a plant cannot be {value:g}: give a positive number, {LARGE:g} at most")
     return Model.build(BASE, np.array([theta.get(name, usual) for name, usual in PAPER.items()]))
 
 
@@ -73,7 +76,8 @@ def hide(plant: Model, text: str) -> Model:
     """Plant with one more effect, given as text.
 
     `stribeck` is of typical size, `stribeck=0.4,0.3` sets its parameters in order, `cogging:order=14,sin=0.2` by name;
-    those not given stay typical, and `pendulum-ident effects` lists them in order.
+    those not given stay typical, and `pendulum-ident effects` lists them in order. A stop at infinity is none:
+    `hard_stop:upper=0.9,lower=-inf`.
 
     Raises:
         ValueError: if the effect or a parameter is unknown, or a value is not a number in the admissible range.
@@ -96,7 +100,13 @@ def hide(plant: Model, text: str) -> Model:
             allowed = f"{what} from {shape.low:g} to {shape.high:g}"
             raise ValueError(f"{shape.name} of {id} cannot be {value:g}: give {allowed} [{shape.unit}]")
     shapes = {shape.name: parameters.pop(shape.name) for shape in kind.shapes}
-    return plant.add(kind(**shapes), np.array(list(parameters.values())))
+    for name, value in parameters.items():
+        if not abs(value) <= LARGE:
+            raise ValueError(f"{name} of {id} cannot be {value:g}: give a number from {-LARGE:g} to {LARGE:g}")
+    term = kind(**shapes)
+    if term.fault:
+        raise ValueError(f"{id} cannot be as '{text}' says: {term.fault}")
+    return plant.add(term, np.array(list(parameters.values())))
 
 
 def _read(text: str) -> tuple[str, list[float] | dict[str, float]]:
@@ -128,7 +138,7 @@ def _number(part: str, text: str) -> float:
         value = float(part)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if math.isnan(value):
         raise ValueError(f"'{part}' in '{text}' is not a number")
     return value
 

@@ -64,6 +64,7 @@ def rollout(
     seed: int | None = None,
     name: str = "rollout",
     watch: Callable[[dict[str, Any]], None] | None = None,
+    until: Callable[[dict[str, Any]], bool] | None = None,
 ) -> Recording:
     """Run a policy or a controller in an environment and keep the measurement.
 
@@ -74,6 +75,7 @@ def rollout(
         seed: of the reset.
         name: of the recording.
         watch: called with each step's `info`.
+        until: called with each step's `info`, too; the run ends with the step of which it is true.
 
     Raises:
         ValueError: if the policy is laid out for another rate than the environment's.
@@ -97,7 +99,7 @@ def rollout(
         rows[k] = time, position, info["torque"]
         if watch is not None:
             watch(info)
-        if terminated or truncated:
+        if terminated or truncated or (until is not None and until(info)):
             rows = rows[: k + ("fault" not in info)]  # with a fault, nothing was measured
             break
     return Recording(name=name, time=rows[:, 0], position=rows[:, 1], torque=rows[:, 2])

@@ -1,4 +1,4 @@
-"""A picture of the pendulum: the arm, the torque as an arc about the pivot, and lines of text."""
+"""A picture of a pendulum or of several links in a row: torques as arcs about the pivots, and lines of text."""
 
 from __future__ import annotations
 
@@ -35,13 +35,16 @@ class Renderer:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(state["mode"])  # type: ignore[misc]
 
-    def draw(self, measurement: Mapping[str, Any], max_torque: float, lines: Sequence[str]) -> NDArray[np.uint8] | None:
+    def draw(
+        self, measurement: Mapping[str, Any], max_torque: float, lines: Sequence[str], lengths: Sequence[float] = (1.0,)
+    ) -> NDArray[np.uint8] | None:
         """Picture (H, W, 3) in mode rgb_array; in mode human the window shows it, 50 times a second.
 
         Args:
-            measurement: time [s], position [rad] and torque [N m].
+            measurement: time [s], position [rad] and torque [N m], of one joint or of all (n,).
             max_torque: torque at which the arc goes three quarters round [N m].
             lines: of text to show.
+            lengths: of the links, in proportion.
         """
         if self.mode == "human":
             if self._due - 1.0 / FRAMES < measurement["time"] < self._due:
@@ -50,18 +53,23 @@ class Renderer:
         pygame = self._open()
         surface = self._surface
         surface.fill(PAPER)
-        center, length = np.array([WIDTH // 2, HEIGHT // 2 - 20]), 0.36 * HEIGHT
-        q, torque = measurement["position"], measurement["torque"]
-        bob = center + length * np.array([np.sin(q), np.cos(q)])
-        angle = 1.5 * np.pi * torque / max_torque
-        if abs(angle) > 0.02:
-            turn = np.linspace(0.0, angle, 40)
-            arc = center + 0.13 * HEIGHT * np.column_stack([np.sin(turn), np.cos(turn)])
-            pygame.draw.lines(surface, TORQUE, False, arc.tolist(), 5)
-        pygame.draw.line(surface, ARM, center.tolist(), bob.tolist(), 12)
-        pygame.draw.circle(surface, ARM, bob.tolist(), 18)
-        pygame.draw.circle(surface, INK, center.tolist(), 7)
-        told = [f"t {measurement['time']:.2f} s   q {q:+.3f} rad   torque {torque:+.2f} N m", *lines]
+        pivot = np.array([WIDTH // 2, HEIGHT // 2 - 20])
+        positions, torques = np.atleast_1d(measurement["position"]), np.atleast_1d(measurement["torque"])
+        for q, torque, share in zip(np.cumsum(positions), torques, np.divide(lengths, np.sum(lengths)), strict=True):
+            bob = pivot + 0.36 * HEIGHT * share * np.array([np.sin(q), np.cos(q)])
+            angle = 1.5 * np.pi * torque / max_torque
+            if abs(angle) > 0.02:
+                turn = np.linspace(0.0, angle, 40)
+                arc = pivot + 0.13 * HEIGHT * share * np.column_stack([np.sin(turn), np.cos(turn)])
+                pygame.draw.lines(surface, TORQUE, False, arc.tolist(), 5)
+            pygame.draw.line(surface, ARM, pivot.tolist(), bob.tolist(), 12)
+            pygame.draw.circle(surface, ARM, bob.tolist(), 18)
+            pygame.draw.circle(surface, INK, pivot.tolist(), 7)
+            pivot = bob
+        angles, told_torques = (
+            " ".join(f"{x:{form}}" for x in xs) for xs, form in ((positions, "+.3f"), (torques, "+.2f"))
+        )
+        told = [f"t {measurement['time']:.2f} s   q {angles} rad   torque {told_torques} N m", *lines]
         for k, line in enumerate(told):
             surface.blit(self._font.render(line, True, INK), (12, HEIGHT - 20 * (len(told) - k) - 8))
         if self.mode == "rgb_array":

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,12 @@ NAMES = {  # where an id with its underscores taken out does not read well
     "viscous": "viscous friction",
     "viscous_asymmetry": "viscous friction that differs by direction",
 }
+SPACES = (
+    " ",
+    "\N{NO-BREAK SPACE}",
+    "&nbsp;",
+    "\\u00a0",
+)  # in units: plain, on a page, in its figures
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -86,6 +93,33 @@ def unit(text: str) -> str:
     return "" if text == "1" else text.replace("^2", "²").replace(" ", "\N{NO-BREAK SPACE}")
 
 
+def per(text: str, torque_unit: str) -> str:
+    """Text with the units that quantities have if torque is in another unit: `kg m^2` becomes `A s^2`.
+
+    All equations are linear in the torque: nothing else changes where a current stands for it.
+    """
+    if torque_unit == "N m":
+        return text
+    text = {"J": "N m rad", "W": "N m rad/s"}.get(text, text)
+    for space in SPACES:
+        for square in ("^2", "²", "\\u00b2"):
+            text = text.replace(f"kg{space}m{square}", f"N{space}m{space}s{square}")
+        newton_metre = (
+            rf"(?<!\()\bN{re.escape(space)}m(?![a-zA-Z])(?!/{re.escape(torque_unit)}\b)"  # a torque constant stays
+        )
+        text = re.sub(newton_metre, lambda _: torque_unit, text)
+    return text
+
+
+def json_per(data: Any, torque_unit: str) -> Any:
+    """Plain data for JSON with every text as `per` has it."""
+    if isinstance(data, dict):
+        return {key: json_per(value, torque_unit) for key, value in data.items()}
+    if isinstance(data, list):
+        return [json_per(value, torque_unit) for value in data]
+    return per(data, torque_unit) if isinstance(data, str) else data
+
+
 def estimate(item: Estimate) -> str:
     """Value and standard error, to the digit where the error has its second."""
     return plus_minus(item.value, item.std).replace("-", "−")
@@ -98,8 +132,9 @@ def value_and_error(item: Estimate) -> tuple[str, str]:
 
 
 def parameters_table(model: Model) -> Table:
-    """Parameters with standard errors."""
-    rows = [(name, plus_minus(e.value, e.std), e.unit) for name, e in model.estimates.items()]
+    """Parameters with standard errors, also as people call them."""
+    named = {**model.estimates, **model.derived}
+    rows = [(name, plus_minus(e.value, e.std), e.unit) for name, e in named.items()]
     return Table(("parameter", "estimate", "unit"), rows, left=("unit",))
 
 

@@ -1,10 +1,17 @@
 """What several tests share."""
 
+import signal
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from pendulum_env.recording import Recording
+
+if (
+    signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+):  # as where a shell runs the tests behind: commands would inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

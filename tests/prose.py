@@ -2,9 +2,11 @@
 
 import contextlib
 import io
-import math
+import os
 import re
 import shlex
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,8 +26,11 @@ FENCE = re.compile(
     r"(?:<!-- not run: (?P<why>[^>]+) -->\n+)?^```(?P<language>\w*)[^\n]*\n(?P<text>.*?)^```$", re.M | re.S
 )
 NUMBER = re.compile(r"[-+−]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?", re.I)
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 STAYS = ("app", "emulate")  # commands that run until somebody stops them
-SHARE = 0.002  # of a number, or one unit of its last place: computers differ in rounding
+MEASURED = re.compile(rf"(?P<value>{NUMBER.pattern})(?:\s*(?:±|\+-)\s*(?P<error>{NUMBER.pattern}))?", re.I)
+SHARE = 0.01  # of a number, or one unit of its last place: computers differ in rounding
+SURE = 0.1  # of a standard error, as well as some fifty stretches of time tell one
 
 
 @dataclass(frozen=True)
@@ -98,16 +103,29 @@ def candidates(line: str, printed: str, place: int = 0) -> Iterator[re.Match[str
 
 
 def _close(wanted: str, printed: str) -> bool:
-    pairs = zip(NUMBER.findall(wanted), NUMBER.findall(printed), strict=True)
+    """Whether numbers are the same to a reader: within the standard error behind them, or to rounding without one."""
+    pairs = zip(MEASURED.finditer(wanted), MEASURED.finditer(printed), strict=True)
     return all(_same(a, b) for a, b in pairs)
 
 
-def _same(a: str, b: str) -> bool:
-    first, second = (float(text.replace(",", "").replace("−", "-")) for text in (a, b))
-    last_place = 10.0 ** -len(a.lower().partition("e")[0].partition(".")[2])
-    if "e" in a.lower():
-        last_place *= 10.0 ** math.floor(math.log10(abs(first) or 1.0))
-    return abs(first - second) <= max(1.01 * last_place if "." in a else 0.0, SHARE * abs(first))
+def _same(wanted: re.Match[str], printed: re.Match[str]) -> bool:
+    value, other = _number(wanted["value"]), _number(printed["value"])
+    if wanted["error"] is None:
+        return abs(value - other) <= max(_last_place(wanted["value"]), SHARE * abs(value))
+    error, its_other = _number(wanted["error"]), _number(printed["error"])
+    sure = abs(error - its_other) <= max(_last_place(wanted["error"]), SURE * error)
+    return sure and abs(value - other) <= max(_last_place(wanted["value"]), error)
+
+
+def _number(text: str) -> float:
+    return float(text.replace(",", "").replace("−", "-"))
+
+
+def _last_place(text: str) -> float:
+    """One unit of the last decimal, with a little for rounding; nothing for a number without one."""
+    mantissa, _, exponent = text.lower().partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    return 1.01 * 10.0 ** (int(exponent or 0) - decimals) if decimals else 0.0
 
 
 def commands(text: str) -> list[tuple[list[str], int, str]]:
@@ -117,7 +135,9 @@ def commands(text: str) -> list[tuple[list[str], int, str]]:
 
 
 def run_command(words: list[str]) -> str:
-    """What a command of this project prints; it has to succeed."""
+    """What a command of this project, or one of its examples, prints; it has to succeed."""
+    if words[0] == "python" and words[1].startswith("examples/"):
+        return subprocess.check_output([sys.executable, str(ROOT / words[1]), *words[2:]], env=ENVIRONMENT, text=True)
     assert words[0] == "pendulum-ident", f"cannot run {words[0]}"
     assert words[1] not in STAYS, f"{words[1]} does not end by itself: put <!-- not run: why --> before the block"
     out, err = io.StringIO(), io.StringIO()

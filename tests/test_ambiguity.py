@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import ambiguity
 from benchmarks.ambiguity import BRIEF, POOR, SUGGESTED, examine, poor_study, record, undecided
-from estimators.suggestion import Aim
+from estimators.diagnosis.suggestion import Aim
 
 
 def test_undecided_is_what_some_torque_could_decide():

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.cramer_rao import STUDIES, Steps, bound, fit_windows, linearise, realisation
 from benchmarks.independent_plant import Experiment, simulate
-from estimators.evidence import Evidence
+from estimators.selection.data import Evidence
 
 
 def test_the_recursion_gives_the_information_of_all_measurements_at_once():

@@ -5,14 +5,17 @@ import importlib
 import importlib.util
 import re
 import tomllib
+from dataclasses import asdict
 
 import pytest
 
-from estimators import search
-from estimators.free_running import SECONDS
-from estimators.recursion import PRIOR
-from estimators.schemes import CUTOFF, GUARD, Energy
-from pendulum_env.physics import library
+from estimators.diagnosis import run
+from estimators.regression.recursive import PRIOR
+from estimators.schemes.six import CUTOFF, GUARD, SCHEMES, Energy
+from estimators.selection import foils, motion, score, search
+from estimators.selection.criterion import Criterion
+from estimators.simulation.free_running import SECONDS
+from pendulum_env.physics import BASE, library
 from tests import prose
 from tests.prose import PAGES, README, ROOT, check, first_untold
 from tests.refresh import refreshed
@@ -49,7 +52,9 @@ def test_examples_in_docstrings_come_out_as_they_say(path):
 
 
 @pytest.mark.parametrize(
-    "path", [README, ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")], ids=lambda path: path.name
+    "path",
+    [README, ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")],
+    ids=lambda path: path.name,
 )
 def test_what_a_page_names_exists(path):
     page = path.read_text(encoding="utf-8")
@@ -72,23 +77,51 @@ def test_what_a_page_names_exists(path):
 def test_numbers_in_the_prose_are_those_of_the_code():
     library_size = f"a library of {len(library.BUILT_IN)} effects"
     assert library_size in " ".join(README.read_text(encoding="utf-8").split())
-    assert library_size in " ".join((ROOT / "docs" / "index.md").read_text(encoding="utf-8").split())
     theory = " ".join((ROOT / "docs" / "theory.md").read_text(encoding="utf-8").split())
     for told in (
-        f"to {100 * search.HELD_OUT:.0f} % or less",
+        f"({score.FOLDS} folds)",
+        f"$\\nu = {score.NU:.0f}$ degrees of freedom",
+        f"{score.DRAWS} times over",
+        f"stretches of {score.STRETCH:.0f} second".replace("1", "one"),
+        f"knots {foils.SLOW:g} s apart",
+        f"pieces of {search.MOMENT:g} s",
+        f"segments of {motion.HOP:g} second".replace("0.5", "half a"),
         f"$\\lambda = {CUTOFF:.0f}$ rad/s",
         f"a guard of {1000 * GUARD:.0f} ms",
         f"a sliding window of {1000 * Energy().window:.0f} ms",
         f"windows of {SECONDS:.0f} second".replace("1", "one"),
     ):
         assert told in theory
-    assert (search.SHARE, search.SURPRISE, search.TIE, PRIOR) == (0.2, 10.0, 5.0, 1e7)  # a fifth, ten nats, five nats
+    assert (Criterion().share, run.CLOSER, PRIOR) == (0.2, 0.5, 1e7)  # a fifth, half the length, 10^7
+
+
+def test_the_page_on_theory_has_every_number_that_decides():
+    rows = re.findall(
+        r"(?m)^\| `(\w+)` \| ([\d.]+) \| .+ \|$", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+    )
+    assert [(name, float(value)) for name, value in rows] == list(asdict(Criterion()).items())
+
+
+def test_the_table_of_the_readme_has_every_effect_and_scheme():
+    table = README.read_text(encoding="utf-8").partition("## Effects and schemes")[2].partition("## ")[0]
+    for id in (
+        *(term.id for term in BASE),
+        *(kind.id for kind in library.BUILT_IN),
+        *(scheme.id for scheme in SCHEMES),
+    ):
+        assert table.count(f"`{id}`") == 1
+
+
+def test_the_readme_is_read_in_one_sitting():
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 160
 
 
 def test_output_that_drifted_is_noticed():
     printed = "errors\ninertia  0.08951 ± 0.00012 kg m^2\ngravity  2.01 N m\n"
-    assert first_untold("inertia 0.08952 ± 0.00012 kg m^2\n...\ngravity 2.02 N m", printed) is None
-    assert first_untold("inertia 0.0931 ± 0.00012 kg m^2", printed) is not None  # another number
+    assert first_untold("inertia 0.08959 ± 0.00013 kg m^2\n...\ngravity 2.02 N m", printed) is None  # as good as that
+    assert first_untold("inertia 0.08965 ± 0.00012 kg m^2", printed) is not None  # more than a standard error off
+    assert first_untold("inertia 0.08951 ± 0.00015 kg m^2", printed) is not None  # another standard error
+    assert first_untold("gravity 2.04 N m", printed) is not None  # another number
     assert first_untold("inertia 0.08951 kg m^2", printed) is not None  # another text
     assert first_untold("gravity 2.01 N m\ninertia 0.08951 ± 0.00012", printed) is not None  # another order
     assert first_untold("spring 3 N m", printed) is not None

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from estimators.schemes import SCHEMES
+from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import effects
 from workbench.commands import COMMANDS
 
@@ -22,8 +23,8 @@ ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory) -> dict[str, str]:
-    """Every page by its place, as it was built."""
+def folder(tmp_path_factory) -> Path:
+    """The site as it was built."""
     folder = tmp_path_factory.mktemp("site")
     # without --quiet, which would also keep warnings from counting
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
@@ -31,6 +32,12 @@ def site(tmp_path_factory) -> dict[str, str]:
         command, cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, check=False
     )
     assert built.returncode == 0, built.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def site(folder) -> dict[str, str]:
+    """Every page by its place."""
     return {str(page.relative_to(folder)): page.read_text(encoding="utf-8") for page in folder.rglob("*.html")}
 
 
@@ -72,6 +79,7 @@ def test_equations_are_drawn_without_scripts(site):
     [
         ("reference/command-line.html", COMMANDS),
         ("reference/effects.html", effects()),
+        ("gallery.html", effects()),
         ("reference/schemes.html", [scheme.id for scheme in SCHEMES]),
         ("theory.html", [scheme.id for scheme in SCHEMES]),
         ("reference/estimators.html", ["identify", "compare", "diagnose", "add", "Diagnosis"]),
@@ -80,3 +88,21 @@ def test_equations_are_drawn_without_scripts(site):
 )
 def test_page_names_all_there_is(site, place, names):
     assert not [name for name in names if name not in text(site[place])]
+
+
+def test_the_search_works_in_pages_that_were_opened_from_a_folder(folder):
+    sync_api = pytest.importorskip("playwright.sync_api")
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("chromium is not installed")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--headless", "--no-sandbox"])
+        page = browser.new_page()
+        page.goto((folder / "how-to" / "watch.html").as_uri())
+        page.click("[data-md-component=search-query]")
+        page.get_by_text("Type to start searching").wait_for(state="attached")  # the index is there
+        page.locator("[data-md-component=search-query]").press_sequentially("Stribeck", delay=20)
+        page.wait_for_selector(".md-search-result__item", state="attached")
+        found = page.locator(".md-search-result__link").evaluate_all("links => links.map(link => link.href)")
+        browser.close()
+    assert [link for link in found if link.startswith((folder / "reference" / "effects.html").as_uri())]

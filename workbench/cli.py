@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from typing import NoReturn, TextIO
 
 from pendulum_env.lookup import find
-from workbench.commands import COMMANDS
-from workbench.inputs import MISTAKES, InputError, sentence
+from pendulum_env.physics import load_plugin
+from workbench.commands import COMMANDS, load
+from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.terminal import Terminal
 
 SUCCESS, BAD_INPUT, INTERRUPTED = 0, 2, 130
@@ -26,52 +30,96 @@ class Parser(argparse.ArgumentParser):
         raise InputError(f"{message} (see {self.prog} --help)")
 
 
-def parser() -> Parser:
-    """Parser of all commands."""
-    program = Parser(prog=PROGRAM, description=DESCRIPTION)
-    commands = program.add_subparsers(metavar="COMMAND", required=True)
-    for name, command in COMMANDS.items():
-        sub = commands.add_parser(name, help=command.summary, description=command.summary.capitalize() + ".")
-        command.configure(sub)
-        sub.set_defaults(run=command.run)
-    return program
-
-
 def parse(argv: Sequence[str]) -> argparse.Namespace:
     """Arguments of a command.
 
     Raises:
         InputError: if they make no sense.
     """
-    if argv and not argv[0].startswith("-"):
+    named = argv[0] if argv and not argv[0].startswith("-") else None
+    if named is not None:
         try:
-            find("command", argv[0], COMMANDS)
+            find("command", named, COMMANDS)
         except ValueError as error:
             raise InputError(str(error)) from None
-    return parser().parse_args(argv)
+    plugins(argv)
+    program = Parser(prog=PROGRAM, description=DESCRIPTION)
+    program.add_argument("--version", action="version", version=f"{PROGRAM} {_version()}")
+    commands = program.add_subparsers(metavar="COMMAND", required=True)
+    for name, summary in COMMANDS.items():
+        sub = commands.add_parser(name, help=summary, description=summary.capitalize() + ".")
+        if name == named:  # only what is run is imported
+            command = load(name)
+            command.configure(sub)
+            sub.add_argument(
+                "--plugin", metavar="FILE.py", action="append", help="know the effects that this file registers, too"
+            )
+            sub.set_defaults(run=command.run)
+    return program.parse_args(argv)
+
+
+def plugins(argv: Sequence[str]) -> None:
+    """Load the effects of files that are named, before any argument is taken for one of them.
+
+    Raises:
+        PluginError: if a file cannot be used.
+    """
+    early = Parser(add_help=False, allow_abbrev=False)
+    early.add_argument("--plugin", action="append", default=[])
+    for path in early.parse_known_args(argv)[0].plugin:
+        load_plugin(path)
+
+
+def _version() -> str:
+    try:
+        return version(PROGRAM)
+    except PackageNotFoundError:
+        return "(not installed)"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     try:
-        arguments = parse(sys.argv[1:] if argv is None else argv)
-        arguments.run(arguments, Terminal())
+        code = _run(sys.argv[1:] if argv is None else argv)
         sys.stdout.flush()
-    except SystemExit as done:  # argparse leaves so after --help
-        return SUCCESS if done.code is None else int(done.code)
-    except KeyboardInterrupt:
-        return _complain("interrupted", INTERRUPTED)
+        return code
+    except KeyboardInterrupt as interrupt:
+        return _complain(f"interrupted; {interrupt}" if str(interrupt) else "interrupted", INTERRUPTED)
     except BrokenPipeError:  # the reader of a pipe has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _abandon(sys.stdout)
         return SUCCESS
     except MISTAKES as mistake:
+        if isinstance(mistake, OSError) and mistake.errno == errno.ENOSPC and mistake.filename is None:
+            mistake.filename = "standard output"  # whoever writes a file names it
         return _complain(sentence(mistake), BAD_INPUT)
+
+
+def _run(argv: Sequence[str]) -> int:
+    try:
+        arguments = parse(argv)
+        arguments.run(arguments, Terminal())
+    except SystemExit as done:  # argparse leaves so after --help
+        return SUCCESS if done.code is None else int(done.code)
     return SUCCESS
 
 
 def _complain(message: str, code: int) -> int:
-    print(f"{PROGRAM}: {message}", file=sys.stderr)
+    """Say what went wrong, as far as anybody can be told."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        _abandon(sys.stdout)
+    try:
+        print(f"{PROGRAM}: {message}", file=sys.stderr, flush=True)
+    except OSError:
+        _abandon(sys.stderr)
     return code
+
+
+def _abandon(stream: TextIO) -> None:
+    """Let what a stream still holds go nowhere, or Python complains of it at the end."""
+    with suppress(OSError, ValueError):  # a stream of a test has no number
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 if __name__ == "__main__":

@@ -1,14 +1,43 @@
 """What the console script runs: an interrupt while the libraries load ends as tidily as one later."""
 
+import os
+import signal
 import sys
+from types import FrameType
+from typing import NoReturn
 
 
 def main() -> int:
     """Run the command line; returns the exit code."""
     try:
+        _open_streams()
+        _end_in_order()
         from workbench.cli import main as run  # takes a while
 
         return run()
     except KeyboardInterrupt:
         print("pendulum-ident: interrupted", file=sys.stderr)
         return 130
+
+
+def _open_streams() -> None:
+    """Let what is said to a stream that was closed go nowhere, as with `>&-`; a file that is opened must not be it."""
+    for number, mode in enumerate("rww"):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+            name = ("stdin", "stdout", "stderr")[number]
+            setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))
+
+
+def _end_in_order() -> None:
+    """Let a request to end run what has to be done before, as an interrupt does: workers end, half a file goes away."""
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # the second is unknown to Windows, and ignored under nohup
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, _end)
+
+
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    raise SystemExit(128 + number)

@@ -3,43 +3,33 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import re
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from estimators.diagnosis import SCHEMA
-from estimators.equations import IdentificationError
-from estimators.inputs import model_that_moves
-from estimators.suggestion import Suggestion
+from estimators.arguments import model_that_moves
+from estimators.checks.alignment import Aligned
+from estimators.checks.torque_constant import Calibrated
+from estimators.diagnosis.result import SCHEMA
+from estimators.diagnosis.suggestion import Suggestion
 from pendulum_env.files import check_output
-from pendulum_env.physics import Model, ModelError
+from pendulum_env.physics import Model, ModelError, effect
 from pendulum_env.plant import hide, paper_plant, read_parameters
-from pendulum_env.recording import Recording, RecordingError, read_recording
-from pendulum_env.recording.columns import TOLD, refuse_unknown_quantity
+from pendulum_env.reading import DIGITS, LARGE, Unreadable, Value, read_json, shown
+from pendulum_env.recording import Recording, Source
+from pendulum_env.recording.columns import refuse_unknown_quantity
+from pendulum_env.recording.study import read_sources
+from pendulum_env.recording.table import LARGEST
+from pendulum_env.recording.vocabulary import TOLD
+from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
 T = TypeVar("T")
-Read = Callable[[str | Path], Recording]  # how a file becomes a recording
-
-
-class InputError(ValueError):
-    """A command was asked for something that cannot be; the message is one sentence that says what and why."""
-
-
-MISTAKES = (InputError, RecordingError, IdentificationError, ModelError, OSError)  # of a user, not of the program
-
-
-def sentence(mistake: Exception) -> str:
-    """A user's mistake in one line."""
-    if isinstance(mistake, OSError) and mistake.strerror is not None:
-        where = f"{mistake.filename}: " if mistake.filename is not None else ""
-        return f"{where}{mistake.strerror}"
-    return " ".join(str(mistake).split())
+KINDS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag, or a study.toml that names several"  # of recordings
 
 
 def argument(convert: Callable[[str], T]) -> Callable[[str], T]:
@@ -54,7 +44,7 @@ def argument(convert: Callable[[str], T]) -> Callable[[str], T]:
     return converted
 
 
-def number(low: float, high: float = math.inf) -> Callable[[str], float]:
+def number(low: float, high: float = LARGE) -> Callable[[str], float]:
     """Converter for argparse: a number from low to high."""
 
     def converted(text: str) -> float:
@@ -62,24 +52,23 @@ def number(low: float, high: float = math.inf) -> Callable[[str], float]:
             value = float(text)
         except ValueError:
             value = math.nan
-        if not low <= value <= high or math.isinf(value):
-            allowed = f"a number from {low:g} to {high:g}" if math.isfinite(high) else f"a number, {low:g} or more"
-            raise argparse.ArgumentTypeError(f"'{text}' should be {allowed}")
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{shown(text)} should be a number from {low:g} to {high:g}")
         return value
 
     return converted
 
 
-def whole(low: int) -> Callable[[str], int]:
-    """Converter for argparse: a whole number, low or more."""
+def whole(low: int, high: int = 10**DIGITS) -> Callable[[str], int]:
+    """Converter for argparse: a whole number from low to high."""
 
     def converted(text: str) -> int:
         try:
             value = int(text)
         except ValueError:
             value = low - 1
-        if value < low:
-            raise argparse.ArgumentTypeError(f"'{text}' should be a whole number, {low} or more")
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{shown(text)} should be a whole number from {low} to {high}")
         return value
 
     return converted
@@ -128,9 +117,7 @@ def _theta(text: str) -> Model:
 
 def take_recordings(parser: argparse.ArgumentParser, *, holdout: bool = False) -> None:
     """Declare recordings to read, and perhaps recordings to hold out."""
-    parser.add_argument(
-        "recordings", metavar="RECORDING", nargs="+", help="CSV, CSV.GZ, Parquet or NPZ; fitted jointly"
-    )
+    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help=f"{KINDS}; fitted jointly")
     if holdout:
         parser.add_argument(
             "--holdout",
@@ -143,58 +130,226 @@ def take_recordings(parser: argparse.ArgumentParser, *, holdout: bool = False) -
 
 
 def take_reading(parser: argparse.ArgumentParser) -> None:
-    """Declare how recordings are to be read: see `reader`."""
+    """Declare how recordings are to be read: see `sources_of`."""
     parser.add_argument(
         "--columns",
         type=argument(_columns),
-        metavar="QUANTITY=NAME[:UNIT],...",
-        help="which columns are time, position, torque and velocity where their names do not tell, e.g. "
-        f"time=clock:ms,position=ANGLE:deg,torque=TAU; units: {'; '.join(TOLD.values())} (default: SI)",
+        metavar="QUANTITY=NAME[:UNIT][*GAIN]...,...",
+        help="which columns are time, position, torque, velocity and reference where their names do not tell, and what "
+        "to do with them, e.g. time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=unused; "
+        f"units: {'; '.join(TOLD[quantity] for quantity in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
     )
     parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
+    parser.add_argument(
+        "--max-size",
+        type=number(1.0, 1e6),
+        default=LARGEST / 1e6,
+        metavar="MB",
+        help="of a recording, unpacked: a larger one is refused before it fills the memory "
+        f"(default {LARGEST / 1e6:g} MB)",
+    )
 
 
-def reader(arguments: argparse.Namespace) -> Read:
-    """How the arguments ask for recordings to be read."""
-    return partial(read_recording, unwrap=arguments.unwrap, columns=arguments.columns)
+def page(text: str) -> str:
+    """Name of a report's file.
+
+    Raises:
+        ValueError: if it asks for another format than HTML.
+    """
+    suffix = Path(text).suffix.lower()
+    if suffix not in ("", ".html", ".htm"):
+        name = Path(text).with_suffix(".html")
+        raise ValueError(f"a report is one HTML page, not {suffix}: name it {name}, a browser prints it to PDF")
+    return text
+
+
+def take_robot(parser: argparse.ArgumentParser) -> None:
+    """Declare the links of an arm, of which recordings then are."""
+    parser.add_argument(
+        "--robot",
+        metavar="ARM.urdf",
+        help="recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns "
+        "position_JOINT and torque_JOINT, or numbered",
+    )
+    parser.add_argument(
+        "--rotors",
+        action="store_true",
+        help="with --robot: motors have inertia of their own (default: if MJCF has any)",
+    )
+
+
+def take_limits(parser: argparse.ArgumentParser) -> None:
+    """Declare parameters that are known or bounded."""
+    parser.add_argument(
+        "--fix",
+        dest="fixed",
+        type=argument(lambda text: dict(_values(text))),
+        action=Gather,
+        default={},
+        metavar="NAME=VALUE,...",
+        help="parameters whose values are known, as gravity=2.01 (may be repeated)",
+    )
+    parser.add_argument(
+        "--bound",
+        dest="bounds",
+        type=argument(lambda text: dict(_ranges(text))),
+        action=Gather,
+        default={},
+        metavar="NAME=LOW:HIGH,...",
+        help="parameters that lie within bounds, as viscous=0:0.5 or cogging.order=10:14 (may be repeated)",
+    )
+
+
+class Gather(argparse.Action):
+    """Option that may be repeated and names several things: all are gathered in one dictionary."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        """Add to what was named before."""
+        setattr(namespace, self.dest, {**getattr(namespace, self.dest), **values})
+
+
+def ids(text: str) -> list[str]:
+    """Ids of effects in a list with commas; raises ValueError if one is unknown."""
+    return [effect(id.strip()).id for id in text.split(",") if id.strip()]
+
+
+def _values(text: str) -> Iterator[tuple[str, float]]:
+    for part in text.split(","):
+        name, equals, value = (word.strip() for word in part.partition("="))
+        if not (name and equals):
+            raise ValueError(f"{shown(part)} should be NAME=VALUE, such as gravity=2.01")
+        yield name, _bound(value)
+
+
+def _ranges(text: str) -> Iterator[tuple[str, tuple[float, float]]]:
+    for part in text.split(","):
+        name, equals, both = (word.strip() for word in part.partition("="))
+        low, colon, high = (word.strip() for word in both.partition(":"))
+        if not (name and equals and colon):
+            raise ValueError(f"{shown(part)} should be NAME=LOW:HIGH, such as viscous=0:0.5")
+        yield name, (_bound(low or "-inf"), _bound(high or "inf"))
+
+
+def _bound(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        raise ValueError(f"{shown(text)} should be a number")
+    return value
+
+
+def take_align(parser: argparse.ArgumentParser) -> None:
+    """Declare whether torque that is logged late is to be corrected: see `in_time`."""
+    parser.add_argument(
+        "--align", action="store_true", help="correct torque that is logged late or through a low-pass filter"
+    )
+
+
+def in_time(
+    recordings: Sequence[Recording], holdout: Sequence[Recording], align: bool, terminal: Terminal
+) -> tuple[list[Recording], list[Recording]]:
+    """Say of torque that is logged late or filtered that it is, and correct it if that is asked for."""
+    aligned = Aligned.of(recordings, holdout)
+    for text in aligned.texts(True):
+        terminal.say(f"{text}: corrected" if align else f"warning: {text}: correct it with --align", style="yellow")
+    return (list(aligned.recordings), list(aligned.holdout)) if align else (list(recordings), list(holdout))
+
+
+def in_torque(
+    recordings: Sequence[Recording], holdout: Sequence[Recording], terminal: Terminal
+) -> tuple[list[Recording], list[Recording]]:
+    """Turn currents into torque where known loads tell the torque constant, and say so; else speak of currents."""
+    calibrated = Calibrated.of(recordings, holdout)
+    if calibrated.constant is not None:
+        terminal.say(calibrated.constant.text)
+    terminal.torque_unit = calibrated.unit
+    return list(calibrated.recordings), list(calibrated.holdout)
+
+
+@dataclass(frozen=True)
+class Given:
+    """The recordings that a command was given, still unread."""
+
+    fitted: tuple[Source, ...]
+    held_out: tuple[Source, ...]
+    files: tuple[str, ...]  # all that must not be written to
+
+
+def given(arguments: argparse.Namespace) -> Given:
+    """The recordings that the arguments name, alone or in studies.
+
+    Raises:
+        InputError: if one is named twice, or none is to be fitted.
+        StudyError: if a study makes no sense.
+    """
+    names, held = list(arguments.recordings), list(getattr(arguments, "holdout", []))
+    sources = [source for name in names for source in sources_of(name, arguments)]
+    sources += [replace(source, role="holdout") for name in held for source in sources_of(name, arguments)]
+    keep_apart(sources)
+    fitted = tuple(source for source in sources if source.role == "fit")
+    if names and not fitted:
+        raise InputError(f'{names[0]}: holds every recording out: give one of them role = "fit"')
+    held_out = tuple(source for source in sources if source.role == "holdout")
+    return Given(fitted, held_out, (*names, *held, *(str(source.file) for source in sources)))
+
+
+def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
+    """The recordings of a study, or the one in a file, read as the arguments ask for.
+
+    Raises:
+        InputError: if arguments say what a study says itself.
+        StudyError: if a study makes no sense.
+    """
+    largest = 1e6 * arguments.max_size
+    if not name.lower().endswith(".toml"):
+        return (Source(Path(name), columns=arguments.columns or {}, unwrap=arguments.unwrap, largest=largest),)
+    if arguments.columns or arguments.unwrap:
+        raise InputError(f"{name}: says itself how its recordings are read: write columns and unwrap there")
+    return tuple(replace(source, largest=largest) for source in read_sources(name))
 
 
 def _columns(text: str) -> dict[str, str]:
-    """Names of columns by quantity; a comma is part of a name unless another `QUANTITY=` follows."""
+    """What is said of columns, by quantity; a comma is part of a name unless another `QUANTITY=` follows."""
     columns: dict[str, str] = {}
     for part in re.split(r",(?=\s*\w+\s*=)", text):
         quantity, equals, name = (word.strip() for word in part.partition("="))
         if not (quantity and equals and name):
-            raise ValueError(f"'{part}' should be QUANTITY=NAME or QUANTITY=NAME:UNIT, such as position=ANGLE:deg")
-        refuse_unknown_quantity(quantity)
+            raise ValueError(
+                f"'{part}' should be QUANTITY=NAME:UNIT*GAIN, such as position=ANGLE:deg or torque=current:A*0.091"
+            )
+        if not quantity.startswith(("position_", "torque_")):  # of an arm's joint
+            refuse_unknown_quantity(quantity)
         if quantity in columns:
             raise ValueError(f"{quantity} is named twice in '{text}'")
         columns[quantity] = name
     return columns
 
 
-def read_recordings(paths: Sequence[str], read: Read, terminal: Terminal) -> list[Recording]:
+def read_recordings(sources: Sequence[Source], terminal: Terminal) -> list[Recording]:
     """Read recordings and say what they are and what was changed at reading."""
     recordings = []
-    for path in paths:
-        recording = read(path)
-        terminal.say(f"{path}: {recording.summary}")
+    for source in sources:
+        recording = source.read()
+        terminal.say(f"{source.file}: {recording.summary}")
         for note in recording.notes:
             terminal.say(f"  {note}")
         recordings.append(recording)
     return recordings
 
 
-def keep_apart(recordings: Sequence[str], holdout: Sequence[str]) -> None:
+def keep_apart(sources: Sequence[Source]) -> None:
     """Refuse recordings that are named twice: what is held out must not be fitted.
 
     Raises:
-        InputError: if a file is named twice.
+        InputError: if samples are named twice.
     """
-    places = [Path(name).resolve() for name in (*recordings, *holdout)]
-    for name, place in zip((*recordings, *holdout), places, strict=True):
-        if places.count(place) > 1:
-            raise InputError(f"{name}: is named twice: a recording that is held out must not be fitted as well")
+    for k, source in enumerate(sources):
+        if any(source.overlaps(other) for other in sources[:k]):
+            raise InputError(f"{source.file}: is named twice: a recording that is held out must not be fitted as well")
 
 
 def read_model(path: str) -> Model:
@@ -216,23 +371,27 @@ def read_suggestion(path: str) -> Suggestion:
     Raises:
         InputError: if the file is missing or no diagnosis, or nothing is open that an experiment would settle.
     """
+    hint = "a diagnosis is what `diagnose --json` writes"
     try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except ValueError:
-        data = None
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        raise InputError(f"{path}: is not a diagnosis, which is what `diagnose --json` writes")
-    if data.get("suggestion") is None:
-        if data.get("forbidden"):
-            raise InputError(f"{path}: {data['forbidden']}")
-        pairs = data.get("inseparable") or []
-        why = f", and no torque tells {' from '.join(map(str, pairs[0]))}" if pairs else ""
-        raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{why}")
+        content = read_json(path, hint)
+    except Unreadable as error:
+        raise InputError(str(error)) from None
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise InputError(f"{path}: is not a diagnosis; {hint}")
+    data = Value("the diagnosis", "", content)
     try:
-        return Suggestion.from_json(data["suggestion"])
-    except ValueError as error:
+        suggestion, forbidden, pairs = (data.get(key) for key in ("suggestion", "forbidden", "inseparable"))
+        if suggestion is None:
+            if forbidden is not None:
+                raise InputError(f"{path}: {forbidden.text(1000)}")
+            groups = [[effect.text() for effect in group.items(100)] for group in (pairs.items() if pairs else [])]
+            why = f", and no torque tells {' from '.join(groups[0])}" if groups else ""
+            raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{why}")
+    except Unreadable as error:
+        raise InputError(f"{path}: {error}") from None
+    try:
+        return Suggestion.of(suggestion)
+    except Unreadable as error:
         raise InputError(f"{path}: its suggestion cannot be played: {error}") from None
 
 

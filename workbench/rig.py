@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.pilot import Pilot
+from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.hardware.config import ConfigError, RigConfig, load
 from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.excitation import Excitation
@@ -16,8 +17,10 @@ from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.registration import PENDULUM
 from pendulum_env.wrappers import RecordMeasurements
-from workbench.inputs import InputError, wrote
+from workbench.inputs import wrote
+from workbench.mistakes import InputError, Interrupted
 from workbench.terminal import Terminal
+from workbench.until import Apart, told
 
 STALE = 0.03  # [s], how late a sample may be: what is interpolated over more than that is no measurement
 
@@ -42,11 +45,17 @@ def configured(arguments: argparse.Namespace) -> RigConfig | None:
         raise InputError(str(error)) from None
 
 
-def record_rig(rig: RigConfig, command: Excitation | Pilot, steps: int, output: str, terminal: Terminal) -> None:
+def record_rig(
+    rig: RigConfig, command: Excitation | Pilot, steps: int, output: str, terminal: Terminal, diagnosed: bool = False
+) -> None:
     """Record the rig, row by row: what was measured up to a fault or an interrupt is kept.
+
+    With `diagnosed`, it ends once the verdict of the online diagnosis stands.
 
     Raises:
         InputError: if there is a fault.
+        Interrupted: if somebody interrupts it.
+        OSError: if the disk does not take it all; it says what is kept.
     """
     last: dict[str, Any] = {}
     late: list[float] = []
@@ -61,14 +70,19 @@ def record_rig(rig: RigConfig, command: Excitation | Pilot, steps: int, output: 
         env = gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(rig.path))
     except (DriveError, ModuleNotFoundError) as error:
         raise InputError(str(error)) from None
+    judge: Apart | None = None
     env = RecordMeasurements(env, output, overwrite=True)
     try:
+        judge = Apart(rig.rate, smoothing_of(env, rig.rate)) if diagnosed else None
         if cut := cut_at(rig, command):
             terminal.say(cut)
         with terminal.progress("running") as show:
-            recording = rollout(env, controller(command, rig.rate), steps, watch=watch)
+            until = None if judge is None else judge.stands
+            recording = rollout(env, controller(command, rig.rate), steps, watch=watch, until=until)
     except (DriveError, RecordingError) as error:
         raise InputError(last.get("fault") or str(error)) from None
+    except KeyboardInterrupt:
+        raise Interrupted(f"what was measured until then is in {output}" if late else "nothing was measured") from None
     finally:
         env.close()
     jitter = 1e3 * np.percentile(late, (50, 99))
@@ -81,6 +95,8 @@ def record_rig(rig: RigConfig, command: Excitation | Pilot, steps: int, output: 
             "record again on a machine that does nothing else, or with realtime = true"
         )
     describe(recording, terminal)
+    if judge is not None:
+        terminal.say(told(judge.close(), len(recording) < steps))
     if "fault" in last:
         raise InputError(f"{last['fault']}; what was measured until then is in {output}")
     wrote([output], terminal)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from estimators.diagnosis import Diagnosis
-from estimators.tables import candidates_table, errors_table, noise_text
+from estimators.diagnosis.result import Diagnosis
+from estimators.show.tables import candidates_table, errors_table, fit_text, noise_text
 from pendulum_env.physics import effect
 from pendulum_env.words import parameters_table
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
 
-def tell(diagnosis: Diagnosis, terminal: Terminal) -> None:
-    """Print what was found: errors falling, parameters, what cannot be told apart, what is left, what to do next."""
+def tell(diagnosis: Diagnosis, terminal: Terminal, every: bool = False) -> None:
+    """Print what was found: errors falling, parameters, candidates (or every one), what is left, what to do next."""
     base = diagnosis.steps[0].model
     terminal.heading("What is missing")
     if diagnosis.selected:
@@ -30,14 +30,15 @@ def tell(diagnosis: Diagnosis, terminal: Terminal) -> None:
         terminal.say("what disagrees is not fitted: diagnose it on its own, or find out what was changed")
     terminal.heading("Errors")
     terminal.table(*errors_table(diagnosis.steps))
+    terminal.say(fit_text(diagnosis.steps))
     terminal.say(noise_text(diagnosis.noise_floor))
     terminal.heading("Parameters")
     terminal.table(*parameters_table(diagnosis.model))
     terminal.heading("Candidates")
-    ranking, more = candidates_table(diagnosis)
+    ranking, more = candidates_table(diagnosis, every)
     terminal.table(*ranking)
     if more:
-        terminal.say(f"and {more} more that are no better")
+        terminal.say(f"and {more}: --all shows them")
     if diagnosis.unexplained:
         terminal.heading("Left unexplained")
         for region in diagnosis.unexplained:

@@ -7,10 +7,15 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich import box
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.console import Console, JustifyMethod
+from rich.measure import Measurement
+from rich.padding import Padding
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from pendulum_env.words import per
+
+PROSE = 24  # characters that a column of words, which may be broken, has at least
 PLAIN_WIDTH = 1000  # characters; a pipe has no width of its own, and lines are better not broken there
 
 
@@ -23,25 +28,49 @@ class Terminal:
                 stream.reconfigure(errors="replace")  # a sign that the terminal lacks must not end a diagnosis
         self._out = _console(stderr=False)
         self._err = _console(stderr=True)
+        self.torque_unit = "N m"  # or that of a current, in which all that is said of torque is then
+
+    def _said(self, text: str) -> str:
+        return per(text, self.torque_unit)
 
     def heading(self, text: str) -> None:
         """Start a new part."""
         self._out.print()
-        self._out.print(text, style="bold")
+        self._out.print(self._said(text), style="bold")
 
     def say(self, text: str, style: str | None = None) -> None:
         """Print a paragraph; brackets in it are brackets."""
-        self._out.print(text, style=style)
+        self._out.print(self._said(text), style=style)
 
     def table(self, headers: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[str] = ()) -> None:
-        """Print rows under headers: the first column and those named in `left` flush left, the others right."""
+        """Print rows under headers: the first column and those named in `left` flush left, the others right.
+
+        Where a row is wider than the terminal, each is told on lines of its own: no number is ever broken.
+        """
+        flush_left = {0, *(headers.index(header) for header in left)}
+        words = headers.index(left[-1]) if left else None  # a column whose cells may be broken
+        headers, rows = [*map(self._said, headers)], [[*map(self._said, row)] for row in rows]
         table = Table(box=box.SIMPLE_HEAD if self._out.is_terminal else None, pad_edge=False, header_style="bold")
         for place, header in enumerate(headers):
-            flush_left = place == 0 or header in left
-            table.add_column(header, justify="left" if flush_left else "right", no_wrap=place == 0, overflow="fold")
+            justify: JustifyMethod = "left" if place in flush_left else "right"
+            table.add_column(header, justify=justify, no_wrap=place != words, overflow="fold")
         for row in rows:
             table.add_row(*row)
-        self._out.print(table)
+        prose = max((len(row[words]) for row in rows), default=0) if words is not None else 0
+        wide = self._out.options.update_width(PLAIN_WIDTH)
+        if Measurement.get(self._out, wide, table).maximum - max(0, prose - PROSE) <= self._out.width:
+            self._out.print(table)
+        else:
+            self._stacked(headers, rows)
+
+    def _stacked(self, headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """Print each row as a block: its first cell, and below it every other under its header."""
+        widest = max(len(header) for header in headers[1:])
+        for row in rows:
+            self._out.print(row[0], style="bold")
+            for header, cell in zip(headers[1:], row[1:], strict=True):
+                if cell:
+                    self._out.print(Padding(f"{header:{widest}}  {cell}", (0, 0, 0, 2)))
 
     @contextmanager
     def progress(self, title: str) -> Iterator[Callable[[str, float], None]]:
@@ -50,6 +79,17 @@ class Terminal:
         with Progress(*columns, console=self._err, transient=True, disable=not self._err.is_terminal) as bars:
             task = bars.add_task("", title=title, total=1.0)
             yield lambda what, share: bars.update(task, description=what, completed=share)
+
+    @contextmanager
+    def counting(self, title: str) -> Iterator[Callable[[int, int, str], None]]:
+        """Bar with the time left, on stderr: call what is yielded with how many are done, of how many, and a remark."""
+        columns = (
+            TextColumn("{task.fields[title]}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(compact=True),
+            TextColumn("left  {task.description}", style="dim"),
+        )  # fmt: skip
+        with Progress(*columns, console=self._err, transient=True, disable=not self._err.is_terminal) as bars:
+            task = bars.add_task("", title=title, total=None)
+            yield lambda done, total, what: bars.update(task, description=what, completed=done, total=total)
 
 
 def _console(*, stderr: bool) -> Console:

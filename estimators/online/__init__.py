@@ -1,5 +1,22 @@
 """Estimation while it runs: one sample in, the parameters of all schemes out."""
 
-from estimators.online.estimator import Estimates, OnlineEstimator, SchemeEstimate, SchemeEstimates
+from estimators.online.diagnosers import Diagnosers
+from estimators.online.diagnosis import Diagnoser, OnlineDiagnosis, Standing
+from estimators.online.estimates import Estimates, SchemeEstimate, SchemeEstimates
+from estimators.online.estimator import OnlineEstimator
+from estimators.online.joint_state import JointState
+from estimators.online.watch import Verdict, Watch
 
-__all__ = ["Estimates", "OnlineEstimator", "SchemeEstimate", "SchemeEstimates"]
+__all__ = [
+    "Diagnoser",
+    "Diagnosers",
+    "Estimates",
+    "JointState",
+    "OnlineDiagnosis",
+    "OnlineEstimator",
+    "SchemeEstimate",
+    "SchemeEstimates",
+    "Standing",
+    "Verdict",
+    "Watch",
+]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.online.rows import VIEWS, Rows
-from estimators.schemes import OnlineScheme, forgets
+from estimators.schemes.six import OnlineScheme, forgets
 from pendulum_env._typing import Array, Mask
 
 

@@ -7,9 +7,12 @@ Methods for Discrete Sequential Estimation, 1977, chapter II.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+
 import numpy as np
 
-from estimators.recursion import PRIOR
+from estimators.regression.recursive import PRIOR
 from pendulum_env._typing import Array, Mask
 
 
@@ -56,7 +59,11 @@ class SquareRootLeastSquares:
     @property
     def P(self) -> Array:
         """Covariance for unit noise (B, S, P, P)."""
-        return self.root @ np.swapaxes(self.root, -1, -2)
+        return _square(self.root)
+
+    def spread(self) -> Callable[[], Array]:
+        """What gives P of now, also later: few steps are looked at."""
+        return functools.partial(_square, self.root)
 
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
         """Take in one equation y = phi' theta each: phi (B, S, P), y (B, S); those not usable change nothing."""
@@ -103,3 +110,7 @@ class SquareRootLeastSquares:
         diagonal = np.einsum("...ii->...i", spread)  # a view
         diagonal += np.minimum(increase, np.maximum(self.prior - diagonal, 0.0))  # no further than P(0)
         self.root = np.linalg.cholesky(spread)
+
+
+def _square(root: Array) -> Array:
+    return root @ np.swapaxes(root, -1, -2)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from estimators.measurements import Smoothing
 from estimators.online.stream import Instant
-from estimators.windows import LEAD_IN
+from estimators.signals.measurements import Smoothing
+from estimators.weak_form.windows import LEAD_IN
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.simulation import Balance
@@ -114,8 +114,8 @@ class RowMaker:
         if not self._last:
             return replace(x, memory=self._balance.start(x))
         before = self._last[1]
-        way = replace(before, velocity=0.5 * (before.velocity + now.velocity), torque=now.held)
-        new, moved = self._balance.start(x), self._balance.advance(way, self._period)
+        way, velocity = replace(before, torque=now.held), 0.5 * (before.velocity + now.velocity)
+        new, moved = self._balance.start(x), self._balance.advance(way, velocity, self._period)
         first = now.index <= 0
         memory = {id: tuple(np.where(first, a, b) for a, b in zip(new[id], moved[id], strict=True)) for id in new}
         return replace(x, memory=memory)
@@ -130,10 +130,10 @@ class RowMaker:
             torque = power = None
             if column.force is not zero:
                 torque = column.force(x)
-                if column.potential is None:
-                    power = torque * x.velocity
-                else:
-                    parts[STORED, j] = column.potential(x)
+            if column.lossy is not zero:
+                power = column.lossy(x) * x.velocity
+            if column.potential is not None:
+                parts[STORED, j] = column.potential(x)
             if column.dry is not zero:
                 dry = column.dry(x)
                 torque = dry * sign if torque is None else torque + dry * sign

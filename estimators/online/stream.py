@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.measurements import Smoothing
+from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.recording.sampling import LONG
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,7 @@ class Stream:
 
     def __init__(self, smoothing: Smoothing, period: float, batch: int) -> None:
         """Take the filter, the time between samples [s] and the number of pendulums B."""
-        self._delay = smoothing.reach * period
+        self._delay, self._longest = smoothing.reach * period, LONG * period
         self._length = 2 * smoothing.reach + 1
         # oldest sample first; the newest torque that is known is the one that acted until the newest position
         self._value = np.ascontiguousarray(smoothing.of_position()[::-1])  # (W,)
@@ -40,6 +41,7 @@ class Stream:
         # every sample is written twice, so that the last W of them always lie in a row
         self._position, self._moved, self._command = np.zeros((3, 2 * self._length, batch))
         self._last = np.zeros(batch)
+        self._time = np.full(batch, np.inf)
         self._step = 0
         self._index = np.full(batch, -self._length, dtype=np.intp)
 
@@ -47,12 +49,24 @@ class Stream:
         """Those pendulums (B,) start anew with the next sample."""
         self._index[which] = -self._length
 
+    def sound(self, time: Array, position: Array, torque: Array) -> tuple[Mask, tuple[Array, Array, Array]]:
+        """Which pendulums (B,) have to start anew before a sample is taken in, and the sample, (B,) each.
+
+        They do where it is not a number, which then is zero, and after a gap: as in a recording, nothing is told across
+        it, and a segment begins.
+        """
+        lost = ~np.isfinite(time + position + torque)
+        anew = lost | (time - self._time > self._longest)
+        if not lost.any():
+            return anew, (time, position, torque)
+        return anew, (np.where(lost, 0.0, time), np.where(lost, 0.0, position), np.where(lost, 0.0, torque))
+
     def take(self, time: Array, position: Array, torque: Array) -> Instant:
         """Take in a sample: time [s], position [rad], and torque [N m] over the period that ends with it, (B,) each."""
         length, slot = self._length, self._step % self._length
         self._position[slot] = self._position[slot + length] = position
         self._moved[slot] = self._moved[slot + length] = position - self._last
-        self._last = position
+        self._last, self._time = position, time
         self._command[slot] = self._command[slot + length] = torque
         self._step += 1
         self._index += 1

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.measurements import measure
 from estimators.paper.ways import differentiated_backwards
-from estimators.schemes import Dynamic, Energy, Scheme
+from estimators.schemes.six import Dynamic, Energy, Scheme
+from estimators.signals.measurements import measure
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording

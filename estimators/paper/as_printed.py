@@ -1,4 +1,4 @@
-"""The paper's six regressions as it prints them, sample by sample: what `estimators.schemes` departs from.
+"""The paper's six regressions as it prints them, sample by sample: what `estimators.schemes.six` departs from.
 
 For comparison only. Velocity is the backward difference of the encoder, the paper's "standard backwards difference
 algorithm", and acceleration that of the velocity; torque is the command logged in the same row; every sample is used,
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import bilinear, lfilter
 
-from estimators.equations import Equations
-from estimators.measurements import Measurements
-from estimators.schemes import CUTOFF, Regression, Scheme
+from estimators.regression.equations import Equations
+from estimators.schemes.six import CUTOFF, Regression, Scheme
+from estimators.signals.measurements import Measurements
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.recording import Recording
@@ -105,7 +105,7 @@ def _dissipated(m: Measurements, terms: Sequence[Term]) -> Array:
 
 @dataclass(frozen=True)
 class Printed:
-    """One of the paper's schemes over measurements `as_logged`; attributes as in `estimators.schemes.Scheme`."""
+    """One of the paper's schemes over measurements `as_logged`; attributes as in `estimators.schemes.six.Scheme`."""
 
     id: str
     unit: str

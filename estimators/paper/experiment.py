@@ -15,12 +15,12 @@ from typing import NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from estimators.identify import Identification, identify
-from estimators.measurements import measure
 from estimators.paper.anatomy import Anatomy, dissect, rms
 from estimators.paper.as_printed import as_logged, dynamic
 from estimators.paper.ways import WAYS
-from estimators.schemes import Dynamic
+from estimators.schemes.identification import Identification, identify
+from estimators.schemes.six import Dynamic
+from estimators.signals.measurements import measure
 from pendulum_env._typing import JSON, Array
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import excitation
@@ -227,6 +227,6 @@ def paper_experiment(
     for k in range(runs):
         progress(f"run {k + 1} of {runs}", k / (runs + 1))
         recordings.append(rollout(rng, seconds, f"run {k + 1}"))
-        found.append({way.id: identify([recordings[-1]], BASE, way.schemes, measured=way.measured) for way in WAYS})
+        found.append({way.id: identify([recordings[-1]], BASE, way.schemes, measured=way.segments) for way in WAYS})
     progress("a fresh run", runs / (runs + 1))
     return Experiment(seed, seconds, tuple(found), recordings[0], rollout(rng, seconds, "fresh run"))

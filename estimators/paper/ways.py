@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.measurements import Measurements, measure
 from estimators.paper.as_printed import PRINTED, as_logged
-from estimators.schemes import (
+from estimators.schemes.six import (
     PAPER,
     SCHEMES,
     Dynamic,
@@ -20,6 +19,7 @@ from estimators.schemes import (
     Hamiltonian,
     Scheme,
 )
+from estimators.signals.measurements import Measurements, measure
 from pendulum_env.recording import Recording
 
 
@@ -38,6 +38,10 @@ class Way:
     text: str
     schemes: Sequence[Scheme]
     measured: Callable[[Recording], Measurements] = measure
+
+    def segments(self, recording: Recording) -> list[Measurements]:
+        """Measurements of a recording without gaps."""
+        return [self.measured(recording)]
 
 
 def at_rest_in_stick(recording: Recording) -> Measurements:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from estimators.online import Estimates, OnlineEstimator, SchemeEstimate, SchemeEstimates
-from estimators.schemes import OnlineScheme
-from estimators.wrappers.options import Names, check_rate, make, measured
+from estimators.online import Estimates, JointState, OnlineEstimator, SchemeEstimate, SchemeEstimates
+from estimators.online.kalman import OURS, name_of
+from estimators.schemes.six import OnlineScheme
+from estimators.wrappers.options import Names, SampleClock, make
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
@@ -47,18 +47,23 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         *,
         rate: float | None = None,
         in_observation: bool = False,
+        recursion: str | type = OURS,
         **options: Any,
     ) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`.
 
         Args:
             env: the environment.
-            schemes: ids of schemes, or schemes; "all" are the six.
+            schemes: ids of schemes, or schemes; "all" are the six. `joint_state_ukf`, a seventh, is told after the
+                others: position, velocity and parameters in one state, without a delay, see `JointState`.
             terms: all terms of the model, by id or, with shape parameters of their own, as they are, such as
                 `(*BASE, Stribeck(stribeck_velocity=0.4))`; None are the paper's four. A term without linear parameters,
                 such as `dead_time`, is taken to be known.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             in_observation: whether theta and the standard errors of all schemes are appended to a Box observation.
+            recursion: what solves the regressions: ours, all at once in square-root form, or filterpy's `KalmanFilter`,
+                `SquareRootKalmanFilter`, `FadingKalmanFilter` or `InformationFilter`, by name or class; they find the
+                same.
             options: of `estimators.online.OnlineEstimator`: `forgetting` (factor for every equation, 1 forgets none),
                 `random_walk` (by which parameters may wander, as a share of their value [1/sqrt(s)]), `reset_every`
                 (time after which P starts anew [s]), `settle` (time that is left out at the start [s]), `prior` (P(0)
@@ -68,18 +73,19 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             ValueError: if a name is unknown or an option is out of its range; when running, if samples do not come at
                 the rate.
         """
+        options["recursion"] = name_of(recursion)  # a name goes into JSON, a class does not
         gym.utils.RecordConstructorArgs.__init__(
             self, schemes=schemes, terms=terms, rate=rate, in_observation=in_observation, **options
         )
         gym.Wrapper.__init__(self, env)
         self.estimator = make(env, schemes, terms, rate, 1, options)
         self._ids = tuple(scheme.id for scheme in self.estimator.schemes)
-        self._in_observation, self._time = in_observation, -math.inf
+        self._in_observation, self._clock = in_observation, SampleClock(self.estimator.rate)
         if in_observation:
             self.observation_space = widened(env.observation_space, len(self._ids) * len(self.estimator.names))
 
     @property
-    def schemes(self) -> tuple[OnlineScheme, ...]:
+    def schemes(self) -> tuple[OnlineScheme | JointState, ...]:
         """The schemes that run."""
         return self.estimator.schemes
 
@@ -87,7 +93,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         """Reset the environment and forget what was estimated."""
         observation, info = self.env.reset(seed=seed, options=options)
         self.estimator.reset()
-        self._time = -math.inf
+        self._clock.restart()
         return self._add(observation, info)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -98,9 +104,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 
     def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         if "fault" not in info:  # with one, nothing was measured
-            time, position, torque = measured(info)
-            check_rate(time - self._time, self.estimator.rate)
-            self._time = time
+            time, position, torque = self._clock.measured(info)
             self._now = self.estimator.take(np.array([time]), np.array([position]), np.array([torque]))
         now = self._now
         tell(info, now, self.estimator, 0)

@@ -6,17 +6,18 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import VectorEnv, VectorWrapper
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from estimators.online import Estimates
 from estimators.wrappers.estimate_parameters import tell, told, widened
 from estimators.wrappers.options import Names, make, measured
+from estimators.wrappers.vector import MeasuringVector
 from pendulum_env._typing import Mask
 from pendulum_env.physics import Term
 
 
-class EstimateParametersVector(VectorWrapper):
+class EstimateParametersVector(MeasuringVector):
     """`EstimateParameters` for a vector environment; the entries of `info` have a first axis over its environments.
 
     A pendulum whose time starts anew has been reset: its estimates start anew with it.
@@ -36,28 +37,10 @@ class EstimateParametersVector(VectorWrapper):
         super().__init__(env)
         self.estimator = make(env, schemes, terms, rate, env.num_envs, options)
         self._in_observation = in_observation
-        self._time = np.full(env.num_envs, -np.inf)
         if in_observation:
             single = widened(env.single_observation_space, len(self.estimator.schemes) * len(self.estimator.names))
             self.single_observation_space = single
             self.observation_space = batch_space(single, env.num_envs)
-
-    def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Reset the environments and forget what was estimated."""
-        observation, info = self.env.reset(
-            seed=seed,  # type: ignore[arg-type]  # Gymnasium's own wrappers pass lists
-            options=options,
-        )
-        self._time = np.full(self.num_envs, np.inf)
-        return self._add(observation, info)
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step the environments and take in their measurements."""
-        observation, reward, terminated, truncated, info = self.env.step(actions)
-        observation, info = self._add(observation, info)
-        return observation, reward, terminated, truncated, info
 
     def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         time, position, torque = (np.asarray(series, dtype=float) for series in measured(info))

@@ -8,32 +8,48 @@ from typing import Any, cast
 
 import gymnasium as gym
 
-from estimators.inputs import chosen_schemes, chosen_terms
-from estimators.measurements import Smoothing, choose_smoothing
-from estimators.online import OnlineEstimator
-from estimators.schemes import OnlineScheme
+from estimators.arguments import chosen_schemes, chosen_terms
+from estimators.online import JointState, OnlineEstimator
+from estimators.schemes.six import SCHEMES, OnlineScheme
+from estimators.signals.differentiation import white_noise
+from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
 from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.lookup import find
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
+from pendulum_env.recording.sampling import LONG
 
-Names = str | Sequence[str | OnlineScheme]
+Names = str | Sequence[str | OnlineScheme | JointState]
 AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]
 
 
-def chosen_online(names: Names) -> tuple[OnlineScheme, ...]:
-    """Schemes by id, or as they are; "all" are the six.
+def chosen_online(names: Names) -> tuple[OnlineScheme | JointState, ...]:
+    """Schemes by id, or as they are; "all" are the six, without the joint state, which is told last.
 
     Raises:
         ValueError: if there is no scheme of a name, or one that only works on whole recordings.
         TypeError: if something is no scheme.
     """
-    chosen = chosen_schemes(names)
+    if names == "all":
+        return SCHEMES
+    known: dict[str, OnlineScheme | JointState] = {one.id: one for one in SCHEMES}
+    known[JointState.id] = JointState()
+    listed: list[OnlineScheme | JointState] = [
+        find("scheme", one, known) if isinstance(one, str) else one
+        for one in ([names] if isinstance(names, str) or not isinstance(names, Sequence) else names)
+    ]
+    joint = [one for one in listed if isinstance(one, JointState)]
+    if len(joint) > 1:
+        raise ValueError(f"a scheme is named twice in {joint[0].id}, {joint[1].id}: use each once")
+    if len(joint) == len(listed) == 1:
+        return tuple(joint)
+    chosen = chosen_schemes([one for one in listed if not isinstance(one, JointState)])
     for item in chosen:
         if not hasattr(item, "view"):
             raise ValueError(
                 f"{item.id} only works on whole recordings: it does not say which view it takes of a column"
             )
-    return cast("tuple[OnlineScheme, ...]", chosen)
+    return (*cast("tuple[OnlineScheme, ...]", chosen), *joint)
 
 
 def rate_of(env: AnyEnv, rate: float | None) -> float:
@@ -57,6 +73,15 @@ def smoothing_of(env: AnyEnv, rate: float) -> Smoothing:
     return Smoothing.of_encoder(COUNTS if counts is None else counts, rate)
 
 
+def position_noise_of(env: AnyEnv) -> float:
+    """Standard deviation of the measured position [rad]; of the paper's encoder if the environment says nothing."""
+    recording = _attribute(env, "recording")
+    if isinstance(recording, Recording):
+        return white_noise(recording.position)
+    counts = _attribute(env, "counts")
+    return of_steps(COUNTS if counts is None else counts)
+
+
 def _attribute(env: AnyEnv, name: str) -> Any:
     """Attribute of the innermost environment, of the first of several; None if it has none."""
     inner = env.unwrapped
@@ -77,23 +102,9 @@ def make(
     rate = rate_of(env, rate)
     if options.get("smoothing") is None:
         options = {**options, "smoothing": smoothing_of(env, rate)}
+    if options.get("position_noise") is None:
+        options = {**options, "position_noise": position_noise_of(env)}
     return OnlineEstimator(rate, chosen_terms(terms), chosen_online(schemes), batch=batch, **options)
-
-
-def check_rate(passed: float, rate: float) -> None:
-    """Refuse samples that do not come at the rate.
-
-    Args:
-        passed: time since the last sample, infinite for the first [s].
-        rate: samples per second [Hz].
-
-    Raises:
-        ValueError: if more than a tenth of a period is missing or too much.
-    """
-    if not 0.9 < passed * rate < 1.1 and passed * rate != math.inf and passed == passed:
-        raise ValueError(
-            f"samples come every {passed:.4g} s, not at {rate:g} Hz: pass their rate to EstimateParameters"
-        )
 
 
 def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:
@@ -106,3 +117,30 @@ def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:
         return info["time"], info["position"], info["torque"]
     except KeyError as error:
         raise KeyError(f"info lacks {error}: the wrapped environment has to carry time, position and torque") from None
+
+
+class SampleClock:
+    """Takes samples from `info` and refuses those off the rate; once they have kept it, a longer time is a gap."""
+
+    def __init__(self, rate: float) -> None:
+        """Take the samples per second [Hz]."""
+        self._rate, self._time, self._came = rate, -math.inf, False
+
+    def restart(self) -> None:
+        """Time starts anew."""
+        self._time = -math.inf
+
+    def measured(self, info: dict[str, Any]) -> tuple[float, float, float]:
+        """Time, position and torque of a sample.
+
+        Raises:
+            KeyError: if the environment does not measure.
+            ValueError: if more than a tenth of a period is missing or too much.
+        """
+        time, position, torque = measured(info)
+        passed, self._time = time - self._time, time
+        if 0.9 < passed * self._rate < 1.1:
+            self._came = True
+        elif not (passed == math.inf or passed != passed or (self._came and passed * self._rate > LONG)):
+            raise ValueError(f"samples come every {passed:.4g} s, not at {self._rate:g} Hz: pass rate=")
+        return time, position, torque

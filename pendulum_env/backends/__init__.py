@@ -1,25 +1,36 @@
 """Where measurements come from."""
 
+from functools import partial
+
+from pendulum_env.backends.constrained_body import ConstrainedBody
 from pendulum_env.backends.hardware.rig import Rig, make_rig
-from pendulum_env.backends.port import Backend, Maker, Sample, Setup, Start, Status
+from pendulum_env.backends.port import Backend, Maker, Sample, Setup, Start, Status, Traits
 from pendulum_env.backends.replay import Replay
 from pendulum_env.backends.rigid_body import RigidBody
 from pendulum_env.backends.sensing import Sensor
 from pendulum_env.backends.simulated import record
+from pendulum_env.backends.simulator import Engine, Simulator
 
-BACKENDS: dict[str, Maker] = {"pymunk": RigidBody, "replay": Replay, "dm1015b": make_rig}
+BACKENDS: dict[str, Maker] = {
+    "pymunk": partial(Simulator, make=RigidBody),
+    "mujoco": partial(Simulator, make=ConstrainedBody),
+    "replay": Replay,
+    "dm1015b": make_rig,
+}
 
 __all__ = [
     "BACKENDS",
     "Backend",
+    "Engine",
     "Maker",
     "Replay",
     "Rig",
-    "RigidBody",
     "Sample",
     "Sensor",
     "Setup",
+    "Simulator",
     "Start",
     "Status",
+    "Traits",
     "record",
 ]

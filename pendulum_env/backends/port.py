@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
@@ -12,6 +13,7 @@ import numpy as np
 from pendulum_env.backends.hardware.pacing import Timing
 from pendulum_env.backends.sensing import Sensor
 from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
 
 
 class Status(Enum):
@@ -41,14 +43,39 @@ class Start:
     position: float = 0.0  # [rad]
     velocity: float = 0.0  # [rad/s]
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
+    clear_fault: bool = False  # of a rig: somebody's word that the cause of a fault is gone
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What a backend is, as far as its users need to know.
+
+    Attributes:
+        rate: samples per second [Hz].
+        counts: of the encoder per turn; 0 measures the angle exactly, None where the measurement itself has to tell.
+        max_torque: largest torque that is let pass [N m].
+        simulated: whether the plant is a model, that can start anywhere and be replaced.
+        recording: what is played, whatever the torque, if that is all.
+    """
+
+    rate: float
+    counts: int | None = 0
+    max_torque: float = math.inf
+    simulated: bool = False
+    recording: Recording | None = None
+
+    @property
+    def follows(self) -> bool:
+        """Whether the torque moves the joint; a recording plays what it holds."""
+        return self.recording is None
 
 
 class Backend(Protocol):
     """A pendulum with a torque input; `open, enable, exchange ..., disable, close`, where close never raises."""
 
     @property
-    def follows(self) -> bool:
-        """Whether the torque moves the joint; a recording plays what it holds."""
+    def traits(self) -> Traits:
+        """What it is; asked for once it is open."""
 
     def open(self) -> None:
         """Get hold of what is needed; the joint stays without power."""
@@ -72,7 +99,7 @@ class Setup:
 
     Attributes:
         model: plant to simulate, with its effects.
-        period: between samples [s].
+        rate: samples per second [Hz].
         substeps: integration steps in a period.
         sensor: encoder and torque measurement of a simulated plant.
         recording: file to replay.
@@ -80,11 +107,16 @@ class Setup:
     """
 
     model: Model
-    period: float
+    rate: float
     substeps: int
     sensor: Sensor
     recording: str | None = None
     config: str | None = None
+
+    @property
+    def period(self) -> float:
+        """Between samples [s]."""
+        return 1.0 / self.rate
 
 
 Maker = Callable[[Setup], Backend]

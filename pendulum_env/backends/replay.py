@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pendulum_env.backends.port import Sample, Setup, Start, Status
+from pendulum_env.backends.port import Sample, Setup, Start, Status, Traits
 from pendulum_env.recording import Recording, read_recording
 
 
 class Replay:
     """A recording as a backend: torque, position and, where there is one, velocity are those it holds."""
-
-    follows = False
 
     def __init__(self, setup: Setup) -> None:
         """Take the recording of the setup.
@@ -23,14 +21,9 @@ class Replay:
         self.recording: Recording = read_recording(setup.recording)
 
     @property
-    def rate(self) -> float:
-        """Samples per second [Hz]."""
-        return self.recording.rate
-
-    @property
-    def counts(self) -> None:
-        """Of the encoder per turn: the measurement itself has to tell."""
-        return None
+    def traits(self) -> Traits:
+        """Those of the recording."""
+        return Traits(self.recording.rate, counts=None, recording=self.recording)
 
     def open(self) -> None:
         """The recording is read already."""

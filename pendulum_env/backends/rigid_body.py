@@ -9,66 +9,30 @@ reverses inside a step, the torque makes up for the friction that the motor only
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pymunk
 
-from pendulum_env.backends.port import Sample, Setup, Start
 from pendulum_env.physics import Samples
-from pendulum_env.physics.simulation import UNBOUNDED, Balance, CommandLine
-from pendulum_env.physics.term import Memory
+from pendulum_env.physics.simulation import UNBOUNDED, Balance
 
 Scalar = Any  # np.float64, where terms broadcast over arrays
 AT_REST = 1e-12  # [rad/s], what rounding leaves of a velocity that the motor has stopped
 
 
 class RigidBody:
-    """A simulated pendulum in pymunk, as a backend."""
+    """A pendulum in pymunk, as the engine of a simulator."""
 
-    follows = True
+    def __init__(self, balance: Balance) -> None:
+        """Take the torques that act on it."""
+        self._balance = balance
 
-    def __init__(self, setup: Setup) -> None:
-        """Take the plant, sampling and sensor of the setup."""
-        self.model, self.sensor, self.period, self.substeps = setup.model, setup.sensor, setup.period, setup.substeps
-        self._balance = Balance(self.model.terms, self.model.theta)
-
-    def open(self) -> None:
-        """Nothing is needed before a run."""
-
-    def enable(self, start: Start) -> Sample:
-        """Put a new body at the start: nothing of an earlier run remains, so that equal runs are equal bit for bit."""
-        self._rng = start.rng
-        self._command = CommandLine(self.model.terms, self.period, self.substeps)
-        begin: list[Scalar] = [np.float64(value) for value in (0.0, start.position, start.velocity, 0.0)]
-        x = Samples(*begin)
-        self._x = replace(x, memory=self._balance.start(x))
-        self._inertia, self._dry = float(self._balance.mass(self._x)), 0.0
-        self._count = 0  # of periods since
+    def place(self, x: Samples) -> None:
+        """Put a new body there: nothing of an earlier run remains, so that equal runs are equal bit for bit."""
+        self._x = x
+        self._inertia, self._dry = float(self._balance.mass(x)), 0.0
         self._build()
-        return self._sample(0.0)._replace(torque=0.0)
-
-    def exchange(self, torque: float) -> Sample:
-        """Advance by one period under the torque [N m]."""
-        duration = self.period / self.substeps
-        held: Scalar = np.float64(torque)
-        for command in self._command.push(held):
-            self._step(command, duration)
-        self._count += 1
-        return self._sample(torque)
-
-    def move(self, torque: float, duration: float) -> float:
-        """Advance by any duration [s] under a torque that acts at once; returns the true angle [rad]."""
-        self._step(np.float64(torque), duration)
-        return float(self._x.position)
-
-    def disable(self) -> None:
-        """A simulated joint needs no care."""
-
-    def close(self) -> None:
-        """There is nothing to let go of."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name not in ("_space", "_body", "_motor")}
@@ -89,20 +53,19 @@ class RigidBody:
         pivot = pymunk.PivotJoint(self._space.static_body, self._body, (0.0, 0.0))
         self._space.add(self._body, pivot, self._motor)
 
-    def _step(self, command: Scalar, h: float) -> None:
+    def step(self, x: Samples, h: float) -> Samples:
         """Advance by h [s]."""
         balance: Any = self._balance
-        last = self._x
-        q: Scalar = last.position
-        v: Scalar = last.velocity
-        x = Samples(last.time, q, v, command, last.memory)
+        command = x.torque
+        q: Scalar = x.position
+        v: Scalar = x.velocity
         # velocity at the midpoint, friction keeping its direction; a body that starts to move takes that of the net
         net, dry = balance.net(x), max(balance.dry(x), 0.0)
         direction = math.copysign(1.0, v) if v else math.copysign(float(abs(net) > dry), net)
         middle_v = v + 0.5 * h * (net - dry * direction) / balance.mass(x) if direction else v
         if middle_v * direction <= 0:
             middle_v = np.float64(0.0)
-        memory = self._remember(x, 0.5 * (v + middle_v), 0.5 * h)
+        memory = self._balance.advance(x, 0.5 * (v + middle_v), 0.5 * h)
         middle = Samples(x.time + 0.5 * h, q + 0.5 * h * v, middle_v, command, memory)
         net, dry, inertia = float(balance.net(middle)), max(float(balance.dry(middle)), 0.0), balance.mass(middle)
 
@@ -115,14 +78,9 @@ class RigidBody:
         reached = self._push(net, dry, float(inertia), h)
         position = q + 0.5 * (v * moving + reached * (h if moving == h else h - moving))
         self._body.angle = float(position)
-        memory = self._remember(middle, 0.5 * (middle_v + reached), 0.5 * h)
+        memory = self._balance.advance(middle, 0.5 * (middle_v + reached), 0.5 * h)
         self._x = Samples(x.time + h, position, reached, command, memory)
-
-    def _remember(self, x: Samples, velocity: Scalar, duration: float) -> Mapping[str, Memory]:
-        """Memory of the terms after moving on from x at that velocity."""
-        if not x.memory:
-            return x.memory
-        return self._balance.advance(replace(x, velocity=velocity), duration)
+        return self._x
 
     def _push(self, torque: float, dry: float, inertia: float, h: float) -> Scalar:
         """Velocity of the body [rad/s] after h [s] under a torque against the motor's friction."""
@@ -138,12 +96,3 @@ class RigidBody:
             reached = 0.0 if abs(reached) <= AT_REST else math.copysign(UNBOUNDED, reached)
             body.angular_velocity = reached
         return np.float64(reached)
-
-    def _sample(self, torque: float) -> Sample:
-        x = self._x
-        return Sample(
-            self._count * self.period,
-            float(self.sensor.position(x.position)),
-            None if not self.sensor.ideal_velocity else float(x.velocity),
-            float(self.sensor.torque(torque, self._rng)),
-        )

@@ -3,8 +3,9 @@
 from pendulum_env.physics.base import BASE, Coulomb, Gravity, Inertia, Viscous
 from pendulum_env.physics.library import effect, effects, register
 from pendulum_env.physics.model import Estimate, Model, ModelError
+from pendulum_env.physics.plugin import PluginError, load_plugin
 from pendulum_env.physics.simulation import Trajectory, simulate
-from pendulum_env.physics.term import Column, Samples, Shape, Term
+from pendulum_env.physics.term import Column, KnownLoad, Samples, Shape, Term
 
 __all__ = [
     "BASE",
@@ -13,8 +14,10 @@ __all__ = [
     "Estimate",
     "Gravity",
     "Inertia",
+    "KnownLoad",
     "Model",
     "ModelError",
+    "PluginError",
     "Samples",
     "Shape",
     "Term",
@@ -22,6 +25,7 @@ __all__ = [
     "Viscous",
     "effect",
     "effects",
+    "load_plugin",
     "register",
     "simulate",
 ]

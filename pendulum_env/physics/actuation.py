@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.filters import lag
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric, one
 
 
@@ -91,7 +92,7 @@ class ActuatorLag(Term):
         return (Column("actuator_lag", "1", force=lambda x: x.torque - x.memory["actuator_lag"][0]),)
 
     def start(self, x: Samples) -> Memory:
-        return (np.asarray(x.torque + 0.0 * x.position),)
+        return (x.torque + 0.0 * x.position,)
 
     def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         return (x.torque + (memory[0] - x.torque) * np.exp(-duration / self.time_constant),)
@@ -99,10 +100,7 @@ class ActuatorLag(Term):
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
         ratio = period / self.time_constant
         keep = np.exp(-ratio)  # tau_a[k + 1] = keep tau_a[k] + (1 - keep) tau[k]
-        from scipy.signal import lfilter  # here, as it takes half a second
-
-        lagged, _ = lfilter([0.0, 1.0 - keep], [1.0, -keep], command, zi=[keep * command[0]])
-        lagged[0] = command[0]
+        lagged = np.concatenate([command[:1], lag(command[:-1], keep, command[0])])
         # What the equations of motion see of it at sample k is its average under a triangle from k - 1 to k + 1;
         # within a period tau_a = tau + (tau_a[k] - tau) exp(-t / T), whose falling and rising moments are these.
         falling = (ratio - 1.0 + keep) / ratio**2
@@ -143,7 +141,7 @@ class DeadTime(Term):
         whole, share = divmod(self.dead_time / period, 1.0)
         shares = (0.5 * (1 - share) ** 2, 0.5 + share - share**2, 0.5 * share**2)
         index = np.arange(len(command))[:, None] - int(whole) - np.arange(3)
-        return (command[np.maximum(index, 0)] @ np.array(shares),)
+        return (command[np.clip(index, 0, len(command) - 1)] @ np.array(shares),)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

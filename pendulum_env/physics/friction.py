@@ -60,7 +60,7 @@ class Stribeck(Term):
     law = "fs exp(-|q'/vs|^n) sgn q', n = 2"
     kind = "dissipative"
     reveal = "slow motion, around and below the Stribeck velocity"
-    shapes = (Shape("stribeck_velocity", "rad/s", 0.01, 1e4), Shape("exponent", "1", 0.3, 6.0, usual=2.0))
+    shapes = (Shape("stribeck_velocity", "rad/s", 0.01, 1e4), Shape("exponent", "1", 0.3, 6.0, usual=2.0, unusual=1.4))
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -68,6 +68,10 @@ class Stribeck(Term):
             return np.exp(-(np.abs(x.velocity / self.stribeck_velocity) ** self.exponent))
 
         return (Column("stribeck", "N m", dry=share, least=0.0),)
+
+    def possible(self, x: Samples) -> bool:
+        # it fades at speeds that were reached, else any friction would do
+        return bool(self.stribeck_velocity <= np.max(np.abs(x.velocity)))
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
@@ -99,7 +103,7 @@ class LoadDependentFriction(Term):
 
     Teeth are pressed from both sides, by the motor and by what hangs on the output; holding a weight, both press alike.
     The weight's part w is zero where the motor drives the joint directly; a servo that is switched off, so that its
-    tau is zero, keeps this part.
+    tau is zero, keeps this part. A known load adds its own weight where there is one at all.
     Source: Duclusaud et al., Extended Friction Models for the Physics Simulation of Servo Actuators, 2024.
     """
 
@@ -117,11 +121,15 @@ class LoadDependentFriction(Term):
             Column(
                 "load_dependent_friction",
                 "1",
-                dry=lambda x: np.abs(x.torque + self.weight * np.sin(x.position)),
+                dry=lambda x: np.abs(x.torque + self._hanging(x) * np.sin(x.position)),
                 of_torque=True,
                 most=SELF_LOCKING,
             ),
         )
+
+    def _hanging(self, x: Samples) -> ArrayLike:
+        """Torque that holds out level what presses from the output [N m]."""
+        return self.weight + np.where(np.asarray(self.weight) > 0, x.load.gravity, 0.0) if x.load else self.weight
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

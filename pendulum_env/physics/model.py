@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from pendulum_env._typing import JSON, Array, ArrayLike
 from pendulum_env.files import write_whole
+from pendulum_env.mistake import Mistake
 from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.simulation import Trajectory, simulate
 from pendulum_env.physics.term import Column, Samples, Term
-from pendulum_env.words import plus_minus
+from pendulum_env.reading import Unreadable, Value, read_json
+from pendulum_env.words import per, plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
+WORST = 1e100  # standard error in a file: what the data do not show may have any, but its square is finite
 
 
-class ModelError(ValueError):
+class ModelError(Mistake):
     """A model or model file that makes no sense; the message says where and what to do."""
 
 
@@ -47,10 +51,17 @@ class Model:
     Attributes:
         terms: ordered terms; a term's shape parameters are fields of the term.
         estimates: every parameter by name: linear ones by the name of their column, shape parameters as `id.shape`.
+        torque_unit: `N m`, or that of a current in whose stead every parameter is per unit of it.
+        torque_constant: by which a current became the torque that the model was fitted to, if one did; the errors of
+            the estimates include its own.
+        correlation: of the errors of the estimates, rows and columns in their order; empty if nobody has told.
     """
 
     terms: tuple[Term, ...] = BASE
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
+    torque_unit: str = "N m"
+    torque_constant: Estimate | None = None
+    correlation: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
     def build(cls, terms: Sequence[Term], theta: ArrayLike, std: ArrayLike = 0.0, **shape_std: float) -> Model:
@@ -90,6 +101,45 @@ class Model:
         base = {term.id for term in BASE}
         return tuple(term.id for term in self.terms if term.id not in base)
 
+    @property
+    def covariance(self) -> Array | None:
+        """Covariance (P + S, P + S) of the estimates in their order; None if nobody has told their correlation."""
+        if not self.correlation:
+            return None
+        std = np.array([estimate.std for estimate in self.estimates.values()])
+        return np.array(self.correlation) * np.outer(std, std)
+
+    def correlated(self, names: Sequence[str], covariance: Array) -> Model:
+        """The same model with the correlation that a covariance (Q, Q) of some of its parameters has."""
+        std = np.sqrt(np.diag(covariance))
+        known = covariance / np.maximum(np.outer(std, std), 1e-300)
+        place = [list(self.estimates).index(name) for name in names]
+        full = np.eye(len(self.estimates))
+        full[np.ix_(place, place)] = np.clip(known.round(9), -1.0, 1.0)  # the same when read from a covariance
+        np.fill_diagonal(full, 1.0)
+        return replace(self, correlation=tuple(tuple(row) for row in full.tolist()))
+
+    @property
+    def derived(self) -> dict[str, Estimate]:
+        """What people also call some parameters, as `backlash.k`, with standard errors to first order."""
+        names, values = list(self.estimates), np.array([estimate.value for estimate in self.estimates.values()])
+        std = np.array([estimate.std for estimate in self.estimates.values()])
+        covariance = np.diag(std**2) if self.covariance is None else self.covariance
+        told, first = {}, 0
+        for term in self.terms:
+            place = [*range(first, first + len(term.columns)), *(names.index(f"{term.id}.{s.name}") for s in term.free)]
+            first += len(term.columns)
+            own = values[place]
+            nudges = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
+            moved = [_derived(term, own + nudge) for nudge in nudges]
+            for name, (value, unit) in _derived(term, own).items():
+                slope = np.array([other[name][0] - value for other in moved]) / nudges.diagonal()
+                variance = max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope))
+                told[f"{term.id}.{name}"] = Estimate(
+                    float(value), float(np.sqrt(variance)), per(unit, self.torque_unit)
+                )
+        return told
+
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Model:
         """Model with one more term, its linear parameters at `theta`; fit it to recordings to get real values.
 
@@ -99,7 +149,8 @@ class Model:
         if term.id in {old.id for old in self.terms}:
             raise ModelError(f"the model has '{term.id}' already: each effect can be added once")
         added = Model.build([term], theta)
-        return Model((*self.terms, term), {**self.estimates, **added.estimates})
+        new = added.per(self.torque_unit).estimates
+        return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **new}, correlation=())
 
     def at(self, theta: Mapping[str, float]) -> Model:
         """The same terms with some linear parameters, by name, at other values.
@@ -113,8 +164,13 @@ class Model:
                 raise ModelError(f"the model has no linear parameter '{name}': it has {', '.join(linear)}")
             if not np.isfinite(theta[name]) or (name == "inertia" and theta[name] <= 0):
                 raise ModelError(f"{name} of a model cannot be {theta[name]:g}: give a positive number")
-        new = {name: Estimate(float(value), 0.0, linear[name].unit) for name, value in theta.items()}
-        return Model(self.terms, {**self.estimates, **new})
+        new = {name: Estimate(float(value), 0.0, self.estimates[name].unit) for name, value in theta.items()}
+        return replace(self, estimates={**self.estimates, **new}, correlation=())
+
+    def per(self, torque_unit: str) -> Model:
+        """The same numbers, said of a torque that is in another unit, such as `A`."""
+        named = {name: replace(e, unit=per(e.unit, torque_unit)) for name, e in self.estimates.items()}
+        return replace(self, estimates=named, torque_unit=torque_unit)
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Torque that the model needs for a motion [N m]; samples in stick have no answer, mask them."""
@@ -134,53 +190,51 @@ class Model:
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        return {
+        data: JSON = {
             "schema": SCHEMA,
             "terms": [term.id for term in self.terms],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
         }
+        if self.torque_unit != "N m":
+            data["torque_unit"] = self.torque_unit
+        if self.torque_constant is not None:
+            data["torque_constant"] = self.torque_constant.json()
+        if (covariance := self.covariance) is not None:
+            data["covariance"] = {"parameters": list(self.estimates), "matrix": covariance.tolist()}
+        return data
 
     @classmethod
     def from_json(cls, data: JSON) -> Model:
         """Model from a dictionary that `json` made.
 
         Raises:
-            ModelError: if a term is unknown or a parameter is missing or not a finite number.
+            ModelError: if a term is unknown, or a parameter is missing or no number that a pendulum could have.
         """
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
             raise ModelError(f"this is not a model: 'schema' should be {SCHEMA}")
-        estimates: dict[str, Estimate] = {}
-        terms: list[Term] = []
         try:
-            for id in data["terms"]:
-                kind = library.term(id)
-                told = [s for s in kind.shapes if s.usual is None or f"{id}.{s.name}" in data["theta"]]
-                shape = {s.name: float(data["theta"][f"{id}.{s.name}"]["value"]) for s in told}
-                for s in told:
-                    value = shape[s.name]
-                    if not np.isfinite(value):
-                        continue  # refused below, with all others
-                    if not (s.low <= value <= s.high and (value.is_integer() or not s.integer)):
-                        allowed = f"{'a whole number ' if s.integer else ''}from {s.low:g} to {s.high:g}"
-                        raise ModelError(f"'{id}.{s.name}' is {value:g}, it has to be {allowed} {s.unit}")
-                terms.append(kind(**shape))
-            parameters = Model.build(terms, 0.0).estimates
-            for name, default in parameters.items():
-                entry = data["theta"][name]
-                estimates[name] = Estimate(float(entry["value"]), float(entry.get("std", 0.0)), default.unit)
-        except KeyError as error:
-            raise ModelError(f"the model lacks {error}: every term needs its parameters under 'theta'") from None
-        except (TypeError, AttributeError):
-            raise ModelError(
-                "the model is not laid out as 'terms' (ids) and 'theta' (name: value, std, unit)"
-            ) from None
+            return cls._of(Value("the model", "", data))
         except ValueError as error:
             raise ModelError(str(error)) from None
+
+    @classmethod
+    def _of(cls, data: Value) -> Model:
+        ids, theta = data["terms"].items(100), data["theta"]
+        terms = tuple(_term(id, theta) for id in ids)
         if len({term.id for term in terms}) != len(terms):
             raise ModelError("the model names a term twice: each may appear once")
-        if not np.isfinite([[e.value, e.std] for e in estimates.values()]).all():
-            raise ModelError("the model holds a parameter that is not a finite number")
-        return cls(tuple(terms), estimates)
+        estimates = {}
+        for name, default in cls.build(terms, 0.0).estimates.items():
+            told = _estimate(theta[name], default.unit)
+            if name == "inertia" and told.value <= 0:
+                raise theta[name]["value"].fault("a number above zero")
+            estimates[name] = told
+        unit, constant, covariance = (data.get(key) for key in ("torque_unit", "torque_constant", "covariance"))
+        model = replace(
+            cls(terms, estimates).per("N m" if unit is None else _unit(unit)),
+            torque_constant=None if constant is None else _estimate(constant, _unit(constant["unit"])),
+        )
+        return model if covariance is None else model.correlated(*_covariance(covariance, list(estimates)))
 
     def save(self, path: str | Path) -> None:
         """Write JSON, whole or not at all."""
@@ -194,14 +248,65 @@ class Model:
             ModelError: if the file is missing, is no JSON or is no model; the message names the file.
         """
         try:
-            data = json.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise ModelError(f"{path}: cannot be read ({error.strerror})") from None
-        except (json.JSONDecodeError, UnicodeDecodeError):
-            raise ModelError(
-                f"{path}: is not JSON; a model file is what `identify -o` or `diagnose -o` writes"
-            ) from None
+            data = read_json(path, "a model file is what `identify -o` or `diagnose -o` writes")
+        except Unreadable as error:
+            raise ModelError(str(error)) from None
         try:
             return cls.from_json(data)
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
+
+
+def _derived(term: Term, values: Array) -> dict[str, tuple[float, str]]:
+    """What a term derives from its parameters (P + S,), linear ones first."""
+    count = len(term.columns)
+    shapes = {shape.name: float(value) for shape, value in zip(term.free, values[count:], strict=True)}
+    return replace(term, **shapes).derived(values[:count])
+
+
+def _term(id: Value, theta: Value) -> Term:
+    """The term of an id in a model file, with its shape parameters."""
+    kind = library.term(id.text())
+    shapes = {}
+    for shape in kind.shapes:
+        name = f"{kind.id}.{shape.name}"
+        if shape.usual is not None and theta.get(name) is None:
+            continue
+        value = theta[name]["value"]
+        shapes[shape.name] = number = value.number()
+        if not (shape.low <= number <= shape.high and (number.is_integer() or not shape.integer)):
+            what = "a whole number" if shape.integer else "a number"
+            raise value.fault(f"{what} from {shape.low:g} to {shape.high:g} {shape.unit}")
+    term = kind(**shapes)
+    if term.fault:
+        raise ModelError(f"'{kind.id}' makes no sense: {term.fault}")
+    return term
+
+
+def _covariance(data: Value, known: Sequence[str]) -> tuple[list[str], Array]:
+    """The known parameters, and their covariance, of which a model file may tell more."""
+    names = [name.text() for name in data["parameters"].items(100)]
+    if missing := [name for name in known if name not in names]:
+        raise ModelError(f"'covariance' does not tell of {', '.join(missing)}: add it, or leave the whole key out")
+    rows = [[value.number() for value in row.items(100)] for row in data["matrix"].items(100)]
+    if [len(row) for row in rows] != [len(names)] * len(names):
+        raise ModelError(f"'covariance' should have {len(names)} rows of as many numbers")
+    matrix = np.array(rows)
+    if (np.diag(matrix) < 0).any():
+        raise ModelError("'covariance' has a variance below zero")
+    place = [names.index(name) for name in known]
+    return list(known), matrix[np.ix_(place, place)]
+
+
+def _unit(told: Value) -> str:
+    """A unit that a file tells; it is written into reports and programs, and may hold no words of theirs."""
+    text = told.text(20)
+    if re.fullmatch(r"[\w /^().%°µ·²-]*", text) is None:
+        raise told.fault("a unit, such as N m or A")
+    return text
+
+
+def _estimate(data: Value, unit: str) -> Estimate:
+    """A parameter of a model file."""
+    std = data.get("std")
+    return Estimate(data["value"].number(), 0.0 if std is None else std.number(0.0, WORST), unit)

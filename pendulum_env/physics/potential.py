@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import product
 from typing import Self
 
 import numpy as np
@@ -82,39 +83,80 @@ class Spring(Term):
 
 @dataclass(frozen=True)
 class HardStop(Term):
-    """Stiff one-sided contact beyond an angle: k (q - stop) once q is past it.
+    """Ends of the range of motion, elastic with losses: k (x + c x x' + T x') at a depth x beyond `lower` or `upper`.
 
-    A positive stop acts on larger angles, a negative one on smaller angles.
+    Both stops are of one kind, and push but never pull; a stop at infinity is none. The hysteresis c is that of a
+    bumper, whose losses begin gently: of a slow impact at speed v the share 1 - 2 c v / 3 of the speed comes back. The
+    damping time T is that of a spring and a damper side by side, d = k T, which push at once when they are met.
+    Source: Hunt and Crossley, Journal of Applied Mechanics 42(2), 1975, who compare the two; here with exponent 1.
     """
 
-    stop: float = 1.0
+    lower: float = -np.inf
+    upper: float = np.inf
+    hysteresis: float = 0.0
+    damping_time: float = 0.0
 
     id = "hard_stop"
-    law = "k (q - q_stop) beyond q_stop"
+    law = "k (x + c x x' + T x') >= 0, x beyond lower or upper"
     kind = "potential"
-    reveal = "motion up to the end of the range"
-    beyond = "no stop within the range of motion, and none beyond it would show"
-    shapes = (Shape("stop", "rad", -1e6, 1e6),)
+    reveal = "motion up to both ends of the range"
+    shapes = (
+        Shape("lower", "rad", -np.inf, 1e6, usual=-np.inf),
+        Shape("upper", "rad", -1e6, np.inf, usual=np.inf),
+        Shape("hysteresis", "s/rad", 0.0, 100.0, usual=0.0, unusual=0.05),
+        Shape("damping_time", "s", 0.0, 1.0, usual=0.0, unusual=0.005),
+    )
 
     @property
     def columns(self) -> tuple[Column, ...]:
         return (
             Column(
-                "hard_stop", "N m/rad", force=lambda x: self._depth(x), potential=lambda x: 0.5 * self._depth(x) ** 2
+                "hard_stop.stiffness",
+                "N m/rad",
+                force=lambda x: self._depth(x) + self._loss(x),
+                potential=lambda x: 0.5 * self._depth(x) ** 2,
+                loss=self._loss,
+                least=0.0,
             ),
         )
 
-    def _depth(self, x: Samples) -> np.ndarray:
-        """Penetration beyond the stop, signed [rad]."""
-        side = np.where(np.asarray(self.stop) >= 0, 1.0, -1.0)
-        return side * np.maximum(side * (np.asarray(x.position) - self.stop), 0.0)
+    def _loss(self, x: Samples) -> Array:
+        """Part of the push that is not elastic [rad]: it takes away at most all of it."""
+        depth = self._depth(x)
+        inwards = np.sign(depth) * x.velocity
+        lost = (self.hysteresis * np.abs(depth) + self.damping_time * (depth != 0)) * inwards
+        pushed: Array = np.sign(depth) * np.maximum(lost, -np.abs(depth))
+        return pushed
+
+    def _depth(self, x: Samples) -> Array:
+        """How far the joint is beyond a stop [rad], negative beyond the lower one."""
+        beyond: Array = np.maximum(x.position - self.upper, 0.0) + np.minimum(x.position - self.lower, 0.0)
+        return beyond
+
+    @property
+    def fault(self) -> str:
+        return "" if np.all(self.lower < self.upper) else "lower has to be below upper"
+
+    def possible(self, x: Samples) -> bool:
+        # free at least half of the time: what always acts is a spring
+        return bool(self.lower < np.median(x.position) < self.upper)
+
+    def beyond(self, low: float, high: float) -> str:
+        if np.isfinite([self.lower, self.upper]).all():
+            return ""
+        if np.isfinite(self.upper):
+            return f"no lower stop was met down to {low:.3g} rad, and none beyond would show"
+        if np.isfinite(self.lower):
+            return f"no upper stop was met up to {high:.3g} rad, and none beyond would show"
+        return f"no stop was met from {low:.3g} to {high:.3g} rad, and none beyond would show"
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         # The arm rests or turns round at a stop, so it lies near an end of the range that was seen.
         q = np.asarray(x.position)
         low, high = float(q.min()), float(q.max())
-        share = np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4])
-        upper = [cls(stop) for stop in high - share * (high - low) if stop > 0]
-        lower = [cls(stop) for stop in low + share * (high - low) if stop < 0]
-        return upper + lower
+        depths = (high - low) * np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4])
+        lower, upper = (low + depths).tolist(), (high - depths).tolist()
+        alone = [*(cls(lower=stop) for stop in lower), *(cls(upper=stop) for stop in upper)]
+        variants = [*alone, *(cls(*stops) for stops in product(lower, upper))]
+        return [variant for variant in variants if variant.possible(x)]

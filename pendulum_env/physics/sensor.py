@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.term import Column, Samples, Shape, Term
 
 
@@ -35,17 +35,33 @@ class EncoderEccentricity(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        inertia, gravity, viscous = self.inertia, self.gravity, self.viscous
+        viscous = self.viscous
 
         def sine(x: Samples) -> Array:
             s, c, v = np.sin(x.position), np.cos(x.position), x.velocity
+            inertia, gravity = self._loaded(x)
             return inertia * s * v**2 - gravity * c * s - viscous * c * v
 
         def cosine(x: Samples) -> Array:
             s, c, v = np.sin(x.position), np.cos(x.position), x.velocity
+            inertia, gravity = self._loaded(x)
             return inertia * c * v**2 - gravity * c * c + viscous * s * v
 
         return (
-            Column("encoder_eccentricity.sin", "rad", mass=lambda x: -inertia * np.cos(x.position), force=sine),
-            Column("encoder_eccentricity.cos", "rad", mass=lambda x: inertia * np.sin(x.position), force=cosine),
+            Column(
+                "encoder_eccentricity.sin",
+                "rad",
+                mass=lambda x: -self._loaded(x)[0] * np.cos(x.position),
+                force=sine,
+            ),
+            Column(
+                "encoder_eccentricity.cos",
+                "rad",
+                mass=lambda x: self._loaded(x)[0] * np.sin(x.position),
+                force=cosine,
+            ),
         )
+
+    def _loaded(self, x: Samples) -> tuple[ArrayLike, ArrayLike]:
+        """Inertia [kg m^2] and gravity [N m] with what is known to hang on the joint."""
+        return self.inertia + x.load.inertia, self.gravity + x.load.gravity

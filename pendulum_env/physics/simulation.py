@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.term import Law, Memory, Samples, Term, one, zero
+from pendulum_env.physics.term import LOAD, UNLOADED, KnownLoad, Law, Memory, Samples, Term, one, zero
 
 LONGEST_STEP = 1e-3  # [s], of the integrator; a recording with a longer period is simulated in substeps
 LEAST = 1e-9  # [kg m^2], moment of inertia that a fit may propose
@@ -34,12 +34,16 @@ class Trajectory(NamedTuple):
 class Balance:
     """Torque balance of a batch of pendulums: the columns with their coefficients, sorted by how they enter."""
 
-    def __init__(self, terms: Sequence[Term], theta: Array) -> None:
-        """Take the terms and theta (P,) or one column for each pendulum (P, B), in the order of the terms' columns."""
-        self._terms, self._theta = tuple(terms), theta
+    def __init__(self, terms: Sequence[Term], theta: Array, loaded: bool = False) -> None:
+        """Take the terms and theta (P,) or one column for each pendulum (P, B), in the order of the terms' columns.
+
+        Known loads of the samples count only if the pendulums are `loaded`.
+        """
+        self._terms, self._theta, self._loaded = tuple(terms), theta, loaded
         self._remembering = [term for term in terms if type(term).advance is not Term.advance]
         weighted = list(zip([column for term in terms for column in term.columns], theta, strict=True))
         weighted += [(column, np.float64(1.0)) for term in terms for column in term.fixed]
+        weighted += [(LOAD, np.float64(1.0))] if loaded else []
         self._mass = [(coefficient, column.mass) for column, coefficient in weighted if column.mass is not zero]
         self._force = [(coefficient, column.force) for column, coefficient in weighted if column.force is not zero]
         self._dry = [(coefficient, column.dry) for column, coefficient in weighted if column.dry is not zero]
@@ -47,8 +51,8 @@ class Balance:
         self._steady_mass = np.maximum(sum(c for c, _ in self._mass), LEAST) if _steady(self._mass) else None
         self._steady_dry = sum(c for c, _ in self._dry) if _steady(self._dry) else None
 
-    def __reduce__(self) -> tuple[type[Balance], tuple[Sequence[Term], Array]]:
-        return Balance, (self._terms, self._theta)  # columns hold functions, which cannot be pickled
+    def __reduce__(self) -> tuple[type[Balance], tuple[Sequence[Term], Array, bool]]:
+        return Balance, (self._terms, self._theta, self._loaded)  # columns hold functions, which cannot be pickled
 
     @property
     def remembers(self) -> bool:
@@ -59,10 +63,11 @@ class Balance:
         """State variables of all terms that have any, for a joint that has been as in `x` for long."""
         return {term.id: term.start(x) for term in self._remembering}
 
-    def advance(self, x: Samples, duration: ArrayLike) -> Mapping[str, Memory]:
-        """State variables of all terms `duration` [s] later."""
+    def advance(self, x: Samples, velocity: Array, duration: ArrayLike) -> Mapping[str, Memory]:
+        """State variables of all terms `duration` [s] later, the joint moving on from `x` at a velocity (B,)."""
         if not self._remembering:
             return x.memory
+        x = replace(x, velocity=velocity)
         return {term.id: term.advance(x.memory[term.id], x, duration) for term in self._remembering}
 
     @staticmethod
@@ -89,10 +94,13 @@ def _steady(parts: list[tuple[ArrayLike, Law]]) -> bool:
     return all(law is one for _, law in parts)
 
 
-def _directed(net: ArrayLike, dry: ArrayLike, direction: ArrayLike) -> ArrayLike:
+def _directed(net: ArrayLike, dry: ArrayLike, direction: Array) -> ArrayLike:
     """Torque that accelerates: friction opposes the direction of motion, or holds a joint at rest if it can."""
+    moving = net - dry * direction
+    if direction.all():
+        return moving
     at_rest = np.sign(net) * np.maximum(np.abs(net) - np.maximum(dry, 0.0), 0.0)
-    return np.where(direction == 0, at_rest, net - dry * direction)
+    return np.where(direction == 0, at_rest, moving)
 
 
 def substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int:
@@ -101,34 +109,44 @@ def substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int:
 
 
 def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
-    """Advance time, position, velocity and memory by `duration` [s] under constant commanded torque; all (B,)."""
-    q, v, h = np.asarray(x.position), np.asarray(x.velocity), duration
+    """Advance time, position, velocity and memory by `duration` [s] under constant commanded torque; all (B,).
+
+    An export runs it on symbols in the place of arrays, which NumPy's operators and functions take, but neither
+    `np.asarray` nor a branch that no `.all()` or `.any()` guards.
+    """
+    q, v, h = x.position, x.velocity, duration
     direction = np.sign(v)
     start = _directed(balance.net(x), balance.dry(x), direction)
-    direction = np.where(direction == 0, np.sign(start), direction)
+    if not direction.all():
+        direction = np.where(direction == 0, np.sign(start), direction)
     inertia = balance.mass(x)
     middle_v = v + 0.5 * h * start / inertia
     middle_v = np.where(middle_v * direction < 0, 0.0, middle_v)
-    half_way = balance.advance(replace(x, velocity=0.5 * (v + middle_v)), 0.5 * h)
-    middle = Samples(x.time + 0.5 * h, q + 0.5 * h * v, middle_v, x.torque, half_way)
+    half_way = balance.advance(x, 0.5 * (v + middle_v), 0.5 * h)
+    middle = Samples(x.time + 0.5 * h, q + 0.5 * h * v, middle_v, x.torque, half_way, x.load)
     inertia = balance.mass(middle)
-    torque = np.where(direction == 0, 0.0, balance.net(middle) - balance.dry(middle) * direction)
-    a = torque / inertia
-    new_q, new_v = q + h * v + 0.5 * h * h * a, v + h * a
+    a = (balance.net(middle) - balance.dry(middle) * direction) / inertia
+    if not direction.all():
+        a = np.where(direction == 0, 0.0, a)
+    new_q, new_v = q + h * (v + 0.5 * h * a), v + h * a
 
     stops = new_v * direction < 0
-    if np.any(stops):
+    if stops.any():
         # v + a t = 0 inside the step: stop there, then stick or leave with what is left of the step
         elapsed = np.where(stops, np.clip(-v / np.where(stops, a, 1.0), 0.0, h), h)
         stop_q = q + v * elapsed + 0.5 * a * elapsed**2
-        rest = Samples(x.time + elapsed, stop_q, np.zeros_like(new_v), x.torque, half_way)
-        leave = _directed(balance.net(rest), balance.dry(rest), np.zeros_like(new_v)) / inertia
+        at_rest = np.zeros_like(new_v)
+        rest = Samples(x.time + elapsed, stop_q, at_rest, x.torque, half_way, x.load)
+        leave = _directed(balance.net(rest), balance.dry(rest), at_rest) / inertia
         left = h - elapsed
         new_q = np.where(stops, stop_q + 0.5 * leave * left**2, new_q)
         new_v = np.where(stops, leave * left, new_v)
-    memory = balance.advance(replace(middle, velocity=0.5 * (middle_v + new_v)), 0.5 * h)
-    new_q, new_v = (np.fmin(np.fmax(part, -UNBOUNDED), UNBOUNDED) for part in (new_q, new_v))
-    return Samples(x.time + h, new_q, new_v, x.torque, memory)
+    memory = balance.advance(middle, 0.5 * (middle_v + new_v), 0.5 * h)
+    return Samples(x.time + h, _bounded(new_q), _bounded(new_v), x.torque, memory, x.load)
+
+
+def _bounded(values: Array) -> Array:
+    return np.fmin(np.fmax(values, -UNBOUNDED), UNBOUNDED)
 
 
 def delayed(torque: Array, before: Array, periods: float) -> Array:
@@ -179,6 +197,7 @@ def simulate(
     before: Array | None = None,
     memory: Mapping[str, Memory] | None = None,
     longest_step: float = LONGEST_STEP,
+    load: KnownLoad = UNLOADED,
     observe: Callable[[Samples], None] | None = None,
 ) -> Trajectory:
     """Simulate B pendulums in free run under a torque command that is held over each period.
@@ -194,6 +213,7 @@ def simulate(
         before: commands before the first, (M,) or (M, B), for terms that delay the torque; zero where unknown.
         memory: initial state variables of terms with memory, where they are known; else those of long rest.
         longest_step: longest integration step [s].
+        load: known load, scalars or (B,).
         observe: called with all that is known at the start of every period and at the end of the last one.
     """
     torque = np.asarray(torque, dtype=float)
@@ -205,9 +225,10 @@ def simulate(
         np.shape(period),
         torque.shape[1:],
         np.shape(theta)[1:],
+        *map(np.shape, load),
         (1,),
     )
-    balance = Balance(terms, np.asarray(theta, dtype=float))
+    balance = Balance(terms, np.asarray(theta, dtype=float), bool(load))
     count = substeps(period, longest_step)
     h = period / count
     commands = np.repeat(torque, count, axis=0)
@@ -217,14 +238,14 @@ def simulate(
         earlier = earlier[:, None] if earlier.ndim == 1 else earlier
         commands = delayed(commands, np.repeat(earlier, count, axis=0), float(delay / h))
     q, v, t = (np.broadcast_to(np.asarray(a, dtype=float), batch).copy() for a in (position, velocity, start))
-    x = Samples(t, q, v, commands[0] if len(commands) else np.zeros(1))
+    x = Samples(t, q, v, commands[0] if len(commands) else np.zeros(1), load=load)
     x = replace(x, memory={**balance.start(x), **(memory or {})})
     positions, velocities = np.empty((2, len(torque) + 1, *batch))
     positions[0], velocities[0] = q, v
     if observe is not None:
         observe(x)
     for k, command in enumerate(commands):
-        x = step(balance, replace(x, torque=command), h)
+        x = step(balance, Samples(x.time, x.position, x.velocity, command, x.memory, x.load), h)
         if (k + 1) % count == 0:
             positions[(k + 1) // count], velocities[(k + 1) // count] = x.position, x.velocity
             if observe is not None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -22,6 +22,19 @@ from pendulum_env._typing import Array, ArrayLike
 
 Memory = tuple[Array, ...]  # state variables of a term: each a scalar per pendulum, or a series of N of them
 Kind = Literal["inertial", "potential", "dissipative", "actuation", "time-varying", "transmission", "sensor"]
+
+
+class KnownLoad(NamedTuple):
+    """A load of known size on the joint; scalars, or one for each of N samples or pendulums. See `LOAD`."""
+
+    inertia: ArrayLike = 0.0  # [kg m^2] about the axis
+    gravity: ArrayLike = 0.0  # [N m], torque that holds it out level
+
+    def __bool__(self) -> bool:
+        return bool(np.any(self.inertia) or np.any(self.gravity))
+
+
+UNLOADED = KnownLoad()
 
 
 @dataclass(frozen=True)
@@ -33,6 +46,7 @@ class Samples:
     velocity: Array  # [rad/s]
     torque: Array  # [N m], commanded
     memory: Mapping[str, Memory] = field(default_factory=dict)  # states of the terms that have any, by term id
+    load: KnownLoad = UNLOADED  # what is known to hang on the joint, beside the model
 
 
 Law = Callable[[Samples], ArrayLike]
@@ -50,7 +64,7 @@ def one(x: Samples) -> ArrayLike:
 
 @dataclass(frozen=True)
 class Column:
-    """What one linear parameter multiplies on the left-hand side: mass q'' + force + dry sgn q' [N m per unit].
+    """What a parameter multiplies in the torque that motion needs: mass q'' + force + dry sgn q' [N m per unit].
 
     Attributes:
         name: name of the parameter, `effect` or `effect.part`.
@@ -59,7 +73,9 @@ class Column:
         force: torque that is a smooth function of time, position, velocity and commanded torque.
         dry: magnitude of set-valued dry friction; at rest it balances anything up to this.
         of_torque: whether it scales with the commanded torque: such a column can explain torque by torque, not motion.
-        potential: stored energy U with force = dU/dq, where there is one; without it the force's work is dissipated.
+        potential: stored energy U with force = dU/dq + loss, where there is one; without it, all of the force's work is
+            dissipated.
+        loss: the part of the force whose work is dissipated, where there is a potential.
         least: smallest value that a body can have, whatever else it has; minus infinity where friction of one kind may
             make up for another.
         most: largest value.
@@ -71,6 +87,7 @@ class Column:
     force: Law = zero
     dry: Law = zero
     potential: Law | None = None
+    loss: Law = zero
     of_torque: bool = False
     least: float = -np.inf
     most: float = np.inf
@@ -79,14 +96,38 @@ class Column:
         """Whether a body can have this value of the parameter."""
         return self.least <= value <= self.most
 
+    @property
+    def is_known(self) -> bool:
+        """Whether the parameter has one value, and is not to be fitted."""
+        return self.least == self.most
+
+    def nearest(self, value: float) -> float:
+        """The value within the limits that is nearest to this one."""
+        return min(max(value, self.least), self.most)
+
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Torque per unit of the parameter; at rest sgn is taken as 0, so mask samples in stick."""
         return self.mass(x) * acceleration + self.force(x) + self.dry(x) * np.sign(x.velocity)
 
     def power(self, x: Samples) -> ArrayLike:
-        """Power per unit of the parameter that does not go into stored energy: q' force + dry |q'|."""
-        force = self.force(x) if self.potential is None else 0.0
-        return force * x.velocity + self.dry(x) * np.abs(x.velocity)
+        """Power per unit of the parameter that does not go into stored energy: q' loss + dry |q'|."""
+        return self.lossy(x) * x.velocity + self.dry(x) * np.abs(x.velocity)
+
+    @property
+    def lossy(self) -> Law:
+        """The part of the force whose work is dissipated."""
+        return self.force if self.potential is None else self.loss
+
+
+# Torque that a known load takes, dI q'' + dmgl sin q. It is no term of any model: it belongs to the recording, so that
+# the parameters are those of the joint without it.
+LOAD = Column(
+    "load",
+    "1",
+    mass=lambda x: x.load.inertia,
+    force=lambda x: x.load.gravity * np.sin(x.position),
+    potential=lambda x: x.load.gravity * (1.0 - np.cos(x.position)),
+)
 
 
 @dataclass(frozen=True)
@@ -101,6 +142,7 @@ class Shape:
     follows: str = ""  # name of a linear parameter of another term that this one is to equal
     instant: bool = False  # whether it is a time at which something happens, which shows only in what is sampled then
     usual: float | None = None  # value at which it stays, and is no parameter at all, unless data call for another
+    unusual: float | None = None  # where the search for another begins; without it, the grid holds what there is to try
 
 
 @dataclass(frozen=True)
@@ -113,10 +155,9 @@ class Term:
     """
 
     id: ClassVar[str]
-    law: ClassVar[str]  # added to the left-hand side
+    law: ClassVar[str]  # added to the torque that the motion needs
     kind: ClassVar[Kind]
     reveal: ClassVar[str] = "a richer excitation"  # the experiment that shows the effect
-    beyond: ClassVar[str] = ""  # what data without the effect still leave open
     shapes: ClassVar[tuple[Shape, ...]] = ()
     rugged: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
@@ -141,6 +182,23 @@ class Term:
             residual: torque that the model so far leaves unexplained there, (N,) [N m].
         """
         return [cls()]
+
+    @property
+    def fault(self) -> str:
+        """What makes no sense about shape parameters that are each within their limits; empty if nothing."""
+        return ""
+
+    def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
+        """What people also call the parameters, theta (P,) being the linear ones: values and units by short name."""
+        return {}
+
+    def possible(self, x: Samples) -> bool:
+        """Whether the shape parameters are those of a joint that moved as in N samples."""
+        return True
+
+    def beyond(self, low: float, high: float) -> str:
+        """What motion from `low` to `high` [rad] leaves open beside the effect as it is; empty if nothing."""
+        return ""
 
     @property
     def delay(self) -> float:

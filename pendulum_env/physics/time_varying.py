@@ -57,8 +57,8 @@ class PayloadChange(Term):
             Column("payload_change.gravity", "N m", force=lambda x: self._after(x) * np.sin(x.position)),
         )
 
-    def _after(self, x: Samples) -> np.ndarray:
-        return np.asarray(x.time >= self.moment, dtype=float)
+    def _after(self, x: Samples) -> Array:
+        return np.where(x.time >= self.moment, 1.0, 0.0)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

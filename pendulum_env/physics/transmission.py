@@ -4,8 +4,9 @@ The encoder and the friction sit at the motor; the link, of inertia J and weight
 
     (I - J) q'' + friction + T = tau          J ql'' + mgl sin ql = T
 
-so that, beside the rigid model, J (ql'' - q'') + mgl (sin ql - sin q) appears on the left-hand side. The link's own
-motion follows from the measured motion of the motor: with w^2 = k / J, damping c = d / J and g = mgl / J,
+so that, beside the rigid model, J (ql'' - q'') + mgl (sin ql - sin q) is part of the torque. A known load counts as
+if it hung on the motor's side. The link's own motion follows from the measured motion of the motor: with w^2 = k / J,
+damping c = d / J and g = mgl / J,
 
     ql'' = a(q - ql, q' - ql') - g sin ql,     a = w^2 s + c s'
 
@@ -19,7 +20,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
@@ -63,6 +63,9 @@ class JointFlexibility(Term):
     def columns(self) -> tuple[Column, ...]:
         return _link(self.id, self._pull, self.gravity)
 
+    def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
+        return _spring(theta[0], self.resonance, self.damping, self.gravity)
+
     def start(self, x: Samples) -> Memory:
         return _hang(x, self.resonance**2, self.gravity, 0.0)
 
@@ -72,6 +75,8 @@ class JointFlexibility(Term):
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
         # ql'' + c ql' + w^2 ql + g sin ql = w^2 q + c q' in central differences, all samples at once by Newton's
         # method: each turn solves a banded triangular system.
+        from scipy.linalg import solve_banded  # here, as it takes longer than all else of this package
+
         stiffness = min(self.resonance, 1.5 / period) ** 2
         drive = stiffness * np.asarray(x.position) + self.damping * np.asarray(x.velocity)
         ahead, behind = 1 / period**2 + 0.5 * self.damping / period, 1 / period**2 - 0.5 * self.damping / period
@@ -133,6 +138,9 @@ class Backlash(Term):
     def columns(self) -> tuple[Column, ...]:
         return _link(self.id, self._pull, self.gravity)
 
+    def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
+        return _spring(theta[0], self.resonance, self.damping, self.gravity)
+
     def start(self, x: Samples) -> Memory:
         return _hang(x, self.resonance**2, self.gravity, self.gap)
 
@@ -161,6 +169,15 @@ def _link(id: str, pull: object, gravity: ArrayLike) -> tuple[Column, ...]:
             least=0.0,
         ),
     )
+
+
+def _spring(inertia: float, resonance: float, damping: float, gravity: float) -> dict[str, tuple[float, str]]:
+    """Stiffness and damping of the transmission, and weight of the link, as simulators have them."""
+    return {
+        "k": (inertia * resonance**2, "N m/rad"),
+        "d": (inertia * damping, "N m s/rad"),
+        "mgl": (inertia * gravity, "N m"),
+    }
 
 
 def _hang(x: Samples, stiffness: ArrayLike, gravity: ArrayLike, gap: ArrayLike) -> Memory:

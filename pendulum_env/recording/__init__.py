@@ -1,6 +1,18 @@
-"""Recordings of a pendulum: one record type, read from and written to CSV, Parquet and NPZ."""
+"""Recordings of a pendulum: one record type, alone or together as a study, read from files and written to them."""
 
-from pendulum_env.recording.record import Recording, RecordingError
+from pendulum_env.recording.record import Load, Recording, RecordingError
 from pendulum_env.recording.storage import read_recording, write_recording
+from pendulum_env.recording.study import Source, Study, StudyError, read_study, write_study
 
-__all__ = ["Recording", "RecordingError", "read_recording", "write_recording"]
+__all__ = [
+    "Load",
+    "Recording",
+    "RecordingError",
+    "Source",
+    "Study",
+    "StudyError",
+    "read_recording",
+    "read_study",
+    "write_recording",
+    "write_study",
+]

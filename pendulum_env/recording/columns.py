@@ -1,156 +1,262 @@
 """Which column of a file is which quantity, and in which unit: told by its name, case-insensitive, or by the user.
 
 A name is an alias (`q`, `tau`, ...), perhaps decorated (`q_meas`, `actual_position`), perhaps followed by a unit
-(`q [rad]`, `pos_deg`, `time_ms`). Names with an unknown unit (`position [counts]`) are no match, rather than a guess.
-Users name columns as they stand in the file, with a unit behind a colon where the name does not tell it: `Winkel:deg`.
+(`q [rad]`, `pos_deg`, `time_ms`), perhaps the end of a path (`/joint_states/position[0]`, `signals.theta`): see
+`vocabulary.py`. Names with an unknown unit, or that of a motor's current or an encoder's counts, are no match, rather
+than a guess. Users name columns as they stand in the file, with what is to be done with them: see `expression.py`.
 """
 
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
-from pendulum_env.recording.record import RecordingError
+from pendulum_env.recording.expression import Expression, UnknownColumnError, UnknownUnitError, letters, parse
+from pendulum_env.recording.record import ColumnError
+from pendulum_env.recording.vocabulary import (
+    ALIASES,
+    GAINS,
+    HEADER,
+    LINEAR,
+    NAMES,
+    RAW,
+    RAW_NAMES,
+    SI,
+    SPARE,
+    TOLD,
+    UNITS,
+)
 
-HEADER = "time,position,torque"  # the plain header, in s, rad and N m; velocity [rad/s] is optional
-
-ALIASES = {
-    "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec",
-    "position": "position pos q theta θ angle ang phi φ angularposition jointposition jointangle jointpos "
-    "motorposition motorangle motorpos",
-    "velocity": "velocity vel speed omega ω dq qd qdot dqdt dtheta thetadot thetad v angularvelocity angvel "
-    "jointvelocity jointvel motorvelocity motorvel",
-    "torque": "torque tau τ effort trq tq moment jointtorque motortorque appliedtorque",
-}
-MEASURED = ("meas", "measured", "actual", "act")  # before or after an alias
-COMMANDED = ("cmd", "command", "commanded", "des", "desired", "ref", "setpoint")  # torque only, if no other is found
-
-UNITS = {  # factor to SI by the unit's letters
-    "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0}
-    | dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 1e-3)
-    | dict.fromkeys(("us", "usec", "µs", "μs", "micros", "microseconds"), 1e-6)
-    | dict.fromkeys(("ns", "nsec", "nanoseconds"), 1e-9),
-    "position": {"rad": 1.0, "radian": 1.0, "radians": 1.0}
-    | dict.fromkeys(("deg", "degs", "degree", "degrees"), math.pi / 180)
-    | dict.fromkeys(("mrad", "millirad"), 1e-3)
-    | dict.fromkeys(("rev", "revs", "turns"), math.tau),
-    "velocity": dict.fromkeys(("rads", "rads1", "radsec", "radpersec", "radianspersecond", "radps"), 1.0)
-    | dict.fromkeys(("degs", "degs1", "degsec", "degpersec", "degreespersecond", "dps"), math.pi / 180)
-    | dict.fromkeys(("rpm", "revmin", "minrev"), math.tau / 60)
-    | {"revs": math.tau, "rps": math.tau},
-    "torque": {"nm": 1.0, "newtonmeter": 1.0, "newtonmeters": 1.0, "newtonmetre": 1.0, "newtonmetres": 1.0}
-    | dict.fromkeys(("mnm", "millinewtonmeter"), 1e-3)
-    | {"ncm": 1e-2},
-}
-SI = {"time": "s", "position": "rad", "velocity": "rad/s", "torque": "N m"}
-TOLD = {  # of UNITS, what people are told of
-    "time": "s, ms, us, ns",
-    "position": "rad, mrad, deg, rev",
-    "velocity": "rad/s, deg/s, rpm, rev/s",
-    "torque": "Nm, mNm, Ncm",
-}
+OPTIONAL = ("velocity", "reference", "segment")
+UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
 CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a file that was recognised."""
+    """One column of a file that was recognised: the quantity in SI is `scale` times the column, plus `offset`."""
 
-    quantity: str  # time, position, velocity or torque
+    quantity: str  # time, position, velocity, torque, reference or segment
     header: str  # its name in the file
     index: int  # its place in the file, from 0
-    unit: str | None  # letters of the unit in its name, None if it names none
+    unit: str | None  # letters of its unit, None if nothing names one
     commanded: bool = False  # its name says commanded rather than measured
     passed_over: tuple[str, ...] = ()  # names of others that could be the same quantity
+    expression: Expression | None = None  # what the user says of it
 
     @property
     def scale(self) -> float:
-        """Factor from the column's unit to SI."""
-        return 1.0 if self.unit is None else UNITS[self.quantity][self.unit]
+        """Factor from the column to SI."""
+        return _factor(self.quantity, self.unit) * (1.0 if self.expression is None else self.expression.gain)
+
+    @property
+    def offset(self) -> float:
+        """What is added then, in SI."""
+        if self.expression is None:
+            return 0.0
+        unit = self.unit if self.expression.offset_unit is None else letters(self.expression.offset_unit)
+        return self.expression.shift * _factor(self.quantity, unit)
+
+    @property
+    def is_unit_told(self) -> bool:
+        """Whether its name or the user tells the unit, so that nobody has to guess."""
+        return self.unit is not None or (self.expression is not None and bool(self.expression.factors))
+
+    @property
+    def result_unit(self) -> str:
+        """Unit of what comes out: SI, but for a torque whose gain is to be found."""
+        if self.expression is None or not self.expression.is_gain_unknown:
+            return SI[self.quantity]
+        return {"a": "A", "m": "A", "v": "V"}.get((self.unit or "")[:1], "duty")
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know about how this column was read."""
         notes = []
-        if self.scale != 1.0:
+        if self.expression is not None and (
+            self.expression.factors or self.expression.offset or self.expression.negative
+        ):
+            notes.append(f"{self.quantity} is {self.expression}")
+        elif self.scale != 1.0:
             notes.append(f"{self.quantity} converted to {SI[self.quantity]} from column {self.header!r}")
-        if self.commanded and _letters(self.header) != "u":  # which never means anything else
+        if self.result_unit != SI[self.quantity]:
+            notes.append(f"{self.quantity} is in {self.result_unit}, its gain to be found from known loads")
+        if self.commanded and letters(self.header) != "u":  # which never means anything else
             notes.append(f"torque is the commanded one, from column {self.header!r}")
         for other in self.passed_over:
             notes.append(f"{self.quantity} is taken from column {self.header!r}; {other!r} is there too")
         return tuple(notes)
 
 
+def _factor(quantity: str, unit: str | None) -> float:
+    if unit is None:
+        return 1.0
+    return {**UNITS[quantity], **RAW.get(quantity, {}), **LINEAR.get(quantity, {})}[unit]
+
+
 def find_columns(headers: Sequence[str], named: Mapping[str, str] | None = None) -> dict[str, Column]:
-    """Column by quantity: time, position, torque, and velocity if there is one.
+    """Column by quantity: time, position, torque, and velocity, reference and segment if there are.
 
     Args:
         headers: names of the columns in the file.
-        named: columns that the user names, by quantity: `NAME`, or `NAME:UNIT`; the others are found by their names.
+        named: columns that the user names, by quantity, as in `expression.py`, or `unused` for a quantity to do
+            without; the others are found by their names.
 
     Raises:
-        RecordingError: if one is missing, or if two fit the same quantity.
+        ColumnError: if one is missing, if two fit the same quantity, or if one needs a gain that is not given.
     """
-    given = {quantity: _named(quantity, text, headers) for quantity, text in (named or {}).items()}
+    told = {quantity: text.strip() for quantity, text in (named or {}).items()}
+    unused = {q for q, text in told.items() if text == UNUSED and q in OPTIONAL and UNUSED not in headers}
+    given = {
+        quantity: named_column(quantity, text, headers) for quantity, text in told.items() if quantity not in unused
+    }
     taken = {column.index for column in given.values()}
-    found: dict[str, list[Column]] = {quantity: [] for quantity in ALIASES}
-    for index, header in enumerate(headers):
-        if (match := NAMES.get(_letters(header))) and index not in taken:
-            quantity, unit, commanded = match
-            found[quantity].append(Column(quantity, header.strip(), index, unit, commanded))
+    found = {quantity: _fitting(quantity, headers, taken) for quantity in ALIASES if quantity not in unused}
     columns = {}
     for quantity, fitting in found.items():
         if quantity in given:
             columns[quantity] = given[quantity]
             continue
         candidates = [c for c in fitting if not c.commanded] or fitting
+        if quantity in SPARE:
+            candidates = candidates[:1]
         if len(candidates) > 1:
-            names = " and ".join(_shown(c.header) for c in candidates)
-            raise RecordingError(f"columns {names} could both be {quantity}: {CHOOSE}")
+            names = " and ".join(_shown(c.header) for c in candidates[:3])
+            raise ColumnError(
+                f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: {CHOOSE}"
+            )
         if candidates:
             others = tuple(c.header for c in fitting if c not in candidates)
             columns[quantity] = replace(candidates[0], passed_over=others)
     missing = [quantity for quantity in ("time", "position", "torque") if quantity not in columns]
     if missing:
-        raise RecordingError(
-            f"no column for {', '.join(missing)} among {_listed(headers)}: name the columns {HEADER} (in s, rad, N m) "
-            f"and optionally velocity (rad/s), or {CHOOSE}"
+        hints = [hint for quantity in missing for hint in islice(_raw(quantity, headers), 1)]
+        raise ColumnError(
+            f"no column for {', '.join(missing)} among {_listed(headers)}: "
+            + (
+                "; ".join(hints)
+                if hints
+                else f"name the columns {HEADER} (in s, rad, N m) and optionally velocity (rad/s), or {CHOOSE}"
+            )
         )
+    if "reference" in columns and columns["reference"].unit is None and columns["position"].unit in UNITS["position"]:
+        columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)  # one file, one unit
     return columns
 
 
+def guess_columns(headers: Sequence[str]) -> dict[str, str]:
+    """Name of the likely column by quantity, none where two are as likely; it may need a gain yet."""
+    guessed = {}
+    for quantity in ALIASES:
+        fitting = _fitting(quantity, headers, set())
+        fitting = [c for c in fitting if not c.commanded] or fitting
+        names = [c.header for c in fitting] or [h.strip() for h in headers if _is_raw(quantity, h)]
+        if len(names) == 1 or (names and quantity in SPARE):
+            guessed[quantity] = names[0]
+    return guessed
+
+
+def is_told(quantity: str, headers: Sequence[str]) -> bool:
+    """Whether the name of any column tells of a quantity."""
+    return bool(_fitting(quantity, headers, set()))
+
+
+def _fitting(quantity: str, headers: Sequence[str], taken: set[int]) -> list[Column]:
+    """Columns that could be a quantity: by their whole names, else by the last or last but one part of a path."""
+    for part in (lambda header: header, _without_index, _leaf, _branch):
+        fitting = []
+        for index, header in enumerate(headers):
+            match = NAMES.get(letters(part(header)))
+            if index not in taken and match is not None and match[0] == quantity:
+                fitting.append(Column(quantity, header.strip(), index, *match[1:]))
+        if fitting:
+            return fitting
+    return []
+
+
+def _without_index(header: str) -> str:
+    return re.sub(r"[\[(]\d+[\])]\s*$", "", header.strip())
+
+
+def _parts(header: str) -> list[str]:
+    return [part for part in re.split(r"[/.]", _without_index(header)) if part.strip()]
+
+
+def _leaf(header: str) -> str:
+    """`/joint_states/position[0]` and `signals.position` end in `position`."""
+    parts = _parts(header)
+    return parts[-1] if len(parts) > 1 or "[" in header or "(" in header else ""
+
+
+def _branch(header: str) -> str:
+    """`/joint_states/position/elbow` has `position` before its end."""
+    parts = _parts(header)
+    return parts[-2] if len(parts) > 2 else ""
+
+
+def _raw(quantity: str, headers: Sequence[str]) -> Iterator[str]:
+    """What to write if one of the columns holds the quantity but for a gain."""
+    for header in headers:
+        if _is_raw(quantity, header):
+            example = GAINS[quantity].format(header.strip(), header.strip())
+            yield f"{_shown(header)} needs a gain, as in --columns {example}"
+
+
+def _is_raw(quantity: str, header: str) -> bool:
+    """Whether a name tells of a motor's current or voltage, or of an encoder's counts."""
+    names = RAW_NAMES.get(quantity, ())
+    spelt = {letters(header), letters(_leaf(header))} | {letters(re.split(r"[\[(]", header)[0])}
+    return not spelt.isdisjoint(names) or _unit_at_the_end(RAW.get(quantity, {}), header) is not None
+
+
 def refuse_unknown_quantity(quantity: str) -> None:
-    """Refuse a word that is none of the four quantities."""
+    """Refuse a word that is no quantity of a recording."""
     if quantity not in ALIASES:
-        raise RecordingError(f"columns are named for {', '.join(ALIASES)}, not for {quantity!r}")
+        raise ColumnError(f"columns are named for {', '.join(ALIASES)}, not for {quantity!r}")
 
 
-def _named(quantity: str, text: str, headers: Sequence[str]) -> Column:
-    """The column that a user names for a quantity; the name as it stands in the file comes first, colons and all."""
+def named_column(quantity: str, text: str, headers: Sequence[str]) -> Column:
+    """The column that a user names for a quantity, with what is to be done with it."""
     refuse_unknown_quantity(quantity)
     names = [header.strip() for header in headers]
-    name, unit = text.strip(), None
-    if name not in names and ":" in name:
-        name, _, told = (part.strip() for part in name.rpartition(":"))
-        unit = _letters(told)
-        if unit not in UNITS[quantity]:
-            raise RecordingError(f"unit {told!r} of {quantity} is not known: use one of {TOLD[quantity]}")
-    if (count := names.count(name)) != 1:
-        many = f"{count} columns are" if count else "no column is"
-        raise RecordingError(f"{many} named {name!r}, which is to be {quantity}, among {_listed(headers)}")
-    return Column(quantity, name, names.index(name), unit or _unit_at_the_end(quantity, name))
+    raw = RAW.get(quantity, {})
+    units = {**UNITS[quantity], **raw, **LINEAR.get(quantity, {})}
+    try:
+        expression = parse(text, names, units)
+    except UnknownColumnError as error:
+        raise ColumnError(
+            f"no column is named {str(error)!r}, which is to be {quantity}, among {_listed(headers)}"
+        ) from None
+    except UnknownUnitError as error:
+        told = TOLD.get(quantity, "none")
+        raise ColumnError(f"unit {str(error)!r} of {quantity} is not known: use one of {told}") from None
+    name = expression.name
+    if (count := names.count(name)) > 1:
+        raise ColumnError(f"{count} columns are named {name!r}, which is to be {quantity}, among {_listed(headers)}")
+    unit = _unit_at_the_end(UNITS[quantity], name) if expression.unit is None else letters(expression.unit)
+    needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
+    converted = any(factor[0] == "*" for factor in expression.factors)  # else nobody knows whether 2 pi is in a ratio
+    if needs_gain and not (converted or (expression.factors and expression.unit is not None)):
+        example = GAINS[quantity].format(name, name)
+        raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
+    if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; a gain of counts is one to radians
+        unit = _unit_at_the_end(raw, name)
+    if expression.is_gain_unknown and (quantity != "torque" or unit not in raw):
+        raise ColumnError(f"the gain of {quantity} can be unknown only where it is a current: write torque={name}:A*?")
+    if unit in raw and expression.offset is not None and expression.offset_unit is None:
+        raise ColumnError(
+            f"the offset in {text.strip()!r} needs a unit of its own: write {expression}:{TOLD[quantity].split(',')[0]}"
+        )
+    if expression.offset_unit is not None and letters(expression.offset_unit) in raw:
+        raise ColumnError(f"the offset in {text.strip()!r} is added after the gain: give it in {SI[quantity]}")
+    return Column(quantity, name, names.index(name), unit, expression=expression)
 
 
-def _unit_at_the_end(quantity: str, name: str) -> str | None:
-    """Letters of the unit that a name ends in, `Winkel [deg]` or `phi2_deg`; None if that is no unit."""
-    ends = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name)
-    unit = _letters(next(filter(None, ends.groups()), "")) if ends else ""
-    return unit if unit in UNITS[quantity] else None
-
-
-def _letters(header: str) -> str:
-    """The name without case, spacing and brackets: `Pos [°]` becomes `posdeg`. Other signs stay, and match nothing."""
-    return re.sub(r"[\s_\-./·⋅*^()\[\]{}:,]+", "", header.lower().replace("°", "deg"))
+def _unit_at_the_end(units: Mapping[str, float], name: str) -> str | None:
+    """Letters of the unit that a name ends in, `Winkel [deg]` or `phi2_deg`; None if that is none of them."""
+    ends = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name.strip())
+    unit = letters(next(filter(None, ends.groups()), "")) if ends else ""
+    return unit if unit in units else None
 
 
 def _listed(headers: Sequence[str]) -> str:
@@ -160,23 +266,3 @@ def _listed(headers: Sequence[str]) -> str:
 
 def _shown(header: str) -> str:
     return repr(header.strip() if len(header) <= 40 else header.strip()[:37] + "...")
-
-
-def _names() -> Iterator[tuple[str, tuple[str, str | None, bool]]]:
-    """Every name that is understood, as letters, with its quantity, unit and whether it means a command."""
-    for quantity, aliases in ALIASES.items():
-        stems: dict[str, bool] = {}
-        for alias in aliases.split():
-            stems |= {alias: False}
-            stems |= {stem: False for word in MEASURED for stem in (alias + word, word + alias)}
-            if quantity == "torque":
-                stems |= {stem: True for word in COMMANDED for stem in (alias + word, word + alias)}
-        if quantity == "torque":
-            stems |= {"u": True}  # control engineers' input
-        for stem, commanded in stems.items():
-            yield stem, (quantity, None, commanded)
-            for unit in UNITS[quantity]:
-                yield stem + unit, (quantity, unit, commanded)
-
-
-NAMES = dict(_names())

@@ -1,28 +1,84 @@
-"""The record that everything else works on: uniformly sampled time, position and torque."""
+"""The record that everything else works on: time, position and torque, uniformly sampled between gaps."""
 
+import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import JSON, Array
+from pendulum_env.mistake import Mistake
+from pendulum_env.words import plus_minus
+
+QUANTITIES = ("time", "position", "torque", "velocity", "reference")  # the columns of a recording
+NEWTON_METRE = "N m"
+EXACT, LOOSE = 1e-6, 1e-5  # of a step that a clock may be off: a file's is left as it is, and so is any slice of it
 
 
-class RecordingError(ValueError):
+class RecordingError(Mistake):
     """A recording cannot be used; the message is one sentence with where, why and what to do about it."""
+
+
+class ColumnError(RecordingError):
+    """What the columns of a file mean is not known, or cannot be what was said or guessed: saying it mends it."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """A load of known size that hung on the joint during one recording, beside the unknown rest of the mechanism."""
+
+    inertia: float  # [kg m^2] about the axis, 0 or more
+    gravity: float  # [N m], torque that holds it out level
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.inertia) and self.inertia >= 0):
+            raise RecordingError(f"a load has an inertia of 0 or more kg m^2, not {self.inertia:g}")
+        if not math.isfinite(self.gravity):
+            raise RecordingError(f"a load has a finite gravity torque [N m], not {self.gravity:g}")
+
+
+@dataclass(frozen=True)
+class TorqueConstant:
+    """Torque per unit of the current that was logged, as known loads tell it."""
+
+    value: float  # [N m/unit]
+    std: float  # standard error [N m/unit]
+    of: str  # unit of what was logged: `A`, or `V` and `duty`, of which it is a gain
+    loads: int = 0  # how many different ones it is known from, none counting as one; 0 if it was given
+
+    @property
+    def unit(self) -> str:
+        """`N m/A`."""
+        return f"N m/{self.of}"
+
+    @property
+    def text(self) -> str:
+        """`torque constant 0.873 ± 0.004 N m/A, from 8 known loads`."""
+        name = "torque constant" if self.of == "A" else "torque gain"
+        source = f"from {self.loads} known loads" if self.loads else "of the model"
+        return f"{name} {plus_minus(self.value, self.std)} {self.unit}, {source}"
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {"value": self.value, "std": self.std, "unit": self.unit, "loads": self.loads}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
-    """N samples of one run, uniform in time, all finite; the arrays are read-only float64 views.
+    """N samples of one run, all finite, in segments of uniform time; the arrays are read-only float64 views.
+
+    Samples of all segments stand in a row, time increases throughout. Within a segment it is uniform, with one period
+    for the whole recording; between segments there is a gap, about which nothing is known. Filters, integrals and
+    simulation therefore start anew in each of `segments`.
 
     `torque[k]` is held from `time[k]` to `time[k + 1]` (zero-order hold, as a DAC does it), while `position[k]` and
     `velocity[k]` are taken at the instant `time[k]`.
 
     Raises:
-        RecordingError: if the arrays differ in shape, hold fewer than two samples, are not finite, or if time is not
-            uniform and increasing. Files with slightly uneven time are mended by `read_recording`, not here.
+        RecordingError: if the arrays differ in shape, a segment holds fewer than two samples, values are not finite, or
+            time is not uniform and increasing. Files with uneven time are mended by `read_recording`, not here.
     """
 
     name: str
@@ -31,15 +87,27 @@ class Recording:
     torque: Array  # (N,) [N m]
     velocity: Array | None = None  # (N,) [rad/s], as the sensor reports it; None if it was not recorded
     notes: tuple[str, ...] = ()  # what was changed at reading, e.g. "resampled to 333.3 Hz"
+    starts: tuple[int, ...] = (0,)  # index of the first sample of each segment
+    reference: Array | None = None  # (N,) [rad], what a position controller was asked to follow, if it was recorded
+    load: Load | None = None  # known load on the joint, None if nothing is known of one
+    torque_unit: str = NEWTON_METRE  # or that of a current, `A`, whose gain is to be found
+    torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did
 
     def __post_init__(self) -> None:
-        for quantity in ("time", "position", "torque", "velocity"):
+        for quantity in QUANTITIES:
             values = getattr(self, quantity)
             if values is not None:
                 object.__setattr__(self, quantity, self._column(quantity, values))
         if len(self.time) < 2:
             raise RecordingError(f"recording {self.name!r} holds {len(self.time)} samples and needs at least 2")
-        if not is_uniform(self.time):
+        object.__setattr__(self, "starts", tuple(int(start) for start in self.starts))
+        bounds = (*self.starts, len(self.time))
+        if bounds[0] != 0 or min(b - a for a, b in pairwise(bounds)) < 2:
+            raise RecordingError(
+                f"recording {self.name!r} has segments that start at {self.starts} of {len(self.time)} samples: "
+                "the first starts at 0, and each needs at least 2"
+            )
+        if not is_uniform(self.time, self.starts, LOOSE):
             raise RecordingError(
                 f"recording {self.name!r} has time that is not uniform and increasing: resample it, "
                 "or write it to a file and use read_recording, which does"
@@ -74,24 +142,50 @@ class Recording:
     @property
     def summary(self) -> str:
         """Length, rate and number of samples: `30 s at 1000 Hz, 30000 samples`."""
-        return f"{self.duration:.3g} s at {self.rate:.6g} Hz, {len(self)} samples"
+        parts = f" in {len(self.starts)} segments" if len(self.starts) > 1 else ""
+        return f"{self.duration:.3g} s at {self.rate:.6g} Hz, {len(self)} samples{parts}"
 
     @property
     def rate(self) -> float:
-        """Samples per second [Hz]."""
-        return (len(self) - 1) / self.duration
+        """Samples per second within segments [Hz]."""
+        return (len(self) - len(self.starts)) / self.duration
 
     @property
     def duration(self) -> float:
-        """Time from the first to the last sample [s]."""
-        return float(self.time[-1] - self.time[0])
+        """Time from the first to the last sample of each segment, summed [s]."""
+        return _covered(self.time, self.starts)
+
+    @property
+    def segments(self) -> tuple[Self, ...]:
+        """The recording cut at its gaps; itself alone if it has none."""
+        if len(self.starts) == 1:
+            return (self,)
+        return tuple(self.slice(start, stop) for start, stop in pairwise((*self.starts, len(self))))
 
     def slice(self, start: int | None, stop: int | None) -> Self:
-        """Samples start to stop - 1, indices as in Python slicing; time is not shifted. Needs at least two samples."""
-        part = slice(start, stop)
+        """Samples start to stop - 1, indices as in Python slicing; time is not shifted.
+
+        A single sample that is left of the first or of the last segment is dropped.
+
+        Raises:
+            RecordingError: if fewer than two samples of one segment are left.
+        """
+        first, last, _ = slice(start, stop).indices(len(self))
+        if first + 1 in self.starts:
+            first += 1
+        if last - 1 in self.starts:
+            last -= 1
+        part = slice(first, max(first, last))
         velocity = None if self.velocity is None else self.velocity[part]
+        reference = None if self.reference is None else self.reference[part]
         return replace(
-            self, time=self.time[part], position=self.position[part], torque=self.torque[part], velocity=velocity
+            self,
+            time=self.time[part],
+            position=self.position[part],
+            torque=self.torque[part],
+            velocity=velocity,
+            starts=(0, *(begin - first for begin in self.starts if first < begin < last)),
+            reference=reference,
         )
 
     def split(self, fraction: float) -> tuple[Self, Self]:
@@ -109,14 +203,28 @@ class Recording:
         return self.slice(None, cut), self.slice(cut, None)
 
 
-def is_uniform(time: Array) -> bool:
-    """Whether time (N,) [s] is an increasing uniform grid, up to 1e-6 of a step and the rounding of float64."""
-    step = (time[-1] - time[0]) / (len(time) - 1)
-    return bool(step > 0 and unevenness(time) <= 1e-6 * step + 4 * np.spacing(np.abs(time[[0, -1]]).max()))
+def is_uniform(time: Array, starts: tuple[int, ...] = (0,), tolerance: float = EXACT) -> bool:
+    """Whether time (N,) [s] increases, from each start on a uniform grid, all of one period.
+
+    Up to `tolerance` of a step and the rounding of float64. Segments hold two samples or more.
+    """
+    bounds = (*starts, len(time))
+    step = _covered(time, starts) / (len(time) - len(starts))
+    allowed = tolerance * step + 4 * np.spacing(np.abs(time[[0, -1]]).max())
+    return bool(
+        step > 0
+        and all(time[start] > time[start - 1] for start in starts[1:])
+        and all(unevenness(time[a:b], step) <= allowed for a, b in pairwise(bounds))
+    )
 
 
-def unevenness(time: Array) -> float:
-    """Largest distance [s] of time (N,) from the uniform grid with the same ends."""
-    distance = np.linspace(time[0], time[-1], len(time))
+def unevenness(time: Array, step: float | None = None) -> float:
+    """Largest distance [s] of time (N,) from the uniform grid with the same ends, or the same start and that step."""
+    last = time[-1] if step is None else time[0] + (len(time) - 1) * step
+    distance = np.linspace(time[0], last, len(time))
     distance -= time  # in place: recordings may be large
     return float(np.abs(distance, out=distance).max())
+
+
+def _covered(time: Array, starts: tuple[int, ...]) -> float:
+    return float(sum(time[b - 1] - time[a] for a, b in pairwise((*starts, len(time)))))

@@ -1,46 +1,84 @@
-"""Uniform time: told apart from rounding of what was printed, and made where samples were lost or the clock uneven."""
+"""Uniform time: where samples were lost, gaps that end a segment, and a clock that was rounded or uneven.
+
+A hole is bridged where interpolation errs by less than the noise of the sensor, which is tried out on the recording
+itself; beyond, nobody knows what happened: the segment ends there and another begins.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.recording.record import RecordingError, is_uniform, unevenness
-from pendulum_env.words import listing
 
-LONG = 1.5  # steps of the median from which a sample seems to be lost; a single lost sample is bridged
-EVEN = 0.1  # of a step: where all steps are as close to one, or to several, it is clear how many samples are lost
-IN_A_ROW = 3  # lost samples that are filled in: at 200 Hz and 2 Hz of motion the spline errs by 1e-5 of the amplitude
-MOST_LOST = 0.01  # of all samples
-PLACES = 5  # where samples were lost, as many as a note names
-GAP = 2.5  # steps of the median from which it is a gap, which nothing can bridge
+LONG = 1.5  # steps of the median from which a sample seems to be lost
+WHOLE = 0.25  # of a step: long steps as close to several are lost samples, others those of a slow clock
+IN_A_ROW = 3  # lost samples that may be bridged: nobody knows what the torque was meanwhile
+ABOVE_NOISE = 2.0  # times the error that noise alone makes, up to which a hole is bridged
+FINE = 1e-4  # of the range of position: an error as small is none, however quiet the sensor
+INTACT = 50_000  # samples on which bridging is tried out
+SHORTEST = 0.2  # [s]; a shorter segment holds no window of an estimator
+FEWEST = 10  # samples of a segment
+NAMED = 5  # places, as many as a note names
 NEGLIGIBLE = 1e-4  # of a step: at 1 kHz and 10 rad/s this moves position by 1e-6 rad
 BLOCK = 1 << 18  # samples interpolated at a time
 MARGIN = 32  # samples on either side of a block; a cubic spline forgets by 0.27 per sample
 
+Starts = tuple[int, ...]
 
-def refuse_bad_time(time: Array) -> None:
-    """Raise unless time (N,) [s] increases without gaps.
 
-    Raises:
-        RecordingError: with the row, and what to do about it.
+def cut(time: Array, position: Array, apart: Sequence[int] = ()) -> tuple[Starts, tuple[str, ...]]:
+    """Index of the first sample of each segment of increasing time (N,) [s], and notes on the gaps between them.
+
+    Args:
+        apart: starts that are known, as runs are counted in the file.
     """
     steps = np.diff(time)
-    if steps.min() <= 0:
-        first = int(np.argmax(steps <= 0))
-        where = f"time does not increase at data row {first + 2} (header not counted)"
-        if steps[first] == 0:
-            raise RecordingError(
-                f"{where} but repeats {time[first]:.9g} s: remove repeated rows, or write time with more decimals"
-            )
-        raise RecordingError(
-            f"{where} but falls from {time[first]:.9g} to {time[first + 1]:.9g} s: sort the rows, or split the file"
+    usual = float(np.median(steps))
+    gaps = np.empty(0, dtype=np.intp)
+    if steps.max() > LONG * usual and not is_rounded(time, position):
+        gaps = np.flatnonzero(steps > (bridgeable(time, position) + LONG) * usual) + 1
+    known = set(apart)
+    new = [int(gap) for gap in gaps if gap not in known]
+    notes: tuple[str, ...] = ()
+    if new:
+        sizes = steps[np.array(new) - 1]
+        size = f"{sizes.min():.3g} to {sizes.max():.3g} s" if len(new) > 1 else f"{sizes[0]:.3g} s"
+        many = f"{len(new)} gaps" if len(new) > 1 else "a gap"
+        notes = (
+            f"{many} of {size} after {_times(time[new] - steps[np.array(new) - 1] - time[0])}: segments end there",
         )
-    row, longest = int(np.argmax(steps)) + 2, float(steps.max())
-    usual = float(np.median(steps, overwrite_input=True))
-    if longest > GAP * usual and not lost(time).any():  # rounding alone never more than doubles a step
+    return tuple(sorted({0, *known, *new})), notes
+
+
+def long_enough(values: dict[str, Array], starts: Starts) -> tuple[dict[str, Array], Starts, tuple[str, ...]]:
+    """Leave out segments too short for any estimate, unless all are; returns values, starts and notes."""
+    time = values["time"]
+    bounds = (*starts, len(time))
+    fits = [b - a >= FEWEST and time[b - 1] - time[a] >= SHORTEST for a, b in pairwise(bounds)]
+    if all(fits):
+        return values, starts, ()
+    parts = [slice(a, b) for (a, b), fit in zip(pairwise(bounds), fits, strict=True) if fit]
+    if not parts:
         raise RecordingError(
-            f"a gap of {longest:.3g} s ends at data row {row} (header not counted), with {usual:.3g} s between samples "
-            "elsewhere: split the file there"
+            f"none of its {len(fits)} segments between gaps lasts {SHORTEST:g} s: record without losing samples"
         )
+    short = [b - a for (a, b), fit in zip(pairwise(bounds), fits, strict=True) if not fit]
+    lengths = np.cumsum([0, *(part.stop - part.start for part in parts)])
+    many = f"{len(short)} segments" if len(short) > 1 else "a segment"
+    note = f"{sum(short)} samples in {many} shorter than {SHORTEST:g} s are left out"
+    kept = {quantity: np.concatenate([column[part] for part in parts]) for quantity, column in values.items()}
+    return kept, tuple(lengths[:-1].tolist()), (note,)
+
+
+def is_rounded(time: Array, position: Array) -> bool:
+    """Whether long steps of time (N,) [s] come from rounding of a slower clock: regular, and unknown to the joint."""
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    places = np.flatnonzero(steps > LONG * usual)
+    regular = len(places) > 2 and np.ptp(np.diff(places)) <= 1
+    return bool(regular and printed_resolution(time) > usual / 2 and not skips(time, position))
 
 
 def skips(time: Array, position: Array) -> bool:
@@ -54,47 +92,131 @@ def skips(time: Array, position: Array) -> bool:
     return bool(moves[long] @ beside > LONG * (beside @ beside))
 
 
-def lost(time: Array, position: Array | None = None) -> Index:
-    """How many samples are lost between each and the next of time (N,) [s], (N - 1,): zeros unless clearly a few are.
+def bridgeable(time: Array, position: Array) -> int:
+    """How many samples in a row may be lost, at most, and be interpolated as well as noise and need allow.
 
-    Long steps at regular intervals may be rounding of a slower clock: then position (N,) tells, where it is given.
+    For each number, that many samples are left out all over a stretch of position (N,) where none is lost, and the one
+    in the middle is interpolated by the cubic through two samples on either side.
     """
     steps = np.diff(time)
-    none = np.zeros(len(steps), dtype=np.intp)
-    usual = float(np.median(steps))
-    if steps.max() <= LONG * usual:
-        return none
-    counts = np.round(steps / usual).astype(np.intp)
-    missing, places = counts - 1, np.flatnonzero(counts != 1)
-    even = counts.min() == 1 and np.abs(steps / usual - counts).max() <= EVEN
-    if not even or missing.max() > IN_A_ROW or missing.sum() > MOST_LOST * len(time):
-        return none
-    if len(places) > 2 and np.ptp(np.diff(places)) <= 1 and printed_resolution(time) > usual / 2:
-        return missing if position is not None and skips(time, position) else none
-    return missing
+    q = position[_longest_run(steps <= LONG * float(np.median(steps)))]
+    if len(q) < 20:
+        return 0
+    noise = float(np.std(np.diff(q, 6))) / np.sqrt(924.0)  # of white noise, the sum of squares of 1, -6, 15, ...
+    for lost in range(1, IN_A_ROW + 1):
+        nodes, middle = np.array([-1, 0, lost + 1, lost + 2]), (lost + 1) // 2
+        weights = np.array([np.prod([(middle - b) / (a - b) for b in nodes if b != a]) for a in nodes])  # Lagrange
+        span = len(q) - (lost + 3)
+        guess = sum(w * q[1 + k : 1 + k + span] for w, k in zip(weights, nodes, strict=True))
+        error = float(np.std(q[1 + middle : 1 + middle + span] - guess))
+        allowed = ABOVE_NOISE * noise * np.sqrt(1 + weights @ weights)
+        if error > max(allowed, FINE * float(np.ptp(q))):
+            return lost - 1
+    return IN_A_ROW
 
 
-def filled(values: dict[str, Array]) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """The same signals, by quantity, with the few samples that were lost filled in, and notes that say where.
+def _longest_run(good: Mask) -> slice:
+    """Samples between the longest run of good steps (N - 1,), INTACT at most."""
+    edges = np.flatnonzero(np.diff(good, prepend=False, append=False))
+    first, end = edges[::2], edges[1::2]
+    if not len(first):
+        return slice(0, 0)
+    longest = int(np.argmax(end - first))
+    return slice(int(first[longest]), int(min(end[longest] + 1, first[longest] + INTACT)))
+
+
+def uniform(values: dict[str, Array], starts: Starts = (0,)) -> tuple[dict[str, Array], Starts, tuple[str, ...]]:
+    """The same signals, by quantity, on uniform time of one period in all segments; and notes on what was done.
+
+    The few samples that were lost are filled in first. Time that is uniform then, or would be but for the rounding of
+    its printed digits, leaves the signals as they are. Else position and velocity are interpolated by cubic splines,
+    and torque, held from sample to sample, becomes its mean over each new step: the impulse it gives is kept, and
+    jitter never shifts it by a whole sample.
+    """
+    if is_uniform(values["time"], starts):
+        return values, starts, ()
+    parts = [
+        {name: column[a:b] for name, column in values.items()} for a, b in pairwise((*starts, len(values["time"])))
+    ]
+    usual = float(np.median(np.concatenate([np.diff(part["time"]) for part in parts])))
+    filling: tuple[str, ...] = ()
+    if len(parts) > 1 or not is_rounded(values["time"], values["position"]):
+        parts, filling = _filled(parts, usual)
+    values, starts = _joined(parts)
+    time = values["time"]
+    if is_uniform(time, starts):
+        return values, starts, filling
+    steps = np.concatenate([np.diff(part["time"]) for part in parts])
+    slow = steps > LONG * usual
+    period = float(np.mean(steps))
+    off = max(unevenness(part["time"], period) for part in parts)
+    loses = len(parts) == 1 and skips(time, values["position"])
+    if off <= max(1.001 * printed_resolution(time), NEGLIGIBLE * period) and not loses:
+        grids = [_grid(part["time"][0], period, len(part["time"])) for part in parts]
+        note = f"time set to uniform {1 / period:.6g} Hz, from which it differed by rounding only (up to {off:.2g} s)"
+        return values | {"time": np.concatenate(grids)}, starts, (*filling, note)
+    if slow.any():
+        period = float(np.mean(steps[~slow]))
+    note = (
+        f"resampled to {1 / period:.6g} Hz: steps were {1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms "
+        f"(standard deviation {1e3 * steps.std():.2g} ms)"
+    )
+    if slow.any():
+        note += f", {np.count_nonzero(slow)} of them over {LONG:g} times the usual"
+    return *_joined([_resampled(part, period) for part in parts]), (*filling, note)
+
+
+def _joined(parts: Sequence[dict[str, Array]]) -> tuple[dict[str, Array], Starts]:
+    lengths = np.cumsum([0, *(len(part["time"]) for part in parts)])
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return joined, tuple(lengths[:-1].tolist())
+
+
+def _filled(parts: Sequence[dict[str, Array]], usual: float) -> tuple[list[dict[str, Array]], tuple[str, ...]]:
+    """The same segments with the few samples that were lost filled in, and notes that say how many.
 
     Position and velocity are interpolated by cubic splines, torque linearly: nobody knows what it was.
     """
-    time = values["time"]
-    missing = lost(time, values["position"])
-    if not missing.any():
-        return values, ()
+    full, places = [], []
+    for part in parts:
+        missing = _lost(part["time"], usual)
+        places.append(part["time"][:-1][missing > 0] - parts[0]["time"][0])
+        full.append(_with_lost(part, missing) if missing.any() else part)
+    count = sum(len(one["time"]) for one in full) - sum(len(part["time"]) for part in parts)
+    if not count:
+        return full, ()
+    many = f"{count} samples are" if count > 1 else "1 sample is"
+    return full, (f"{many} missing after {_times(np.concatenate(places))}: filled in by interpolation",)
+
+
+def _lost(time: Array, usual: float) -> Index:
+    """How many samples are lost between each and the next of time (N,) [s], (N - 1,)."""
+    ratio = np.diff(time) / usual
+    counts = np.round(ratio).astype(np.intp)
+    return np.where((ratio > LONG) & (np.abs(ratio - counts) <= WHOLE), counts - 1, 0)
+
+
+def _with_lost(part: dict[str, Array], missing: Index) -> dict[str, Array]:
+    time = part["time"]
     known = np.append(0, np.cumsum(missing + 1))  # (N,), places of the samples that there are
     every = np.arange(known[-1] + 1)
-    full = {name: np.interp(every, known, values[name]) for name in ("time", "torque")}
-    for name in values.keys() - full.keys():
-        full[name] = _interpolated(full["time"], time, values[name])
-        full[name][known] = values[name]
-    rows = [str(row) for row in np.flatnonzero(missing) + 1]
-    listed = [*rows[:PLACES], *([f"{len(rows) - PLACES} more"] if len(rows) > PLACES else [])]
-    count = int(missing.sum())
-    many = f"{count} samples are" if count > 1 else "1 sample is"
-    note = f"{many} missing after data row{'s' if len(rows) > 1 else ''} {listing(listed)}: filled in by interpolation"
-    return {name: full[name] for name in values}, (note,)
+    full = {name: np.interp(every, known, part[name]) for name in ("time", "torque")}
+    for name in part.keys() - full.keys():
+        full[name] = _interpolated(full["time"], time, part[name])
+        full[name][known] = part[name]
+    return full
+
+
+def _resampled(part: dict[str, Array], period: float) -> dict[str, Array]:
+    """One segment on a grid of `period` [s] that begins where it does."""
+    time = part["time"]
+    grid = _grid(time[0], period, int((time[-1] - time[0]) / period + 1 + 1e-6))
+    made = {name: _interpolated(grid, time, part[name]) for name in part if name not in ("time", "torque")}
+    return made | {"time": grid, "torque": _mean_held(grid, period, time, part["torque"])}
+
+
+def _grid(start: float, period: float, count: int) -> Array:
+    return start + period * np.arange(count, dtype=np.float64)
 
 
 def printed_resolution(time: Array) -> float:
@@ -109,43 +231,12 @@ def printed_resolution(time: Array) -> float:
     return single
 
 
-def uniform(values: dict[str, Array]) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """The same signals, by quantity, on uniform time, and notes on what was done.
-
-    The few samples that an even clock lost are filled in first. Time that is uniform then, or would be but for the
-    rounding of its printed digits, leaves the signals as they are. Else position and velocity are interpolated by cubic
-    splines, and torque, held from sample to sample, becomes its mean over each new step: the impulse it gives is kept,
-    and jitter never shifts it by a whole sample.
-    """
-    values, notes = filled(values)
-    time = values["time"]
-    if is_uniform(time):
-        return values, notes
-    step = (time[-1] - time[0]) / (len(time) - 1)
-    off = unevenness(time)
-    if off <= max(1.001 * printed_resolution(time), NEGLIGIBLE * step) and not skips(time, values["position"]):
-        grid = np.linspace(time[0], time[-1], len(time))
-        note = f"time set to uniform {1 / step:.6g} Hz, from which it differed by rounding only (up to {off:.2g} s)"
-        return values | {"time": grid}, (*notes, note)
-
-    steps = np.diff(time)
-    usual = float(np.median(steps))
-    long = int(np.count_nonzero(steps > LONG * usual))
-    count = round((time[-1] - time[0]) / usual) + 1 if long else len(time)
-    grid = np.linspace(time[0], time[-1], count)
-    resampled = {name: _interpolated(grid, time, values[name]) for name in values if name not in ("time", "torque")}
-    resampled |= {"time": grid, "torque": _mean_held(grid, time, values["torque"])}
-    note = (
-        f"resampled to {(count - 1) / (grid[-1] - grid[0]):.6g} Hz: steps were {1e3 * steps.min():.4g} to "
-        f"{1e3 * steps.max():.4g} ms (standard deviation {1e3 * steps.std():.2g} ms)"
-    )
-    return resampled, (*notes, f"{note}, {long} of them over {LONG:g} times the usual" if long else note)
-
-
-def _mean_held(grid: Array, time: Array, torque: Array) -> Array:
-    """Mean over each step of grid (M,) of torque (N,) held from one time (N,) to the next; same unit."""
-    impulse = np.interp(grid, time, np.append(0.0, np.cumsum(torque[:-1] * np.diff(time))))  # [N m s]
-    return np.append(np.diff(impulse) / np.diff(grid), torque[-1])
+def _mean_held(grid: Array, period: float, time: Array, torque: Array) -> Array:
+    """Mean over each step of grid (M,) of torque (N,) held from one time (N,) to the next, the last on; same unit."""
+    ends = np.append(grid, grid[-1] + period)
+    until = np.append(time, max(time[-1], grid[-1]) + 2 * period)
+    impulse = np.interp(ends, until, np.append(0.0, np.cumsum(torque * np.diff(until))))  # [N m s]
+    return np.diff(impulse) / np.diff(ends)
 
 
 def _interpolated(grid: Array, time: Array, values: Array) -> Array:
@@ -159,3 +250,9 @@ def _interpolated(grid: Array, time: Array, values: Array) -> Array:
         near = slice(max(first - MARGIN, 0), last + MARGIN)
         result[start : start + BLOCK] = CubicSpline(time[near], values[near])(block)
     return result
+
+
+def _times(times: Array) -> str:
+    """`1.2 s`, or `1.2, 3.4 s and 5 more times`."""
+    told = ", ".join(f"{time:.6g}" for time in times[:NAMED]) + " s"
+    return f"{told} and {len(times) - NAMED} more times" if len(times) > NAMED else told

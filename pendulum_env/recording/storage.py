@@ -1,10 +1,11 @@
 """Reading recordings from files, with every doubt raised at once, and writing them so that they read back exactly."""
 
 import gzip
-import io
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -12,34 +13,76 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from pendulum_env._typing import Array
-from pendulum_env.recording import checks
-from pendulum_env.recording.binary import read_npz, read_parquet
-from pendulum_env.recording.record import Recording, RecordingError
-from pendulum_env.recording.sampling import refuse_bad_time, uniform
-from pendulum_env.recording.table import Named, Table, one_line
-from pendulum_env.recording.text import read_csv
+from pendulum_env.files import replacing
+from pendulum_env.reading import Unreadable, regular_size
+from pendulum_env.recording import checks, cleaning
+from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz
+from pendulum_env.recording.bags import is_bag, read_bag
+from pendulum_env.recording.columns import find_columns
+from pendulum_env.recording.parquet import read_parquet
+from pendulum_env.recording.record import QUANTITIES, Recording, RecordingError
+from pendulum_env.recording.sampling import cut, long_enough, uniform
+from pendulum_env.recording.table import LARGEST, REMEDY, Find, Table, one_line
+from pendulum_env.recording.text import read_csv, read_excel
 
-READERS: dict[str, Callable[[Path, Named], Table]] = {
+READERS: dict[str, Callable[[Path, Find, float], Table]] = {
     ".csv": read_csv,
     ".csv.gz": read_csv,
+    ".tsv": read_csv,
+    ".txt": read_csv,
     ".parquet": read_parquet,
     ".npz": read_npz,
+    ".mat": read_mat,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+    ".xlsx": read_excel,
+    ".xls": read_excel,
+    ".ods": read_excel,
+    ".mcap": read_bag,
+    ".bag": read_bag,
+    ".db3": read_bag,
+}
+RECIPES = {  # what helps where a format is not read
+    ".npy": "name its columns: numpy.savez('run.npz', time=..., position=..., torque=...)",
+    ".pkl": "write it with pandas' to_parquet, since reading a pickle runs what is in it",
+    ".feather": "write it with pandas' to_parquet",
+    ".arrow": "write it with pandas' to_parquet",
+    ".json": "write it with pandas' to_csv",
+    ".jsonl": "write it with pandas' to_csv",
+    ".ulg": "export it by ulog2csv of pyulog",
+    ".tdms": "export it by npTDMS: TdmsFile('run.tdms').as_dataframe().to_parquet('run.parquet')",
+    ".mf4": "export it by asammdf: MDF('run.mf4').to_dataframe().to_parquet('run.parquet')",
+    ".mdf": "export it by asammdf: MDF('run.mdf').to_dataframe().to_parquet('run.parquet')",
+    ".blf": "export it by cantools or asammdf as CSV",
+    ".slx": "that is a model, not a run: in MATLAB, save its signals to a .mat file",
+    ".fig": "that is a figure: in MATLAB, save its data to a .mat file",
 }
 
 
 def read_recording(
-    path: str | os.PathLike[str], *, unwrap: bool = False, columns: Mapping[str, str] | None = None
+    path: str | os.PathLike[str],
+    *,
+    unwrap: bool = False,
+    columns: Mapping[str, str] | None = None,
+    largest: float = LARGEST,
 ) -> Recording:
-    """Read a CSV (also .csv.gz), Parquet or NPZ file with columns time, position, torque and perhaps velocity.
+    """Read a file with columns time, position, torque and perhaps velocity, reference and segment.
+
+    CSV (also .csv.gz, .tsv, .txt), Parquet, NPZ and MATLAB are read as they are; HDF5, MATLAB 7.3, Excel, MCAP and bags
+    of ROS need the extra `formats`.
 
     Names are taken as in `columns.py`, their units converted to s, rad, N m, rad/s; slightly uneven time is made
     uniform as in `sampling.py`. Whatever was changed is said in the recording's `notes`.
 
     Args:
         unwrap: undo jumps of 2 pi in position, which are refused otherwise.
-        columns: which column is which quantity, where the file's own names do not tell, with a unit behind a colon
-            where it is not SI: `{"position": "Winkel:deg", "torque": "torque commanded"}`. Units are s, ms, us, ns;
-            rad, mrad, deg, rev; rad/s, deg/s, rpm, rev/s; Nm, mNm, Ncm.
+        columns: which column is which quantity, where the file's own names do not tell, by quantity (time, position,
+            torque, velocity, reference, segment), each `NAME:UNIT*GAIN/RATIO+OFFSET`: `{"position": "-Winkel:deg/6",
+            "torque": "current:A*0.091"}`; `unused` leaves out velocity, reference or segment. Units are s, ms, us, ns;
+            rad, mrad, deg, rev, counts; rad/s, deg/s, rpm, rev/s, counts/s; Nm, mNm, Ncm, A, mA, V, duty. Counts need
+            the counts of a turn (`enc:counts/4096`), and currents a torque constant (`*?` if it is to be found).
+        largest: bytes that the file may hold, unpacked, and that its columns may take; a file of more is refused before
+            it fills the memory.
 
     Raises:
         RecordingError: if the file cannot be read or its content cannot be trusted: one sentence with the file, the
@@ -47,59 +90,76 @@ def read_recording(
     """
     path = Path(path)
     try:
-        suffix = _suffix(path)
-        return _recording(path.name[: -len(suffix)], _table(path, suffix, columns), unwrap)
+        name = path.name if is_bag(path) else path.name[: -len(_suffix(path))]
+        return _recording(name, read_table(path, partial(find_columns, named=columns), largest), unwrap)
     except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error.__cause__
+        raise type(error)(f"{path}: {error}") from error.__cause__
 
 
 def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write columns time, position, torque and perhaps velocity, in the format that the name's ending asks for.
+    """Write columns time, position, torque and what else there is, in the format that the name's ending asks for.
+
+    A column `segment` counts the segments, if there are several. What is known of a load stands in a study, not here.
 
     Floats are written exactly. The file appears whole or not at all: it is written beside its place, then moved there.
 
     Raises:
         RecordingError: if the ending is unknown or the file cannot be written.
     """
+    columns = {quantity: getattr(recording, quantity) for quantity in QUANTITIES}
+    columns = {quantity: values for quantity, values in columns.items() if values is not None}
+    if len(recording.starts) > 1:
+        columns["segment"] = segment_numbers(recording)
+    write_columns(columns, path)
+
+
+def segment_numbers(recording: Recording) -> Array:
+    """Number of the segment that each sample is in, from 0 (N,)."""
+    return np.asarray(np.searchsorted(recording.starts, np.arange(len(recording)), side="right") - 1.0)
+
+
+def write_columns(columns: dict[str, Array], path: str | os.PathLike[str]) -> None:
+    """Write columns (N,) by name in the format that the ending asks for, whole or not at all.
+
+    Raises:
+        RecordingError: if the ending is unknown or the file cannot be written.
+    """
     path = Path(path)
-    columns = {"time": recording.time, "position": recording.position, "torque": recording.torque}
-    if recording.velocity is not None:
-        columns["velocity"] = recording.velocity
     try:
-        write = WRITERS[_suffix(path)]
+        write = WRITERS[_suffix(path, WRITERS)]
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from None
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        with temporary.open("wb") as file:
+        with replacing(path) as file:
             write(file, columns)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written ({error.strerror}): choose another place") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
-def _suffix(path: Path) -> str:
+def _suffix(path: Path, known: Collection[str] = READERS) -> str:
     name = path.name.lower()
-    for suffix in READERS:
+    for suffix in known:
         if name.endswith(suffix) and len(name) > len(suffix):
             return suffix
-    raise RecordingError(f"the name does not end in {', '.join(READERS)}: convert the recording to one of these")
+    recipe = RECIPES.get(path.suffix.lower(), "convert the recording to one of these")
+    raise RecordingError(f"the name does not end in {', '.join(known)}: {recipe}")
 
 
-def _table(path: Path, suffix: str, named: Named) -> Table:
+def read_table(path: Path, find: Find, largest: float = LARGEST) -> Table:
     """Columns as they stand in the file; whatever the libraries below raise becomes a RecordingError."""
+    suffix = ".db3" if is_bag(path) else _suffix(path)
     try:
-        if path.is_dir():
-            raise RecordingError("it is a directory: name a file in it")
         if not path.exists():
             raise RecordingError("there is no such file: check the path")
-        return READERS[suffix](path, named)
+        if not is_bag(path):
+            regular_size(path, largest, REMEDY)
+        return READERS[suffix](path, find, largest)
     except RecordingError:
         raise
+    except Unreadable as error:
+        raise RecordingError(str(error).removeprefix(f"{path}: ")) from None
+    except MemoryError:
+        raise RecordingError("it does not fit into the memory that is left: shorten it") from None
     except Exception as error:  # a damaged file may fail anywhere in zlib, zipfile, numpy or arrow
         raise RecordingError(
             f"it cannot be read as {suffix} ({one_line(error)}): it may be damaged, export it again"
@@ -107,28 +167,60 @@ def _table(path: Path, suffix: str, named: Named) -> Table:
 
 
 def _recording(name: str, table: Table, unwrap: bool) -> Recording:
-    """Convert to SI, refuse what cannot be true, make time uniform."""
-    notes = tuple(note for column in table.columns.values() for note in column.notes)
+    """Convert to SI, leave out what the logger spoilt, cut at gaps, make time uniform; refuse what cannot be true."""
+    notes = [*(note for column in table.columns.values() for note in column.notes), *table.notes]
+
+    def noted(told: tuple[str, ...]) -> None:
+        notes.extend(told)
+
     values = table.values
     for quantity, column in table.columns.items():
-        values[quantity] *= column.scale
-    checks.refuse_not_finite(values)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
+            values[quantity] *= column.scale
+            values[quantity] += column.offset
+    checks.refuse_absurd(values)
     checks.refuse_too_few(values["time"])
-    refuse_bad_time(values["time"])
-    checks.refuse_too_short(values["time"])
+    values, told = cleaning.aligned(values)
+    noted(told)
+    values, rows, told = cleaning.finite(values, checks.FEWEST)
+    noted(told)
+    values = cleaning.followed_on(values)
+    values, rows, told = cleaning.ordered(values, rows)
+    noted(told)
+    turns = np.unwrap(values["position"]) if unwrap else values["position"]
+    values, rows, told = cleaning.sound(values, rows, turns)
+    noted(told)
+    checks.refuse_too_few(values["time"])
     checks.refuse_still(values["position"])
-    checks.refuse_jumps(values["position"], allow_wrapped=unwrap)
+    starts = cleaning.runs(values.pop("segment", None))
+    starts, told = cut(values["time"], np.unwrap(values["position"]) if unwrap else values["position"], starts)
+    noted(told)
+    checks.refuse_jumps(values["position"], rows, starts, allow_wrapped=unwrap)
+    turned: tuple[str, ...] = ()
     if unwrap:
-        values["position"], unwrapping = _unwrapped(values["position"])
-        notes += unwrapping
-
-    values, resampling = uniform(values)
-    recording = Recording(name, **values, notes=notes + resampling)
-    checks.refuse_too_fast(recording.rate, recording.position)
+        values["position"], turned = _unwrapped(values["position"])
+        noted(turned)
+    values, starts, told = long_enough(values, starts)
+    noted(told)
+    values, starts, told = uniform(values, starts)
+    noted(told)
+    recording = Recording(
+        name,
+        values["time"],
+        values["position"],
+        values["torque"],
+        velocity=values.get("velocity"),
+        notes=tuple(notes),
+        starts=starts,
+        reference=values.get("reference"),
+        torque_unit=table.columns["torque"].result_unit,
+    )
+    checks.refuse_too_short(recording)
     if recording.velocity is not None:
-        checks.refuse_foreign_velocity(recording.rate, recording.position, recording.velocity)
-    if table.columns["position"].unit is None:  # a unit in the name is trusted
-        checks.refuse_degrees(recording.rate, recording.position, recording.torque)
+        checks.refuse_foreign_velocity(recording)
+    if not (table.columns["position"].is_unit_told or turned):  # jumps of 2 pi tell as well
+        checks.refuse_too_fast(recording)
+        checks.refuse_degrees(recording)
     return recording
 
 
@@ -138,26 +230,26 @@ def _unwrapped(position: Array) -> tuple[Array, tuple[str, ...]]:
     return unwrapped, ((f"position unwrapped at {jumps} jumps of 2 pi",) if jumps else ())
 
 
-def _write_csv(file: io.BufferedIOBase, columns: dict[str, Array]) -> None:
+def _write_csv(file: BinaryIO | gzip.GzipFile, columns: dict[str, Array]) -> None:
     file.write((",".join(columns) + "\n").encode())
     pacsv.write_csv(pa.table(columns), file, pacsv.WriteOptions(include_header=False))  # shortest exact decimals
 
 
-def _write_gzip(file: io.BufferedIOBase, columns: dict[str, Array]) -> None:
+def _write_gzip(file: BinaryIO, columns: dict[str, Array]) -> None:
     # without name and time of writing, the same data give the same bytes
     with gzip.GzipFile(filename="", mode="wb", fileobj=file, compresslevel=5, mtime=0) as compressed:
         _write_csv(compressed, columns)
 
 
-def _write_parquet(file: io.BufferedIOBase, columns: dict[str, Array]) -> None:
+def _write_parquet(file: BinaryIO, columns: dict[str, Array]) -> None:
     pq.write_table(pa.table(columns), file)
 
 
-def _write_npz(file: io.BufferedIOBase, columns: dict[str, Array]) -> None:
+def _write_npz(file: BinaryIO, columns: dict[str, Array]) -> None:
     np.savez_compressed(file, allow_pickle=False, **columns)
 
 
-WRITERS: dict[str, Callable[[io.BufferedIOBase, dict[str, Array]], None]] = {
+WRITERS: dict[str, Callable[[BinaryIO, dict[str, Array]], None]] = {
     ".csv": _write_csv,
     ".csv.gz": _write_gzip,
     ".parquet": _write_parquet,

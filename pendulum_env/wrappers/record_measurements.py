@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from contextlib import suppress
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import gymnasium as gym
 
-from pendulum_env.files import check_output
+from pendulum_env.files import check_output, synchronise
 
 COLUMNS = ("time", "position", "torque")
 TIMING = ("jitter", "overruns")  # of a rig, beside them: readers of recordings pass over what they do not know
@@ -25,7 +28,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     """
 
     def __init__(self, env: gym.Env[Any, Any], path: str | Path, *, overwrite: bool = False) -> None:
-        """Wrap an environment whose `info` carries `time`, `position` and `torque`.
+        """Wrap an environment whose `info` carries `time`, `position` and `torque`, of a pendulum or an arm.
 
         Args:
             env: the environment.
@@ -42,10 +45,12 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         if self.path.suffix.lower() != ".csv":
             raise ValueError(f"{path}: measurements are appended to a CSV file: let the name end in .csv")
         self._overwrite, self._copied = overwrite, False
+        self._joints: Sequence[str] | None = getattr(env.unwrapped, "joints", None)  # of an arm
         self._episode, self._file = 0, None
         self._rows: list[str] = []
+        self._lost: OSError | None = None  # what the disk refused in this episode
 
-    _file: BinaryIO | None
+    _file: FileIO | None  # without a buffer: what was written is with the system, even if this process is killed
 
     def file_of(self, episode: int) -> Path:
         """File of an episode, counted from 1."""
@@ -54,6 +59,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment; the next step opens a new file."""
         self._finish()
+        self._lost = None
         observation, info = self.env.reset(seed=seed, options=options)
         self._last = info
         self._written = info["time"]
@@ -64,20 +70,29 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 
         Raises:
             FileExistsError: with the first step, if the file exists and may not be replaced.
+            OSError: if the measurements cannot be written any more, with the number of rows that are kept.
         """
+        if self._lost is not None:
+            raise self._lost
         if self._file is None:
             self._open()
         observation, reward, terminated, truncated, info = self.env.step(action)
         last, self._last = self._last, info
         if "fault" not in info:  # else nothing was measured
-            row = (last["time"], last["position"], info["torque"], *(last[name] for name in TIMING if name in last))
+            position, torque = last["position"], info["torque"]
+            own = (position, torque) if self._joints is None else (*position, *torque)
+            row = (last["time"], *own, *(last[name] for name in TIMING if name in last))
             self._rows.append(",".join(repr(float(value)) for value in row) + "\n")
         if terminated or truncated or not math.isfinite(info["time"]) or info["time"] >= self._written + INTERVAL:
             self._flush()
         return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
-        """Write what is left and close the environment."""
+        """Write what is left and close the environment.
+
+        Raises:
+            OSError: if it cannot be written, with the number of rows that are kept.
+        """
         try:
             super().close()
         finally:  # a motor stops before a file is written
@@ -93,21 +108,64 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             self._episode += 1
         path = self.file_of(self._episode)
         try:
-            self._file = path.open("wb" if self._overwrite else "xb", buffering=0)
+            self._file = FileIO(path, "wb" if self._overwrite else "xb")
         except FileExistsError:
             self._episode -= 1
             raise FileExistsError(f"{path}: exists already: choose another name, or pass overwrite=True") from None
-        names = (*COLUMNS, *(name for name in TIMING if name in self._last))
-        self._file.write((",".join(names) + "\n").encode())
+        columns: tuple[str, ...] = COLUMNS
+        if self._joints is not None:
+            columns = ("time", *(f"{quantity}_{joint}" for quantity in COLUMNS[1:] for joint in self._joints))
+        self._kept, self._whole = 0, 0
+        names = (*columns, *(name for name in TIMING if name in self._last))
+        self._append((",".join(names) + "\n").encode(), rows=0)
 
     def _flush(self) -> None:
         if self._file is not None and self._rows:
-            self._file.write("".join(self._rows).encode())  # in one piece: a killed process leaves no half row
-            self._rows.clear()
+            rows, self._rows = self._rows, []
+            self._append("".join(rows).encode(), len(rows))  # in one piece: a killed process leaves no half row
         self._written = self._last["time"]
 
+    def _append(self, data: bytes, rows: int) -> None:
+        """Write rows to the end of the file; of those that do not fit, as many as do."""
+        assert self._file is not None
+        done = 0
+        try:
+            while done < len(data):  # a disk that fills up takes a part first, and refuses the rest
+                done += self._file.write(data[done:]) or 0
+        except OSError as error:
+            end = data.rfind(b"\n", 0, done) + 1
+            kept = data.count(b"\n", 0, end) if rows else 0
+            with suppress(OSError):  # a device has no length
+                self._file.truncate(self._whole + end)
+            self._kept += kept
+            self._give_up(error, rows - kept)
+        self._whole += len(data)
+        self._kept += rows
+
     def _finish(self) -> None:
-        if self._file is not None:
-            self._flush()
-            self._file.close()
-            self._file = None
+        """Close the file, once all of it is on the disk."""
+        if self._file is None:
+            return
+        self._flush()
+        try:
+            synchronise(self._file)
+            file, self._file = self._file, None
+            file.close()
+        except OSError as error:
+            self._give_up(error, 0)
+
+    def _give_up(self, error: OSError, lost: int) -> None:
+        """Let go of the file and say what is in it; always raises."""
+        file, self._file = self._file, None
+        if file is not None:
+            with suppress(OSError):
+                synchronise(file)
+            with suppress(OSError):
+                file.close()
+        self._lost = OSError(
+            error.errno,
+            f"{error.strerror}: {self._kept} rows were written{f', the {lost} after them are lost' if lost else ''}: "
+            "make room or choose another disk, and record again",
+            str(self.file_of(self._episode)),
+        )
+        raise self._lost from error

@@ -10,10 +10,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
+from agents import DESIGN
 from agents.design_env import ExcitationDesignVector
 from agents.knowledge import NOMINAL, PRIOR
 from agents.observer import TICK, read
-from pendulum_env.registration import DESIGN
 
 HELD = 20  # samples in a tick
 
@@ -43,10 +43,11 @@ def test_the_checkers_have_nothing_to_say(arguments):
         check_env_for_sb3(gym.make(DESIGN, **arguments))
 
 
-def test_gymnasium_knows_it_without_agents_or_torch_being_imported():
+@pytest.mark.parametrize("how", [f"import agents; id = '{DESIGN}'", f"id = 'agents:{DESIGN}'"])
+def test_gymnasium_knows_it_by_its_conventions_without_torch(how):
     code = (
-        "import gymnasium, pendulum_env, sys; assert 'agents' not in sys.modules; "
-        f"env = gymnasium.make_vec('{DESIGN}', num_envs=3); print(env.reset(seed=0)[0].shape, 'torch' in sys.modules)"
+        f"import gymnasium, sys; {how}; "
+        "env = gymnasium.make_vec(id, num_envs=3); print(env.reset(seed=0)[0].shape, 'torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "(3, 20) False"

@@ -1,9 +1,12 @@
 """Training, what it leaves behind, and the two commands."""
 
 import json
+import os
+import pickle
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +16,10 @@ from agents.config import Config, read_settings
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS
 from agents.tasks import PriceTorque
-from agents.training import export, make_model, train
+from agents.training import CheckpointError, export, make_model, train
 from workbench.cli import main
 
-SMALL = {"steps": 3000, "pendulums": 8, "rollout": 125, "batch": 500, "epochs": 2, "checkpoint": 1000}
+SMALL = {"steps": 1200, "pendulums": 8, "rollout": 50, "batch": 200, "epochs": 2, "checkpoint": 400}
 
 
 def weights(network: Network) -> np.ndarray:
@@ -29,16 +32,16 @@ def test_training_repeats_itself_and_keeps_policies_on_the_way(tmp_path):
     np.testing.assert_array_equal(weights(first), weights(train(Config.of(SMALL))))
     assert told[-1] == 1.0 and told == sorted(told)
     policies = sorted(path.name for path in tmp_path.glob("*.npz"))
-    assert policies == ["steps-1000.npz", "steps-2000.npz", "steps-3000.npz"]
+    assert policies == ["steps-1200.npz", "steps-400.npz", "steps-800.npz"]
     assert (tmp_path / "training.pkl").exists() and list(tmp_path.glob("tensorboard/*/events*"))
-    np.testing.assert_allclose(weights(load(str(tmp_path / "steps-3000.npz"))), weights(first), rtol=1e-6)
+    np.testing.assert_allclose(weights(load(str(tmp_path / "steps-1200.npz"))), weights(first), rtol=1e-6)
     other = train(Config.of({**SMALL, "seed": 1}))
     assert (weights(other) != weights(first)).any()
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "sac"])
 def test_a_training_that_was_killed_goes_on_to_the_same_policy(algorithm, tmp_path):
-    settings = {**SMALL, "algorithm": algorithm, "replay": 2000, "updates": 1, "hidden": 16}
+    settings = {**SMALL, "algorithm": algorithm, "replay": 800, "updates": 1, "hidden": 16}
     whole = train(Config.of(settings))
     killed = (
         "import os, signal; from pathlib import Path; from agents.config import Config\n"
@@ -47,7 +50,7 @@ def test_a_training_that_was_killed_goes_on_to_the_same_policy(algorithm, tmp_pa
         f"Path({str(tmp_path)!r}))"
     )
     assert subprocess.run([sys.executable, "-c", killed]).returncode == -signal.SIGKILL
-    assert not (tmp_path / "steps-3000.npz").exists()
+    assert not (tmp_path / "steps-1200.npz").exists()
     np.testing.assert_array_equal(weights(train(Config.of(settings), folder=tmp_path, resume=True)), weights(whole))
     with pytest.raises(ValueError, match="holds a training already"):
         train(Config.of(settings), folder=tmp_path)
@@ -107,13 +110,13 @@ def test_a_configuration_is_checked(tmp_path):
 @pytest.mark.parametrize(
     ("setting", "reason"),
     [
-        ('hidden = "a"', "hidden should be a whole number, 1 or more, not 'a'"),
-        ("steps = 1e6", "steps should be a whole number, 1 or more, not 1000000.0"),
+        ('hidden = "a"', "hidden should be a whole number, from 1 to 4096, not 'a'"),
+        ("steps = 1e6", "steps should be a whole number, from 1 to 1000000000000, not 1000000.0"),
         ("gamma = 2", "gamma should be a number, from 0 to 1, not 2"),
-        ("checkpoint = 0", "checkpoint should be a whole number, 1 or more, not 0"),
-        ("epochs = true", "epochs should be a whole number, 1 or more, not True"),
+        ("checkpoint = 0", "checkpoint should be a whole number, from 1 to 1000000000000, not 0"),
+        ("epochs = true", "epochs should be a whole number, from 1 to 10000, not True"),
         ("learning_rate = nan", "learning_rate should be a number, from 0 to 1, not nan"),
-        ("levels = 5", "levels should be a list of two or more shares"),
+        ("levels = 5", "levels should be a list of 2 to 1000 shares"),
         ("levels = [0, 2]", "a level should be a number, from -1 to 1, not 2"),
     ],
 )
@@ -145,7 +148,7 @@ def test_what_makes_no_sense_is_one_line(tmp_path, capsys):
     other = tmp_path / "other.npz"
     load("rms").save(other)
     for arguments, message in (
-        (["evaluate", str(text)], "is no policy"),
+        (["evaluate", str(text)], "a policy is what `pendulum-ident train` writes"),
         (["evaluate", str(other)], "was trained under the constraint rms, not peak"),
         (["train", "--resume", "-o", str(tmp_path / "new.npz")], "--resume needs --checkpoints"),
         (["train", "--algorithm", "pop", "-o", str(tmp_path / "new.npz")], "did you mean ppo"),
@@ -161,3 +164,23 @@ def test_what_makes_no_sense_is_one_line(tmp_path, capsys):
         assert main(arguments) == 2
         error = capsys.readouterr().err
         assert message in error and error.count("\n") == 1
+
+
+class Payload:
+    """What somebody else might have put into a checkpoint."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="owners and modes of Unix")
+def test_a_checkpoint_that_others_may_have_written_is_not_run(tmp_path):
+    trace, checkpoint = tmp_path / "trace", tmp_path / "training.pkl"
+    checkpoint.write_bytes(pickle.dumps(Payload(trace)))
+    checkpoint.chmod(0o666)
+    with pytest.raises(CheckpointError, match="others may write to it, and reading it runs what is in it"):
+        train(Config.of({}), folder=tmp_path, resume=True)
+    assert not trace.exists()

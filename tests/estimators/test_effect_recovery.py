@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Plant
-from estimators.identify import identify
-from estimators.schemes import SCHEMES
+from estimators.schemes.identification import identify
+from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
 
@@ -69,7 +69,11 @@ CASES = {
         {"inertia": PLANT.inertia, "gravity": PLANT.gravity, "viscous": PLANT.viscous},
         0.02,
     ),
-    "hard_stop": Case({"wall_q": 0.8, "wall_k": 40.0}, [40.0], {"stop": 0.8}),
+    "hard_stop": Case(
+        {"wall_lo": -1.0, "wall_hi": 0.8, "wall_k": 40.0, "wall_c": 0.1},
+        [40.0],
+        {"lower": -1.0, "upper": 0.8, "hysteresis": 0.1},
+    ),
 }
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks import independent_plant
-from estimators.identify import identify
-from estimators.measurements import measure
 from estimators.paper import PARAMETERS, PRINTED, TABLE_2, WAYS, Experiment, as_logged, paper_experiment
 from estimators.paper.experiment import simulated
 from estimators.paper.ways import command_as_logged, differentiated_backwards
-from estimators.schemes import SCHEMES
+from estimators.schemes.identification import identify
+from estimators.schemes.six import SCHEMES
+from estimators.signals.measurements import measure
 from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Recording
 
@@ -153,5 +153,5 @@ def test_no_runs_are_refused():
 
 def test_identify_measures_as_it_is_told(experiment):
     default = identify([experiment.example], schemes=SCHEMES[:1])
-    told = identify([experiment.example], schemes=SCHEMES[:1], measured=measure)
+    told = identify([experiment.example], schemes=SCHEMES[:1], measured=lambda recording: [measure(recording)])
     np.testing.assert_array_equal(default["dynamic"].model.theta, told["dynamic"].model.theta)

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.realtime
 PUSH = np.array([2.0], dtype=np.float32)  # [N m], enough to move the arm
 
 
-@pytest.fixture(params=["pymunk", "replay", *KINDS])
+@pytest.fixture(params=["pymunk", "mujoco", "replay", *KINDS])
 def settings(request, tmp_path):
     """Arguments with which the environment has each backend."""
     if request.param == "replay":
@@ -29,7 +29,9 @@ def settings(request, tmp_path):
     if request.param in KINDS:
         rig = request.getfixturevalue("emulated")(request.param, limits=PATIENT, first=2**31 - 1000)
         return {"backend": "dm1015b", "config": rig.config}
-    return {"backend": "pymunk"}
+    if request.param == "mujoco":
+        pytest.importorskip("mujoco")
+    return {"backend": request.param}
 
 
 def test_an_environment_keeps_its_contract(settings, tmp_path):
@@ -61,16 +63,14 @@ def test_an_environment_keeps_its_contract(settings, tmp_path):
 
 def test_a_backend_keeps_its_contract(settings):
     files = {name: str(value) for name, value in settings.items() if name != "backend"}
-    backend = BACKENDS[settings["backend"]](Setup(paper_plant(), 1e-3, 1, Sensor(), **files))
+    backend = BACKENDS[settings["backend"]](Setup(paper_plant(), 1000.0, 1, Sensor(), **files))
     backend.close()  # at any time
     backend.open()
     for _ in range(2):
         first = backend.enable(Start())
         assert (first.time, first.torque, first.status) == (0.0, 0.0, Status.RUNNING)
         samples = [backend.exchange(2.0) for _ in range(50)]
-        np.testing.assert_allclose(
-            [s.time for s in samples], np.arange(1, 51) / getattr(backend, "rate", 1000.0), atol=1e-9
-        )
+        np.testing.assert_allclose([s.time for s in samples], np.arange(1, 51) / backend.traits.rate, atol=1e-9)
         assert all(s.status is Status.RUNNING and np.isfinite([s.position, s.torque]).all() for s in samples)
         backend.disable()
         backend.disable()

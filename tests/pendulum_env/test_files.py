@@ -3,9 +3,12 @@
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pendulum_env.files import check_output, write_whole
+from pendulum_env.recording import Recording, RecordingError, write_recording
+from tests.disks import full_after
 
 
 def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path):
@@ -23,6 +26,34 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path):
         write_whole(path, "\ud800")
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_full_disk_leaves_the_old_file(tmp_path):
+    path = tmp_path / "a.txt"
+    write_whole(path, "old")
+    with full_after(1000), pytest.raises(OSError, match="too large") as caught:
+        write_whole(path, "new" * 1000)
+    assert caught.value.filename == str(path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_a_device_that_is_full_is_told():
+    with pytest.raises(OSError, match="No space left on device"):
+        write_whole("/dev/full", "text")
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.csv.gz", "run.parquet", "run.npz"])
+def test_a_recording_for_which_there_is_no_room_is_not_written(tmp_path, name):
+    rng = np.random.default_rng(0)
+    run = Recording("run", np.arange(3000) / 1000.0, rng.normal(size=3000), rng.normal(size=3000))
+    with (
+        full_after(20_000),
+        pytest.raises(RecordingError, match=rf"{name}: cannot be written .*: choose another place"),
+    ):
+        write_recording(run, tmp_path / name)
+    assert not list(tmp_path.iterdir())
 
 
 def test_links_are_followed(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pendulum_env.physics import ModelError, effects
+from pendulum_env.physics import Model, ModelError, effects
 from pendulum_env.plant import hide, paper_plant, read_parameters, typical
 
 
@@ -38,12 +38,22 @@ def test_values_in_order_by_name_and_typical_agree():
         ("cogging:ordre=3", r"unknown parameter of cogging 'ordre': did you mean order\?"),
         ("cogging:order=3.5", "order of cogging cannot be 3.5: give an integer from 2"),
         ("cogging:order", "'order' in 'order' is not of the form name=value"),
+        ("stribeck=inf", "stribeck of stribeck cannot be inf: give a number"),
+        ("hard_stop:lower=inf", "lower of hard_stop cannot be inf: give a number from -inf"),
+        ("hard_stop:lower=0.5,upper=-0.5", "hard_stop cannot be as .* says: lower has to be below upper"),
         ("stribeck=0.4,-1", "stribeck_velocity of stribeck cannot be -1: give a number from 0.01 to 10000"),
     ],
 )
 def test_text_that_makes_no_effect_is_refused(text, match):
     with pytest.raises(ValueError, match=match):
         hide(paper_plant(), text)
+
+
+def test_a_stop_may_be_left_out():
+    plant = hide(paper_plant(), "hard_stop:upper=0.9,lower=-inf")
+    assert "hard_stop.lower" not in plant.estimates
+    assert plant == hide(paper_plant(), "hard_stop=40,-inf,0.9")
+    assert Model.from_json(plant.json()) == plant
 
 
 def test_an_effect_can_be_hidden_once():

@@ -1,13 +1,14 @@
 """The command line end to end, through `main`."""
 
 import json
+import re
 import socket
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import estimators.search
+import estimators.arguments
 from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.recording import read_recording
 from workbench.cli import main
@@ -20,7 +21,7 @@ FEW = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogg
 @pytest.fixture
 def few_effects(monkeypatch):
     known = {id: effects()[id] for id in FEW}
-    monkeypatch.setattr(estimators.search, "effects", lambda: known)
+    monkeypatch.setattr(estimators.arguments, "effects", lambda: known)
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +53,43 @@ def refused(capsys, tmp_path):
 
 
 # ------------------------------------------------------------------------------------------------ what works
+
+
+def test_the_version_is_said(capsys):
+    assert main(["--version"]) == 0
+    assert re.fullmatch(r"pendulum-ident (\d+\.\d+\S*|\(not installed\))\n", capsys.readouterr().out)
+
+
+def test_what_is_chosen_and_fixed_on_the_command_line_is_what_is_fitted(runs, tmp_path, capsys):
+    train, holdout, model = runs / "train.csv", runs / "holdout.csv", tmp_path / "model.json"
+    chosen = ["--only", "stribeck,cogging", "--fix", "gravity=2.01", "--bound", "viscous=0:0.5,stribeck=:0.6"]
+    assert main(["diagnose", str(train), "--holdout", str(holdout), *chosen, "--all", "-o", str(model)]) == 0
+    out = capsys.readouterr().out
+    assert "fit of what was held out: torque 9" in out and re.search(r"^cogging +rejected", out, re.M)
+    saved = Model.load(model)
+    assert saved.estimates["gravity"].value == 2.01 and saved.covariance is not None
+    assert main(["identify", str(train), "--scheme", "energy", "--fix", "gravity=2.01", "--fix", "inertia=0.09"]) == 0
+    assert re.search(r"^energy +0\.09 +2\.01 ", capsys.readouterr().out, re.M)
+
+
+def test_limits_and_choices_that_make_no_sense_are_refused(runs, refused, tmp_path):
+    train = runs / "train.csv"
+    assert "NAME=VALUE" in refused("diagnose", train, "--fix", "gravity")
+    assert "NAME=LOW:HIGH" in refused("diagnose", train, "--bound", "gravity=1")
+    assert "should be a number" in refused("identify", train, "--fix", "gravity=much")
+    assert "did you mean gravity" in refused("identify", train, "--fix", "gravty=1")
+    assert "did you mean stribeck" in refused("diagnose", train, "--only", "stribek")
+    assert "no Python file" in refused("effects", "--plugin", tmp_path / "mine.py")
+    assert "name it" in refused("diagnose", train, "--report", tmp_path / "report.pdf")
+
+
+def test_compare_shows_where_and_writes_a_report(runs, tmp_path, capsys):
+    page = tmp_path / "compared.html"
+    assert main(["compare", str(runs / "model.json"), str(runs / "holdout.csv"), "--report", str(page)]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"mean residual \[N m\]", out) and re.search(r"█│ *$", out, re.M)
+    told = page.read_text(encoding="utf-8")
+    assert "The model is off by" in told and "base model" not in told and "Where it fails" in told
 
 
 def test_record_writes_what_can_be_read_and_says_what_is_hidden(tmp_path, capsys):
@@ -98,6 +136,21 @@ def test_record_writes_every_format(tmp_path, ending):
     path = tmp_path / f"run{ending}"
     assert main(["record", "--seconds", "1.5", "-o", str(path)]) == 0
     assert len(read_recording(path)) == 1500
+
+
+def test_late_torque_is_said_by_every_command_and_corrected_where_asked(runs, tmp_path, capsys):
+    good, late = read_recording(runs / "train.csv"), tmp_path / "late.csv"
+    columns = np.column_stack([good.time[8:], good.position[8:], good.torque[:-8]])
+    np.savetxt(late, columns, delimiter=",", header="time,position,torque", comments="", fmt="%.9g")
+    model, mended = str(runs / "model.json"), tmp_path / "mended.json"
+    for command in (["identify", str(late)], ["compare", model, str(late)], ["add", model, "stribeck", str(late)]):
+        assert main(command) == 0
+        out = " ".join(capsys.readouterr().out.split())
+        assert re.search(r"torque is logged (7\.9|8\.0)\d ± 0\.\d+ ms late", out) and "correct it with --align" in out
+        assert main([*command, "--align", *(["-o", str(mended)] if command[0] == "add" else [])]) == 0
+        out = " ".join(capsys.readouterr().out.split())
+        assert "ms late" in out and "correct it with" not in out
+    assert Model.load(mended).estimates["inertia"].value == pytest.approx(0.0895, rel=0.01)
 
 
 def test_identify_prints_six_schemes_and_saves_a_model(runs, tmp_path, capsys):
@@ -192,12 +245,16 @@ def follows_design(data):
 
 def test_record_plays_what_a_diagnosis_suggests(tmp_path, capsys, monkeypatch):
     """Small swings under gravity look like a spring: the next experiment goes further, and no doubt is left."""
-    monkeypatch.setattr(estimators.search, "effects", lambda: {id: effects()[id] for id in ("spring", "gravity_tilt")})
+    monkeypatch.setattr(
+        estimators.arguments, "effects", lambda: {id: effects()[id] for id in ("spring", "gravity_tilt")}
+    )
     first, next_one, path = tmp_path / "first.csv", tmp_path / "next.csv", tmp_path / "d.json"
     plant = ["--theta", "coulomb=0.2,viscous=0.2", "-o"]
     assert main(["record", "--seconds", "8", "--amplitude", "1", *plant, str(first)]) == 0
     limits = ["--max-torque", "4", "--max-angle", "2.5", "--max-speed", "20"]
-    assert main(["diagnose", str(first), "--json", str(path), *limits]) == 0
+    torque, report = tmp_path / "torque.csv", tmp_path / "report.html"
+    outputs = ["--json", str(path), "--experiment", str(torque), "--report", str(report)]
+    assert main(["diagnose", str(first), *outputs, *limits]) == 0
     assert "to tell spring from gravity: record 20 s of" in capsys.readouterr().out
     suggestion = json.loads(path.read_text())["suggestion"]
     assert suggestion["settles"] == [{"effect": "spring", "instead": "gravity"}]
@@ -210,7 +267,13 @@ def test_record_plays_what_a_diagnosis_suggests(tmp_path, capsys, monkeypatch):
     )
     assert np.abs(played.position).max() <= 2.5
     assert np.ptp(played.position) == pytest.approx(np.ptp(suggestion["reach"]), rel=0.1)
-    assert main(["diagnose", str(first), str(next_one), "--json", str(path)]) == 0
+    written = np.genfromtxt(torque, delimiter=",", names=True)
+    sent = np.interp(written["time"], played.time, played.torque)
+    assert np.sqrt(np.mean((sent - written["torque"]) ** 2)) < 0.1 * np.std(sent)  # what is played, noise aside
+    assert "The next experiment" in report.read_text()
+    none = tmp_path / "none.csv"
+    assert main(["diagnose", str(first), str(next_one), "--json", str(path), "--experiment", str(none)]) == 0
+    assert not none.exists() and "none.csv is not written" in capsys.readouterr().out
     assert json.loads(path.read_text())["suggestion"] is None
 
 
@@ -219,7 +282,7 @@ def test_a_diagnosis_without_a_suggestion_is_refused(runs, tmp_path, refused):
     play = ["record", "--excitation", "suggested", "--diagnosis", path, "-o", tmp_path / "next.csv"]
     content = {"schema": "pendulum-ident/diagnosis@1", "suggestion": None}
     for data, reason in [
-        ("{", "is not a diagnosis"),
+        ("{", "is not JSON; a diagnosis is what"),
         ((runs / "model.json").read_text(), "is not a diagnosis"),
         (json.dumps(content), "leaves nothing open that an experiment would settle"),
         (
@@ -319,7 +382,7 @@ def degrees(path):
 
 def nan(path):
     time, position, torque = columns()
-    position[17] = np.nan
+    position[17:] = np.nan
     return csv(path, time, position, torque)
 
 
@@ -367,7 +430,7 @@ BAD = [
     (one_column, "no column for time"),
     (text, "no column for"),
     (nan, "data row 18"),
-    (backwards, "time does not increase at data row 51"),
+    (backwards, "time falls from 0.049 to 0 s at data row 51"),
     (ten_samples, "10 samples"),
     (constant, "position is 1 rad in every row"),
     (degrees, "position_deg"),
@@ -471,13 +534,13 @@ def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refuse
         (["record", "--theta", "inertia=0", "-o", "run.csv"], "inertia of a plant cannot be 0"),
         (["record", "--theta", "coulomb=100", "--seconds", "1.5", "-o", "run.csv"], "the arm never moves"),
         (["record", "--backend", "dm1015b", "-o", "run.csv"], "--backend dm1015b and --config FILE belong together"),
-        (["record", "--backend", "mujoco", "-o", "run.csv"], "unknown backend 'mujoco'"),
-        (["record", "--seconds", "0.2", "-o", "run.csv"], "should be a number, 1 or more"),
-        (["record", "--seconds", "1e9", "-o", "run.csv"], "samples are asked for"),
+        (["record", "--backend", "gazebo", "-o", "run.csv"], "unknown backend 'gazebo'"),
+        (["record", "--seconds", "0.2", "-o", "run.csv"], "should be a number from 1 to"),
+        (["record", "--seconds", "1e5", "-o", "run.csv"], "samples are asked for"),
         (["record", "--rate", "nan", "-o", "run.csv"], "should be a number from 10"),
         (["record", "--amplitude", "0", "-o", "run.csv"], "amplitude above zero"),
         (["record", "--seed", "-1", "-o", "run.csv"], "whole number"),
-        (["paper", "--runs", "0"], "whole number, 1 or more"),
+        (["paper", "--runs", "0"], "whole number from 1 to 10000"),
         (["paper", "--seconds", "1"], "should be a number from 5"),
         (["paper", "--report", "p.html", "--json", "p.html"], "two outputs"),
         (["paper", "run.csv"], "run.csv"),
@@ -499,7 +562,7 @@ def test_recordings_sampled_too_slowly_for_the_schemes_are_refused(tmp_path, ref
 
 
 def test_interrupting_ends_with_one_line(runs, tmp_path, capsys, monkeypatch):
-    def interrupt(*_):
+    def interrupt(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("workbench.commands.diagnose.diagnose", interrupt)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.regions import Region
+from estimators.checks.residual import Region
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.physics import Samples
 from pendulum_env.recording import Recording

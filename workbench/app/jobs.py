@@ -3,44 +3,38 @@
 from __future__ import annotations
 
 import multiprocessing
-import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from pathlib import Path
 from threading import Event, Lock, Thread
 from typing import Any
 
-from estimators.search import Progress
-from workbench.inputs import MISTAKES, sentence
+from estimators.progress import Progress
+from pendulum_env.physics import load_plugin
+from pendulum_env.physics.plugin import plugins
+from workbench.mistakes import MISTAKES, sentence
+from workbench.processes import Quiet, attend
 
 Task = Callable[[Progress], Any]  # what a worker does; it travels to another process, and so does what it returns
 
 PROGRESS, DONE, FAILED = "progress", "done", "failed"  # what a worker says
 LOST = (FAILED, "the work ended unexpectedly: try again")  # what it says if it cannot
-NEW_ROUND = 0.3  # by which the share of what is done falls where a search starts over
 SURE = 0.08  # share of the work before which the time left is anyone's guess
 
 
 class Pace:
-    """Progress of a search that goes through its candidates again and again, and does not know how often.
-
-    The first round is taken for half of the work, the second for half of the rest, and so on: the share never falls,
-    and reaches one only when the work is done.
-    """
+    """What is being done, how much of it is done, and how long the rest may take."""
 
     def __init__(self) -> None:
         """Start the clock."""
         self.began = time.monotonic()
         self.what, self.share = "starting", 0.0
-        self._floor, self._last = 0.0, 0.0
 
     def tell(self, what: str, share: float) -> None:
-        """Take in what is being done and the share of the round that is done."""
-        if share < self._last - NEW_ROUND:
-            self._floor = self.share
-        self._last, self.what = share, what
-        self.share = max(self.share, self._floor + 0.5 * (1.0 - self._floor) * min(max(share, 0.0), 1.0))
+        """Take in what is being done and the share of the work that is done."""
+        self.what, self.share = what, max(self.share, min(share, 1.0))
 
     @property
     def elapsed(self) -> float:
@@ -58,9 +52,8 @@ class Worker:
 
     def __init__(self) -> None:
         """Start the process."""
-        spawn = multiprocessing.get_context("spawn")  # a copy of a server with threads would be unsound
-        self.connection, theirs = spawn.Pipe()
-        self._process = spawn.Process(target=_work, args=(theirs,), daemon=True, name="pendulum-ident worker")
+        self.connection, theirs = multiprocessing.Pipe()
+        self._process = Quiet(target=_work, args=(theirs, plugins()), daemon=True, name="pendulum-ident worker")
         self._process.start()
         theirs.close()
 
@@ -139,7 +132,8 @@ class Job:
     def start(self) -> None:
         """Begin, and return at once."""
         self._worker = self._workers.take()
-        self._worker.connection.send(self._task)
+        with suppress(OSError):  # it has died since: who listens is told
+            self._worker.connection.send(self._task)
         Thread(target=self._listen, args=(self._worker,), daemon=True, name=self.title).start()
 
     def cancel(self) -> None:
@@ -179,9 +173,9 @@ class Job:
             self.over.set()
 
 
-def _work(connection: Connection[Any, Any]) -> None:
+def _work(connection: Connection[Any, Any], files: Sequence[Path]) -> None:
     """Do tasks as they come, in a process of its own."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends its workers itself
+    attend()
     from workbench import cli  # noqa: F401  (these take a while: before the first task comes)
     from workbench.app import tasks  # noqa: F401
 
@@ -189,6 +183,8 @@ def _work(connection: Connection[Any, Any]) -> None:
         while True:
             task: Task = connection.recv()
             try:
+                for file in files:  # each is run once; one that has gone since is told of like any mistake
+                    load_plugin(file)
                 connection.send((DONE, task(lambda what, share: connection.send((PROGRESS, (what, share))))))
             except MISTAKES as mistake:
                 connection.send((FAILED, sentence(mistake)))

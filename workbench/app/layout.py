@@ -181,9 +181,17 @@ def show(session: Session, stage: Stage) -> list[Component]:
 
 def connect(bench: Bench) -> None:
     """Wire the page and all stages."""
-    app = bench.app
+    _connect_page(bench)
+    _connect_jobs(bench)
+    _connect_scripts(bench)
+    for stage in STAGES:
+        stage.connect(bench)
 
-    @app.callback(
+
+def _connect_page(bench: Bench) -> None:
+    """Wire what is drawn anew when the session or the address changes."""
+
+    @bench.app.callback(
         Output("nav", "children"),
         Output("story", "children"),
         Output("notice", "children"),
@@ -207,7 +215,11 @@ def connect(bench: Bench) -> None:
                 html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
             )
 
-    @app.callback(
+
+def _connect_jobs(bench: Bench) -> None:
+    """Wire the progress of jobs, and the way out of one."""
+
+    @bench.app.callback(
         Output("job", "children"),
         Output("poll", "disabled"),
         Output("version", "data", allow_duplicate=True),
@@ -227,7 +239,7 @@ def connect(bench: Bench) -> None:
             changed = session.version != version if version else ctx.triggered_id == "poll" and not busy
             return running(session), not busy, session.version if changed else no_update
 
-    @app.callback(
+    @bench.app.callback(
         Output("version", "data", allow_duplicate=True),
         Input("cancel", "n_clicks"),
         State("session", "data"),
@@ -240,33 +252,26 @@ def connect(bench: Bench) -> None:
         session.cancel()
         return session.version
 
-    def in_the_page(function: str, output: Output, *given: Input | State) -> None:
-        """Leave a callback to assets/app.js."""
-        app.clientside_callback(ClientsideFunction("app", function), output, *given)  # type: ignore[no-untyped-call]
 
+def _connect_scripts(bench: Bench) -> None:
+    """Wire what assets/app.js does in the page."""
+
+    def in_the_page(function: str, output: Output, *given: Input | State) -> None:
+        bench.app.clientside_callback(ClientsideFunction("app", function), output, *given)  # type: ignore[no-untyped-call]
+
+    plot, linked, text = ({"kind": kind, "of": MATCH} for kind in (PLOT, LINKED, "fragment"))
+    theme = Input("theme-now", "data")
     in_the_page("session", Output("session", "data"), Input("url", "pathname"))
     in_the_page("theme", Output("theme-now", "data"), Input("theme", "n_clicks"))
-    in_the_page(
-        "draw",
-        Output({"kind": PLOT, "of": MATCH}, "figure"),
-        Input({"kind": f"{PLOT}-{SPEC}", "of": MATCH}, "data"),
-        Input("theme-now", "data"),
-    )
+    in_the_page("draw", Output(plot, "figure"), Input({"kind": f"{PLOT}-{SPEC}", "of": MATCH}, "data"), theme)
     in_the_page(
         "brush",
-        Output({"kind": LINKED, "of": MATCH}, "figure"),
+        Output(linked, "figure"),
         Input({"kind": f"{LINKED}-{SPEC}", "of": MATCH}, "data"),
-        Input("theme-now", "data"),
+        theme,
         Input("lit", "data"),
-        State({"kind": LINKED, "of": MATCH}, "id"),
+        State(linked, "id"),
     )
-    in_the_page(
-        "fragment",
-        Output({"kind": "fragment", "of": MATCH}, "title"),
-        Input({"kind": "markup", "of": MATCH}, "data"),
-        State({"kind": "fragment", "of": MATCH}, "id"),
-    )
+    in_the_page("fragment", Output(text, "title"), Input({"kind": "markup", "of": MATCH}, "data"), State(text, "id"))
     in_the_page("warm", Output("warm", "children"), Input("stage", "children"))
     in_the_page("swing", Output("pendulum", "title"), Input("live-motion", "data"))
-    for stage in STAGES:
-        stage.connect(bench)

@@ -1,4 +1,7 @@
-"""A pendulum, simulated or real, that runs in real time while the six schemes estimate its parameters."""
+"""A pendulum, simulated or real, that runs in real time while the six schemes estimate its parameters.
+
+Meanwhile it is followed: whether the model still predicts, and which effect it lacks (`following`).
+"""
 
 from __future__ import annotations
 
@@ -16,9 +19,10 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from estimators.identify import Convergence, Identification, Identified
-from estimators.schemes import SCHEMES
+from estimators.schemes.identification import Convergence, Identification, Identified
+from estimators.schemes.six import SCHEMES
 from estimators.wrappers import EstimateParameters
+from estimators.wrappers.options import smoothing_of
 from pendulum_env._typing import Array
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError
@@ -28,8 +32,10 @@ from pendulum_env.physics import BASE, Model
 from pendulum_env.policy import Controller
 from pendulum_env.recording import Recording
 from pendulum_env.registration import PENDULUM
+from workbench.app.following import Follower, Following
 from workbench.app.torques import LEARNT, torque_of
-from workbench.inputs import MISTAKES, sentence
+from workbench.mistakes import MISTAKES, sentence
+from workbench.processes import Quiet
 from workbench.rig import controller, cut_at
 
 RATE = 500.0  # [Hz]
@@ -83,6 +89,7 @@ class Look:
         running: whether it goes on.
         trouble: why it ended, if it should not have.
         remark: what else is to be known of it.
+        following: what is said of its model.
     """
 
     time: float
@@ -93,6 +100,7 @@ class Look:
     running: bool
     trouble: str
     remark: str
+    following: Following
 
 
 class Slice(NamedTuple):
@@ -110,6 +118,7 @@ class Loop:
         rate: samples per second [Hz].
         truth: parameters of the simulated plant.
         remark: what is to be known of it.
+        smoothing: of its measurement.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -149,6 +158,7 @@ class Loop:
             env.close()
             raise
         self.rate = float(env.unwrapped.rate)  # type: ignore[attr-defined]
+        self.smoothing = smoothing_of(env, self.rate)
         self._policy = controller(command, self.rate)
         plant: Model | None = env.unwrapped.model if getattr(env.unwrapped, "simulated", False) else None  # type: ignore[attr-defined]
         self.truth = {name: e.value for name, e in plant.estimates.items()} if plant is not None else {}
@@ -195,9 +205,8 @@ class Apart:
 
     def __init__(self, setup: Setup) -> None:
         """Start the process and wait for its environment; raises ValueError for all that a `Loop` raises."""
-        spawn = multiprocessing.get_context("spawn")  # a copy of a server with threads would be unsound
-        self._connection, theirs = spawn.Pipe()
-        self._process = spawn.Process(target=_apart, args=(theirs, setup), daemon=True, name="pendulum-ident rig")
+        self._connection, theirs = multiprocessing.Pipe()
+        self._process = Quiet(target=_apart, args=(theirs, setup), daemon=True, name="pendulum-ident rig")
         self._process.start()
         theirs.close()
         try:
@@ -207,7 +216,7 @@ class Apart:
         if isinstance(found, str):
             self._process.join()
             raise ValueError(found)
-        self.rate, self.truth, self.remark = found
+        self.rate, self.truth, self.remark, self.smoothing = found
 
     def go(self, tell: Callable[[Slice], None], goes_on: Callable[[], bool]) -> str:
         """As that of a `Loop`."""
@@ -227,8 +236,22 @@ class Apart:
         except (EOFError, OSError):
             return LOST if until is None else ""
         finally:
-            self._process.join()
-            self._connection.close()
+            self._end()
+
+    def _end(self) -> None:
+        """See to it that the process ends, whatever has happened here: it drives a motor."""
+        with suppress(OSError):
+            self._connection.send(None)
+        until = time.monotonic() + GRACE
+        while self._process.is_alive() and time.monotonic() < until:
+            with suppress(EOFError, OSError):
+                while self._connection.poll():
+                    self._connection.recv()  # else it could wait for somebody to listen
+            self._process.join(SLICE)
+        if self._process.is_alive():
+            self._process.terminate()  # the rig takes the torque away before it ends
+        self._process.join()
+        self._connection.close()
 
 
 def _apart(connection: Connection[Any, Any], setup: Setup) -> None:
@@ -240,7 +263,7 @@ def _apart(connection: Connection[Any, Any], setup: Setup) -> None:
         except REFUSALS as mistake:
             connection.send(sentence(mistake))
             return
-        connection.send((loop.rate, loop.truth, loop.remark))
+        connection.send((loop.rate, loop.truth, loop.remark, loop.smoothing))
         connection.send(loop.go(connection.send, lambda: not connection.poll()))
 
 
@@ -252,6 +275,7 @@ class Run:
         self._loop = Loop(setup) if setup.rig is None else Apart(setup)
         self.rate = self._loop.rate
         self._patience = UNSEEN if setup.rig is None else UNSEEN_RIG
+        self.follower = Follower(self.rate, self._loop.smoothing)
         self._lock, self._stop = Lock(), Event()
         self._rows: list[tuple[float, float, float]] = []
         self._history: list[tuple[float, Array, Array]] = []
@@ -289,6 +313,7 @@ class Run:
             running=self.running,
             trouble=trouble,
             remark=self._loop.remark,
+            following=self.follower.look(),
         )
 
     def recording(self, name: str) -> Recording:
@@ -310,6 +335,7 @@ class Run:
             self._pace = part.pace
             if part.entry is not None:
                 self._history.append(part.entry)
+        self.follower.take(part.rows)
 
     def _goes_on(self) -> bool:
         return not self._stop.is_set() and time.monotonic() - self._seen <= self._patience

@@ -27,8 +27,8 @@ EMPTY = {  # a graph before its figure comes
 }
 
 
-def graph(figure: Figure, caption: Content = None, kind: str = PLOT) -> Component:
-    """A figure of the report; the page fills in its colours, in light and dark."""
+def graph(figure: Figure, caption: Content = None, kind: str = PLOT, bar: bool = True) -> Component:
+    """A figure of the report, perhaps with a bar of buttons; the page fills in its colours, in light and dark."""
     buttons = [*BUTTONS[:2], "select2d", *BUTTONS[2:]] if figure.layout.get("dragmode") == "select" else BUTTONS
     return html.Figure(
         [
@@ -39,7 +39,7 @@ def graph(figure: Figure, caption: Content = None, kind: str = PLOT) -> Componen
                     id={"kind": kind, "of": figure.id},
                     figure=EMPTY,
                     responsive=True,
-                    config={"displaylogo": False, "modeBarButtons": [buttons]},
+                    config={"displaylogo": False, "modeBarButtons": [buttons]} if bar else {"displayModeBar": False},
                     style={"height": figure.height},
                 ),
                 role="group",
@@ -61,11 +61,20 @@ def spec(figure: Figure) -> dict[str, Any]:
     return {"data": figure.data, "layout": figure.layout}
 
 
+CONTROLS = {  # what the command line calls otherwise
+    "the other commands do with --align": "the button “Correct it” does so in all stages",
+    "correct it with --align (`Aligned.of` in Python)": "the button “Correct it” does so",
+}
+
+
 def fragment(section: Section) -> Component:
-    """Text and tables of a section of the report, in its own words; figures are left to `graph`."""
+    """Text and tables of a section of the report, in its own words but for options; figures are left to `graph`."""
+    markup = page.fragment(section)
+    for option, control in CONTROLS.items():
+        markup = markup.replace(option, control)
     return html.Div(
         [
-            dcc.Store(id={"kind": "markup", "of": section.id}, data=page.fragment(section)),
+            dcc.Store(id={"kind": "markup", "of": section.id}, data=markup),
             html.Div(id={"kind": "fragment", "of": section.id}, className="fragment"),
         ]
     )

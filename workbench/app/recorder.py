@@ -8,14 +8,15 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from estimators.search import Progress
+from estimators.progress import Progress
 from pendulum_env.files import write_whole
 from pendulum_env.recording import Recording, read_recording
 from workbench.app.jobs import Job, Workers
 from workbench.app.session import Session
 from workbench.app.state import Loaded, State
 from workbench.app.torques import LEARNT
-from workbench.inputs import InputError
+from workbench.cli import parse
+from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 
 DIAGNOSIS = "diagnosis.json"
@@ -45,8 +46,6 @@ class Quiet(Terminal):
 
 def record(runs: Sequence[tuple[Path, Sequence[str]]], progress: Progress) -> list[Recording]:
     """Run `pendulum-ident record` for each file with its options, and read what it wrote."""
-    from workbench.cli import parse  # which imports all commands
-
     recordings = []
     for file, options in runs:
         arguments = parse(["record", *options, f"--output={file}"])

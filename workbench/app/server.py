@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 import tempfile
 from collections.abc import Sequence
@@ -11,20 +12,22 @@ from urllib.parse import urlsplit
 
 import flask
 import numpy as np
-from dash import Dash
+from dash import Dash, set_props
+from werkzeug.exceptions import HTTPException
 from werkzeug.serving import WSGIRequestHandler, make_server
 
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
-from pendulum_env.recording import read_recording, write_recording
+from pendulum_env.recording import Source, read_recording, write_recording
 from workbench.app import layout
 from workbench.app.session import Sessions
 from workbench.app.stage import Bench
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import UPLOAD
-from workbench.inputs import InputError, Read
+from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.report.page import plotly
 
+log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
 WARM_UP = 2.0  # [s], length of a recording
 NAMES = (HOST, "localhost")  # by which a browser may call it; another name is a trick of a foreign page
@@ -35,12 +38,11 @@ POLICY = (  # nothing comes from elsewhere, and nothing goes there
 )
 
 
-def make_app(recordings: Sequence[Path] = (), read: Read = read_recording, rig: Path | None = None) -> Bench:
+def make_app(recordings: Sequence[Source] = (), rig: Path | None = None) -> Bench:
     """The app with its sessions and workers; close it in the end.
 
     Args:
-        recordings: files that every session begins with.
-        read: how these files are read.
+        recordings: what every session begins with.
         rig: configuration of the rig that the live view may run; the page cannot name another.
     """
     app = Dash(
@@ -54,17 +56,35 @@ def make_app(recordings: Sequence[Path] = (), read: Read = read_recording, rig: 
         compress=False,
         enable_mcp=False,
         add_log_handler=False,
+        on_error=_excuse,
     )
     app.layout = layout.page()
-    bench = Bench(app, Sessions(recordings, read, rig))
+    bench = Bench(app, Sessions(recordings, rig))
     layout.connect(bench)
     _guard(app.server)
     return bench
 
 
+def _excuse(error: Exception) -> None:
+    """Tell in the page why nothing came of what somebody did there: a file that has gone, or a mistake of ours."""
+    if isinstance(error, MISTAKES):
+        text = sentence(error)
+    else:
+        log.error("an answer to the page failed", exc_info=error)
+        text = "something went wrong, which the terminal tells: load the page again"
+    set_props("notice", {"children": text})
+
+
 def _guard(server: flask.Flask) -> None:
     """Bound what comes in, and tell the browser to stay here."""
     server.config["MAX_CONTENT_LENGTH"] = LARGEST
+
+    @server.errorhandler(Exception)
+    def senseless(error: Exception) -> flask.Response | HTTPException:
+        if isinstance(error, HTTPException):
+            return error
+        log.warning("a request made no sense: %s", " ".join(repr(error).split())[:200])
+        return flask.Response("this request makes no sense", status=400, mimetype="text/plain")
 
     @server.before_request
     def only_from_here() -> None:
@@ -99,9 +119,7 @@ class _Silent(WSGIRequestHandler):
 class Server:
     """The app behind a port of this computer: `serve`, then `close`."""
 
-    def __init__(
-        self, port: int = 0, recordings: Sequence[Path] = (), read: Read = read_recording, rig: Path | None = None
-    ) -> None:
+    def __init__(self, port: int = 0, recordings: Sequence[Source] = (), rig: Path | None = None) -> None:
         """Bind the port, 0 being any that is free; the rest is as for `make_app`.
 
         Raises:
@@ -112,7 +130,7 @@ class Server:
         except OSError:
             raise InputError(f"port {port} is taken: name another with --port, or 0 for any that is free") from None
         with listening:
-            self.bench = make_app(recordings, read, rig)
+            self.bench = make_app(recordings, rig)
             _warm_up()
             number = listening.getsockname()[1]
             self._server = make_server(

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from threading import RLock
 
-from pendulum_env.recording import checks, columns, read_recording
+from pendulum_env.reading import amount
+from pendulum_env.recording import RecordingError, Source, checks, columns, write_study
+from pendulum_env.recording.record import ColumnError
+from pendulum_env.recording.study import read_sources
+from workbench.app import uploads
 from workbench.app.jobs import Job
 from workbench.app.live import Run
+from workbench.app.mapping import Card
 from workbench.app.state import Loaded, State
-from workbench.app.uploads import MODELS, UNWRAP, refuse_too_much, safe_name, unpack
-from workbench.inputs import MISTAKES, InputError, Read, read_model, sentence
+from workbench.app.uploads import MODELS, STUDIES, UNWRAP, is_study, safe_name, unpack
+from workbench.inputs import read_model
+from workbench.mistakes import MISTAKES, InputError, sentence
 
 ID = re.compile(r"[0-9a-f]{32}")  # random, drawn by the page; never part of a path
+STUDY = "study.toml"
 MOST_SESSIONS = 16  # the one that was used least recently gives way
 MOST_RECORDINGS = 12  # in one session
+MOST_SAMPLES = 20_000_000  # of all its recordings, which take less than a gigabyte
+SPACE = 300_000_000  # bytes of its files
+SPARE = 100_000_000  # bytes that are left to the disk
+IDLE = 12 * 3600.0  # [s] after which a session that nobody has asked for ends
 
 
 class Session:
@@ -35,6 +46,7 @@ class Session:
         self.folder, self.rig = folder, rig
         self.lock = RLock()
         self.state = State()
+        self.cards: tuple[Card, ...] = ()  # recordings whose columns a person is asked about, the first one now
         self.notice = ""  # a sentence for the user: what went wrong
         self.version = time.time_ns() // 1_000_000  # grows with all that the page shows; no two sessions share one
         self.job: Job | None = None
@@ -82,7 +94,11 @@ class Session:
 
     def plain(self, text: str) -> str:
         """A sentence in the page's words: about files without the session's folder, and controls for options."""
-        here = {checks.UNWRAP: f"tick '{UNWRAP}' and load it again", columns.CHOOSE: "rename columns in the file"}
+        here = {
+            checks.UNWRAP: f"tick '{UNWRAP}' and load it again",
+            columns.CHOOSE: "choose one",
+            "--columns ": "",
+        }
         text = text.replace(f"{self.folder}/", "")
         for option, control in here.items():
             text = text.replace(option, control)
@@ -109,56 +125,168 @@ class Session:
             InputError: if there is one of that name, or too many.
         """
         file, known = self.folder / safe_name(name), (*self.state.loaded, *coming)
+        waiting = [card for card in self.cards if card.file != file]
         if any(one.file == file for one in known):
             raise InputError(f"{file.name}: is loaded already: remove it, or give this one another name")
-        if len(known) >= MOST_RECORDINGS:
+        if len(known) + len(waiting) >= MOST_RECORDINGS:
             raise InputError(f"{file.name}: {MOST_RECORDINGS} recordings are enough: remove one first")
         return file
 
     def receive(self, uploads: Sequence[tuple[str, str]], unwrap: bool) -> None:
-        """Take in uploaded recordings, names and data URLs; those that can be read stay.
+        """Take in uploads, names and data URLs: recordings that can be read stay, read as a study among them asks for.
+
+        Those whose columns are not clear wait for a person to name them: see `cards`.
 
         Raises:
-            InputError: naming those that cannot, in the words of the command line.
+            InputError: naming those that cannot be read, in the words of the command line.
         """
         loaded: list[Loaded] = []
         refused = []
-        for name, content in uploads:
+        asked: dict[str, list[Source]] = {}  # by name of file
+        for name, content in sorted(uploads, key=lambda one: not is_study(one[0])):
             try:
+                if is_study(name):
+                    for source in self._study(name, content):
+                        asked.setdefault(source.file.name, []).append(source)
+                    continue
                 file = self.place(name, *loaded)
+                self._refuse_lack(file.name, len(content) * 3 // 4)
                 unpack(file, content)
-                loaded.append(self.read(file, partial(read_recording, unwrap=unwrap)))
+                sources = asked.pop(file.name, [Source(file, unwrap=unwrap)])
+                copies = [self._copy(file, k, *loaded) for k in range(2, len(sources) + 1)]  # one for each range
+                for place, source in zip((file, *copies), sources, strict=True):
+                    loaded += self.take(place, source)
             except MISTAKES as mistake:
                 refused.append(sentence(mistake))
+        refused += [f"{STUDY}: names {name}: drop both here together" for name in asked]
         if loaded:
             self.keep(*loaded)
         if refused:
             raise InputError("; ".join(refused))
 
-    def read(self, file: Path, read: Read = read_recording) -> Loaded:
-        """Read a file of the folder; one that cannot be read does not stay.
+    def _refuse_lack(self, name: str, size: int) -> None:
+        """Refuse a file for which there is no room.
+
+        Raises:
+            InputError: if there is none in this session, or on the disk.
+        """
+        for folder in (self.folder.parent, self.folder):
+            folder.mkdir(mode=0o700, exist_ok=True)  # somebody may have cleaned up
+        held = sum(file.stat().st_size for file in self.folder.iterdir())
+        if held + size > SPACE:
+            raise InputError(f"{name}: {amount(SPACE)} of files are enough: remove one first")
+        if shutil.disk_usage(self.folder).free < size + SPARE:
+            raise InputError(f"{name}: there is no room left on the disk that {self.folder.parent} is on: make some")
+
+    def _study(self, name: str, content: str) -> list[Source]:
+        """Recordings that an uploaded study names, as if they lay in the folder."""
+        file = self.folder / safe_name(name, STUDIES)
+        unpack(file, content)
+        try:
+            return [replace(one, file=self.folder / safe_name(one.file.name)) for one in read_sources(file)]
+        finally:
+            file.unlink()
+
+    def _copy(self, file: Path, number: int, *coming: Loaded) -> Path:
+        """A copy of a file that is read several times, over other ranges."""
+        stem, dot, ending = file.name.partition(".")
+        copy = self.place(f"{stem} ({number}){dot}{ending}", *coming)
+        shutil.copyfile(file, copy)
+        return copy
+
+    def take(self, file: Path, source: Source) -> list[Loaded]:
+        """Read a file of the folder; none if its columns have to be named first. One that cannot be read does not stay.
 
         Raises:
             RecordingError: if it cannot be read, in the words of the command line.
         """
         try:
-            refuse_too_much(file)
-            return Loaded(file, read(file))
+            try:
+                recording = replace(source, largest=uploads.UNPACKED).read(file)
+                return [Loaded(file, recording, source.role == "holdout", told=source)]
+            except ColumnError as error:
+                try:
+                    card = Card.of(file, source, sentence(error))
+                except RecordingError:
+                    raise error from None
+                self.cards = (*(one for one in self.cards if one.file != file), card)
+                return []
         except MISTAKES:
             file.unlink(missing_ok=True)
             raise
 
-    def copy(self, files: Sequence[Path], read: Read) -> None:
+    def copy(self, sources: Sequence[Source]) -> None:
         """Take in copies of recordings that lie elsewhere."""
         loaded: list[Loaded] = []
-        for original in files:
-            file = self.place(original.name, *loaded)
-            shutil.copyfile(original, file)
-            loaded.append(self.read(file, read))
-        self.keep(*loaded)
+        for source in sources:
+            file = self.place(source.file.name, *loaded)
+            shutil.copyfile(source.file, file)
+            loaded += self.take(file, replace(source, file=file))
+        if loaded:
+            self.keep(*loaded)
+
+    # ---------------------------------------------------------------------------------------------- columns
+
+    def ask(self, name: str) -> None:
+        """Ask about the columns of a recording that is loaded.
+
+        Raises:
+            RecordingError: if there is nothing to choose.
+        """
+        one = self.find(name)
+        self.cards = (Card.of(one.file, one.source), *(card for card in self.cards if card.file != one.file))
+
+    def consider(self, card: Card) -> None:
+        """Keep what a person has chosen so far."""
+        self.cards = (card, *self.cards[1:])
+
+    def answer(self, card: Card) -> None:
+        """Read the first card's file as a person says, and waiting ones with the same columns alike.
+
+        What is wrong is told by the card, which stays.
+        """
+        try:
+            source = card.asked()
+            recording = source.read(card.file)
+        except MISTAKES as mistake:
+            self.cards = (replace(card, why=sentence(mistake)), *self.cards[1:])
+            return
+        alike = [other for other in self.cards[1:] if other.preview.headers == card.preview.headers and other.why]
+        self.cards = tuple(other for other in self.cards[1:] if other not in alike)
+        known = [one for one in self.state.loaded if one.file == card.file]
+        if known:
+            self._swap(known[0], replace(known[0], recording=recording, told=source, measured=None))
+        else:
+            self.keep(Loaded(card.file, recording, source.role == "holdout", told=source))
+        for other in alike:
+            self.keep(*self.take(other.file, replace(other.source, columns=source.columns, unwrap=source.unwrap)))
+
+    def let_go(self) -> None:
+        """Close the first card; a recording that was not loaded does not stay."""
+        for card in self.cards[:1]:
+            if all(one.file != card.file for one in self.state.loaded):
+                card.file.unlink(missing_ok=True)
+        self.cards = self.cards[1:]
+
+    def study(self) -> str:
+        """A study that names the recordings as they are read, for a folder in which they lie."""
+        file = self.folder / STUDY
+        write_study(file, [replace(one.source, file=self.folder / one.source.file.name) for one in self.state.loaded])
+        try:
+            return file.read_text(encoding="utf-8")
+        finally:
+            file.unlink()
 
     def keep(self, *loaded: Loaded) -> None:
-        """Add recordings; the ladder starts anew."""
+        """Add recordings; the ladder starts anew.
+
+        Raises:
+            InputError: if they are too long together.
+        """
+        if sum(len(one.recording) for one in (*self.state.loaded, *loaded)) > MOST_SAMPLES:
+            for one in loaded:
+                one.file.unlink(missing_ok=True)
+            raise InputError(f"{MOST_SAMPLES:,} samples are enough: remove a recording first")
         self.state = self.state.having((*self.state.loaded, *loaded))
 
     def find(self, name: str) -> Loaded:
@@ -176,14 +304,21 @@ class Session:
         """Remove a recording."""
         gone = self.find(name)
         gone.file.unlink(missing_ok=True)
+        self.cards = tuple(card for card in self.cards if card.file != gone.file)
         self.state = self.state.having([one for one in self.state.loaded if one is not gone])
 
     def hold_out(self, name: str, held_out: bool) -> None:
         """Keep a recording for checking, or fit it."""
         chosen = self.find(name)
         if chosen.held_out != held_out:
-            swapped = [replace(one, held_out=held_out) if one is chosen else one for one in self.state.loaded]
-            self.state = self.state.having(swapped)
+            self._swap(chosen, replace(chosen, held_out=held_out))
+
+    def _swap(self, old: Loaded, new: Loaded) -> None:
+        self.state = self.state.having([new if one is old else one for one in self.state.loaded])
+
+    def align(self, is_aligned: bool) -> None:
+        """Correct torque that was logged late or filtered for all that follows, or leave it; the ladder starts anew."""
+        self.state = self.state.aligned(is_aligned)
 
     def begin_from(self, name: str, content: str) -> None:
         """Take the terms of an uploaded model as the base model; the ladder starts anew.
@@ -195,7 +330,7 @@ class Session:
         file = self.folder / safe_name(name, MODELS)
         unpack(file, content)
         try:
-            self.state = State.of(self.state.loaded, read_model(str(file)).terms, file.name)
+            self.state = self.state.fitting(read_model(str(file)).terms, file.name)
         finally:
             file.unlink()
 
@@ -221,11 +356,12 @@ class Session:
 class Sessions:
     """All sessions of a server by the id that each page holds."""
 
-    def __init__(self, recordings: Sequence[Path] = (), read: Read = read_recording, rig: Path | None = None) -> None:
+    def __init__(self, recordings: Sequence[Source] = (), rig: Path | None = None) -> None:
         """Make a folder for their folders; every session begins with a copy of the recordings, and may run the rig."""
-        self._initial, self._read, self._rig = tuple(recordings), read, rig
+        self._initial, self._rig = tuple(recordings), rig
         self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-")
         self._all: dict[str, Session] = {}
+        self._asked: dict[str, float] = {}  # when for each [s]
         self._lock = RLock()
 
     def of(self, id: object) -> Session:
@@ -237,22 +373,31 @@ class Sessions:
         if not isinstance(id, str) or ID.fullmatch(id) is None:
             raise InputError("this page has no session: load it again")
         with self._lock:
+            gone = self._idle(time.monotonic(), id)
             known = self._all.pop(id, None)
+            if known is None:
+                os.makedirs(self._root.name, mode=0o700, exist_ok=True)  # somebody may have cleaned up
             session = known or Session(Path(tempfile.mkdtemp(dir=self._root.name)), self._rig)
             if known is None:
                 session.lock.acquire()  # who asks for it next waits for its recordings, who asks for another does not
             self._all[id] = session  # the one used last is last
-            oldest = next(iter(self._all))
-            gone = self._all.pop(oldest) if len(self._all) > MOST_SESSIONS else None
+            if len(self._all) > MOST_SESSIONS:
+                gone.append(self._all.pop(next(iter(self._all))))
         if known is None:
             try:
                 if self._initial:
-                    session.act(lambda: session.copy(self._initial, self._read))
+                    session.act(lambda: session.copy(self._initial))
             finally:
                 session.lock.release()
-        if gone is not None:
-            gone.end()
+        for other in gone:
+            other.end()
         return session
+
+    def _idle(self, now: float, id: str) -> list[Session]:
+        """Take out the sessions that nobody has asked for in a long time; the one of an id is asked for now."""
+        self._asked = {known: at for known, at in self._asked.items() if known in self._all} | {id: now}
+        late = [known for known, at in self._asked.items() if now - at > IDLE and not self._all[known].busy()]
+        return [self._all.pop(known) for known in late]
 
     def close(self) -> None:
         """End all sessions, motors first."""

@@ -9,18 +9,22 @@ from pathlib import Path
 
 import numpy as np
 
-from estimators.agreement import Disagreement, disagreements
-from estimators.diagnose import Addition, fit, gather, is_structured
-from estimators.diagnosis import Diagnosis, Step
-from estimators.equations import IdentificationError
-from estimators.evidence import Evidence
-from estimators.identifiability import Doubt, identifiability
-from estimators.identify import Identification
-from estimators.measurements import measure
-from estimators.regions import Region, profiles, stand_out
+from estimators.checks.alignment import Aligned
+from estimators.checks.homogeneity import Disagreement, disagreements
+from estimators.checks.identifiability import Doubt, identifiability
+from estimators.checks.residual import Region, profiles, stand_out
+from estimators.checks.torque_constant import Calibrated
+from estimators.diagnosis.addition import Addition, fit
+from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.run import calibrated_model, gather
+from estimators.regression.equations import IdentificationError
+from estimators.schemes.identification import Identification
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import Evidence, Step
+from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Recording, Source
 from workbench.app.brushing import Points
 from workbench.commands.identify import six_schemes
 from workbench.report.case import Case
@@ -35,12 +39,37 @@ class Loaded:
         recording: what it holds.
         held_out: whether it is kept for checking.
         origin: arguments of `pendulum-ident record` that made it; empty if it was uploaded.
+        told: how the file is read, where its names do not tell.
+        measured: what it held before `recording` was corrected; None if it was not.
     """
 
     file: Path
     recording: Recording
     held_out: bool = False
     origin: tuple[str, ...] = ()
+    told: Source | None = None
+    measured: Recording | None = None
+
+    @property
+    def uncorrected(self) -> Loaded:
+        """The same as it was read."""
+        return self if self.measured is None else replace(self, recording=self.measured, measured=None)
+
+    def corrected(self, recording: Recording) -> Loaded:
+        """The same with another recording in the place of what was read."""
+        if recording is self.recording:
+            return self
+        return replace(self, recording=recording, measured=self.measured or self.recording)
+
+    @property
+    def source(self) -> Source:
+        """The same as a study names it."""
+        return replace(self.told or Source(self.file), role="holdout" if self.held_out else "fit")
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the file is read whole and as it is, so that no study has to tell how."""
+        return not (self.source.columns or self.source.unwrap or self.source.range or self.source.load)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +80,8 @@ class State:
         loaded: recordings.
         terms: of the base model.
         model_file: name of the file that they came from; empty for the paper's four.
+        is_aligned: whether torque that was logged late or filtered is corrected.
+        corrected: what was, in sentences.
         ladder: the base model, then one step for each effect that was added; empty while nothing can be fitted.
         trouble: why nothing can be fitted.
         evidence: what is fitted and what is held out, as windows and flights; None while nothing can be fitted.
@@ -61,6 +92,8 @@ class State:
     loaded: tuple[Loaded, ...] = ()
     terms: tuple[Term, ...] = BASE
     model_file: str = ""
+    is_aligned: bool = False
+    corrected: tuple[str, ...] = ()
     ladder: tuple[Step, ...] = ()
     trouble: str = ""
     evidence: tuple[Evidence, Evidence] | None = None
@@ -68,22 +101,53 @@ class State:
     started: tuple[Step, ...] = ()
 
     @classmethod
-    def of(cls, loaded: Sequence[Loaded], terms: Sequence[Term] = BASE, model_file: str = "") -> State:
-        """Begin with recordings: the base model is fitted to them, if it can be."""
-        bare = cls(tuple(loaded), tuple(terms), model_file)
+    def of(
+        cls, loaded: Sequence[Loaded], terms: Sequence[Term] = BASE, model_file: str = "", is_aligned: bool = False
+    ) -> State:
+        """Begin with recordings as they were read: the base model is fitted to them, if it can be."""
+        bare = cls(tuple(one.uncorrected for one in loaded), tuple(terms), model_file, is_aligned)
         if not loaded:
             return bare
         if not bare.train:
             return replace(bare, trouble="every recording is held out: keep one to fit the model to")
         try:
+            calibrated = Calibrated.of(bare.train, bare.holdout)
+            if calibrated.doubt is not None:
+                return replace(bare, trouble=f"{calibrated.doubt}; or give the gain itself")
+            bare = bare._with(calibrated)
+            if is_aligned:
+                aligned = Aligned.of(bare.train, bare.holdout)
+                bare = replace(bare._with(aligned), corrected=aligned.texts(True))
             evidence = gather(bare.train, bare.holdout)
-            return replace(bare, ladder=(fit(*evidence, terms),), evidence=evidence)
+            base = fit(*evidence, terms)
+            base = replace(base, model=calibrated_model(base.model, bare.train, bare.holdout))
+            return replace(bare, ladder=(base,), evidence=evidence)
         except IdentificationError as error:
             return replace(bare, trouble=str(error))
 
+    def _with(self, corrected: Calibrated | Aligned) -> State:
+        """The state with its recordings in N m, or with their torque in time."""
+        fitted, held_out = iter(corrected.recordings), iter(corrected.holdout)
+        return replace(
+            self, loaded=tuple(one.corrected(next(held_out if one.held_out else fitted)) for one in self.loaded)
+        )
+
     def having(self, loaded: Sequence[Loaded]) -> State:
         """Begin anew with other recordings and the same base model."""
-        return State.of(loaded, self.terms, self.model_file)
+        return State.of(loaded, self.terms, self.model_file, self.is_aligned)
+
+    def fitting(self, terms: Sequence[Term] = BASE, model_file: str = "") -> State:
+        """Begin anew with another base model and the same recordings."""
+        return State.of(self.loaded, terms, model_file, self.is_aligned)
+
+    def aligned(self, is_aligned: bool) -> State:
+        """Begin anew with torque that was logged late or filtered corrected, or as it was logged."""
+        return State.of(self.loaded, self.terms, self.model_file, is_aligned)
+
+    @cached_property
+    def timing(self) -> Aligned | None:
+        """What is found of the time between torque and motion; None while nothing can be fitted."""
+        return Aligned.of(self.train, self.holdout) if self.ladder else None
 
     @property
     def train(self) -> list[Recording]:
@@ -137,7 +201,7 @@ class State:
     def doubts(self) -> tuple[Doubt, ...]:
         """What the fitted recordings cannot tell about the model's parameters."""
         terms = self.model.terms if self.ladder else BASE
-        return identifiability([measure(recording) for recording in self.train], terms)
+        return identifiability([m for recording in self.train for m in measure_segments(recording)], terms)
 
     @cached_property
     def disagreements(self) -> tuple[Disagreement, ...]:
@@ -201,7 +265,8 @@ class State:
         """Where the last model leaves more than noise."""
         evidence = self._train
         residual: Array = evidence.watching(self.model).residual(self.model.terms, self.model.theta)
-        if not is_structured(residual, floor):
+        inertia = abs(self.model.estimates["inertia"].value) if "inertia" in self.model.estimates else 0.0
+        if Criterion().is_noise(evidence.data.structure(residual, inertia), floor):
             return ()
         return tuple(stand_out(profiles(evidence.samples, residual, floor)))
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from estimators.diagnose import Addition, add, diagnose
-from estimators.diagnosis import Diagnosis
-from estimators.search import Progress
+from estimators.diagnosis.addition import Addition, add
+from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.run import diagnose
+from estimators.progress import Progress
 from pendulum_env.physics import Model, Term, effect
 from pendulum_env.recording import Recording
 from workbench.app.jobs import Job, Workers
 from workbench.app.session import Session
-from workbench.inputs import InputError
+from workbench.mistakes import InputError
 from workbench.report.words import name
 
 

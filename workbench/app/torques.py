@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.network import load
-from agents.observer import CONSTRAINTS
+from agents.network import NAMES, load
 from agents.pilot import Pilot
 from pendulum_env.excitation import EXCITATIONS, Excitation, excitation
 from pendulum_env.lookup import find
 from workbench.report.words import opening
 
-LEARNT = {f"rl-{constraint}": constraint for constraint in CONSTRAINTS}  # the only policies that a page can name
+LEARNT = {f"rl-{policy}": policy for policy in NAMES}  # the only policies that a page can name
 
 
 def choices() -> list[dict[str, str]]:
     """All of them, for a control."""
     signals = [{"label": opening(id), "value": id} for id in EXCITATIONS]
-    return signals + [{"label": f"Learnt policy, {LEARNT[id]} torque bounded", "value": id} for id in LEARNT]
+    return signals + [{"label": _label(policy), "value": id} for id, policy in LEARNT.items()]
+
+
+def _label(policy: str) -> str:
+    task, _, bound = policy.rpartition("-")
+    return f"Learnt policy, {bound} torque bounded{', to tell effects apart' if task else ''}"
 
 
 def torque_of(
@@ -33,4 +37,5 @@ def torque_of(
         return excitation(name, rng, seconds, amplitude)
     if amplitude is not None:
         raise ValueError("a learnt policy has a bound of its own: leave the peak torque empty")
-    return Pilot(load(LEARNT[name]), LEARNT[name], seconds, rate)
+    network = load(LEARNT[name])
+    return Pilot(network, network.constraint, seconds, rate, network.discriminates)

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import argparse
 
-from estimators.diagnose import add
-from estimators.tables import errors_table
+from estimators.diagnosis.addition import add
+from estimators.show.tables import errors_table
 from pendulum_env.physics import effect
 from pendulum_env.words import parameters_table
-from workbench.command import Command
 from workbench.inputs import (
     argument,
     check_outputs,
-    keep_apart,
+    given,
+    in_time,
+    in_torque,
     read_model,
     read_recordings,
-    reader,
+    take_align,
+    take_limits,
     take_recordings,
     wrote,
 )
@@ -29,18 +31,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
     parser.add_argument("effect", metavar="EFFECT", type=argument(_effect), help="an id that `effects` lists")
     take_recordings(parser, holdout=True)
+    take_align(parser)
+    take_limits(parser)
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model with the effect")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
-    check_outputs([arguments.output], [*arguments.recordings, *arguments.holdout])
-    keep_apart(arguments.recordings, arguments.holdout)
+    asked = given(arguments)
+    check_outputs([arguments.output], asked.files)
     model = read_model(arguments.model)
-    recordings = read_recordings(arguments.recordings, reader(arguments), terminal)
-    holdout = read_recordings(arguments.holdout, reader(arguments), terminal)
+    recordings, holdout = (read_recordings(part, terminal) for part in (asked.fitted, asked.held_out))
+    recordings, holdout = in_torque(recordings, holdout, terminal)
+    recordings, holdout = in_time(recordings, holdout, arguments.align, terminal)
     with terminal.progress(f"adding {arguments.effect}") as progress:
-        added = add(model, arguments.effect, recordings, holdout, progress)
+        limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
+        added = add(model, arguments.effect, recordings, holdout, progress, **limits)
     before, after = added.before, added.after
     if arguments.output is not None:
         after.model.save(arguments.output)
@@ -52,6 +58,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terminal.say(
             f"what is left is {left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
         )
+    if added.doubt is not None:
+        terminal.say(f"warning: {added.doubt}", style="yellow")
     terminal.heading("Parameters")
     terminal.table(*parameters_table(after.model))
     wrote([arguments.output], terminal)
@@ -60,6 +68,3 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def _effect(text: str) -> str:
     effect(text)
     return text
-
-
-COMMAND = Command("add one effect to a model, refit it, and compare the errors", configure, run)

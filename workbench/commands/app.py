@@ -11,8 +11,10 @@ from pathlib import Path
 from threading import Timer
 
 from pendulum_env.backends.hardware.config import ConfigError, load
-from workbench.command import Command
-from workbench.inputs import InputError, read_recordings, reader, take_reading, whole
+from pendulum_env.recording.record import ColumnError
+from workbench.inputs import KINDS, given, read_recordings, take_reading, whole
+from workbench.mistakes import InputError
+from workbench.processes import interrupts_wait
 from workbench.terminal import Terminal
 
 PORT, HIGHEST = 8050, 65535
@@ -20,7 +22,7 @@ PORT, HIGHEST = 8050, 65535
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
-    parser.add_argument("recordings", metavar="RECORDING", nargs="*", help="CSV, CSV.GZ, Parquet or NPZ to begin with")
+    parser.add_argument("recordings", metavar="RECORDING", nargs="*", help=f"{KINDS}; to begin with")
     take_reading(parser)
     parser.add_argument("--config", metavar="FILE", help="rig.toml of a rig, that the live view then offers, too")
     parser.add_argument("--port", type=_port, default=PORT, help=f"of this computer (default {PORT}); 0: any")
@@ -31,11 +33,16 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Serve until interrupted."""
     if find_spec("dash") is None:
         raise InputError("the workbench in a browser needs the extra app: pip install 'pendulum-ident[app]'")
-    read_recordings(arguments.recordings, reader(arguments), terminal)  # complains now, not in the browser
+    asked = given(arguments)
+    for source in (*asked.fitted, *asked.held_out):
+        try:
+            read_recordings([source], terminal)  # complains now, not in the browser
+        except ColumnError as error:
+            terminal.say(f"{error}: the browser asks what the columns mean")
     rig = None if arguments.config is None else _rig(arguments.config)
     from workbench.app.server import Server  # dash takes a while to import
 
-    server = Server(arguments.port, [Path(name) for name in arguments.recordings], reader(arguments), rig)
+    server = Server(arguments.port, (*asked.fitted, *asked.held_out), rig)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:
@@ -49,7 +56,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     except KeyboardInterrupt:
         terminal.say("ended")
     finally:
-        server.close()
+        with interrupts_wait():  # whoever presses the keys again
+            server.close()
 
 
 def _rig(name: str) -> Path:
@@ -65,8 +73,3 @@ def _port(text: str) -> int:
     if port > HIGHEST:
         raise argparse.ArgumentTypeError(f"'{text}' should be a port, {HIGHEST} at most")
     return port
-
-
-COMMAND = Command(
-    "the workbench in a browser: load, compare, diagnose, add, export (needs the extra app)", configure, run
-)

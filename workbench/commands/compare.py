@@ -5,11 +5,22 @@ from __future__ import annotations
 import argparse
 import json
 
-from estimators.compare import compare
-from estimators.tables import distances_table
+from estimators.comparison import compare, in_units_of
+from estimators.show.tables import distances_table, profile_table
 from pendulum_env.files import write_whole
-from workbench.command import Command
-from workbench.inputs import check_outputs, read_model, read_recordings, reader, take_recordings, wrote
+from workbench.inputs import (
+    argument,
+    check_outputs,
+    given,
+    in_time,
+    page,
+    read_model,
+    read_recordings,
+    take_align,
+    take_recordings,
+    take_robot,
+    wrote,
+)
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
@@ -18,20 +29,44 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
     take_recordings(parser)
+    take_align(parser)
+    parser.add_argument(
+        "--report", type=argument(page), metavar="FILE.html", help="write a report with plots, one file to share"
+    )
+    take_robot(parser)
     parser.add_argument("--json", metavar="FILE", help="write errors, profiles and regions")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the errors of the model, and where they are."""
-    check_outputs([arguments.json], [arguments.model, *arguments.recordings])
+    if arguments.robot is not None:
+        from workbench import arms  # Pinocchio is imported by who needs it
+
+        arms.compare(arguments, terminal)
+        return
+    asked = given(arguments)
+    outputs = [arguments.json, arguments.report]
+    check_outputs(outputs, [arguments.model, *asked.files])
     model = read_model(arguments.model)
-    recordings = read_recordings(arguments.recordings, reader(arguments), terminal)
+    recordings = read_recordings((*asked.fitted, *asked.held_out), terminal)
+    recordings = list(in_units_of(model, recordings))
+    if recordings[0].torque_constant is not None:
+        terminal.say(recordings[0].torque_constant.text)
+    terminal.torque_unit = model.torque_unit
+    recordings, _ = in_time(recordings, [], arguments.align, terminal)
     with terminal.progress("comparing"):
         found = compare(model, recordings)
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    if arguments.report is not None:
+        from workbench.report.comparison import write_comparison_report  # plotly takes a while to import
+
+        with terminal.progress("writing the report"):
+            write_comparison_report(arguments.report, found, recordings)
     terminal.heading(f"Errors of the model with {enumerate_words([term.id for term in model.terms])}")
     terminal.table(*distances_table(found))
+    if found.caveat is not None:
+        terminal.say(found.caveat)
     if found.disagreements:
         terminal.heading("Recordings that disagree")
         for disagreement in found.disagreements:
@@ -39,11 +74,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terminal.heading("Where")
     for region in found.regions:
         terminal.say(f"- {region.text}")
+    drawn = next((item for r in found.regions for item in found.profiles if item.axis == r.axis != "frequency"), None)
+    if drawn is not None:
+        terminal.table(*profile_table(drawn))
     if found.regions:
         terminal.say("`diagnose` tells which effect would explain this")
     else:
         terminal.say("nothing stands out of the noise: the model explains these recordings")
-    wrote([arguments.json], terminal)
-
-
-COMMAND = Command("compare a model with recordings: how far off it is, and where", configure, run)
+    wrote(outputs, terminal)

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from estimators.diagnose import diagnose
-from estimators.diagnosis import Diagnosis
+from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.run import diagnose
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, typical
 from pendulum_env.recording import Recording, write_recording
-from workbench.command import Command
 from workbench.commands.identify import six_schemes
 from workbench.inputs import check_outputs, whole, wrote
 from workbench.story import tell
@@ -118,6 +117,3 @@ def verdict(plant: Model, found: Diagnosis) -> str:
     if len(named) == len(hidden) and named <= hidden | alike:
         return f"found as one of a group that looks the same: {enumerate_words(sorted(hidden | alike))}"
     return f"NOT found as it is: the diagnosis says {enumerate_words(found.selected) or 'nothing'}"
-
-
-COMMAND = Command("hide an effect, record, diagnose and report: the whole workflow in one go", configure, run)

@@ -6,20 +6,26 @@ import argparse
 import json
 import math
 
-from estimators.design import USUAL
-from estimators.diagnose import diagnose
+from estimators.checks.alignment import Aligned
+from estimators.diagnosis.experiment import USUAL
+from estimators.diagnosis.run import diagnose
+from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE
-from workbench.command import Command
 from workbench.commands.identify import six_schemes
 from workbench.inputs import (
+    argument,
     check_outputs,
-    keep_apart,
+    given,
+    ids,
+    in_torque,
     number,
+    page,
     read_model,
     read_recordings,
-    reader,
+    take_limits,
     take_recordings,
+    take_robot,
     wrote,
 )
 from workbench.story import tell
@@ -29,12 +35,20 @@ from workbench.terminal import Terminal
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, model to start from, and outputs."""
     take_recordings(parser, holdout=True)
+    take_robot(parser)
     parser.add_argument("--model", metavar="MODEL.json", help="start from its terms (default: the paper's four)")
+    parser.add_argument("--only", metavar="ID,...", type=argument(ids), help="look for these effects alone")
+    parser.add_argument(
+        "--without", metavar="ID,...", type=argument(ids), default=[], help="do not look for these effects"
+    )
+    take_limits(parser)
+    parser.add_argument("--all", action="store_true", help="print every effect, also those that could not be judged")
     parser.add_argument(
         "--max-torque",
         metavar="NM",
-        type=number(0.1),
-        help=f"bound of the torque of a suggested experiment [N m] (default {USUAL:g}, or the largest recorded)",
+        type=number(0.1, MOST_TORQUE),
+        help=f"bound of the torque of a suggested experiment [N m] (default {USUAL:g}, but at most ten "
+        "times the largest recorded)",
     )
     parser.add_argument(
         "--max-angle",
@@ -46,35 +60,56 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-speed", metavar="RAD/S", type=number(0.01), default=math.inf, help="bound of its speed [rad/s]"
     )
+    parser.add_argument("--experiment", metavar="FILE.csv", help="write the torque of the suggested experiment")
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
-    parser.add_argument("--report", metavar="FILE.html", help="write a report with plots, one file to share")
+    parser.add_argument(
+        "--report", type=argument(page), metavar="FILE.html", help="write a report with plots, one file to share"
+    )
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the story, write what is asked for."""
+    if arguments.robot is not None:
+        from workbench import arms  # Pinocchio is imported by who needs it
+
+        arms.diagnose(arguments, terminal)
+        return
     from workbench.report import write_report  # plotly takes a while to import
 
-    outputs = [arguments.json, arguments.report, arguments.output]
-    check_outputs(outputs, [*arguments.recordings, *arguments.holdout])
-    keep_apart(arguments.recordings, arguments.holdout)
+    outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
+    asked = given(arguments)
+    check_outputs(outputs, asked.files)
     base = read_model(arguments.model).terms if arguments.model else BASE
-    recordings = read_recordings(arguments.recordings, reader(arguments), terminal)
-    holdout = read_recordings(arguments.holdout, reader(arguments), terminal)
+    recordings, holdout = (read_recordings(part, terminal) for part in (asked.fitted, asked.held_out))
+    recordings, holdout = in_torque(recordings, holdout, terminal)
     with terminal.progress("diagnosing") as progress:
         found = diagnose(
-            recordings, holdout, base, progress, arguments.max_torque, arguments.max_angle, arguments.max_speed
+            recordings,
+            holdout,
+            base,
+            progress,
+            only=arguments.only,
+            without=arguments.without,
+            fixed=arguments.fixed,
+            bounds=arguments.bounds,
+            max_torque=arguments.max_torque,
+            max_angle=arguments.max_angle,
+            max_speed=arguments.max_speed,
         )
+    if arguments.experiment is not None and found.suggestion is not None:
+        write_whole(arguments.experiment, found.suggestion.csv())
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
     if arguments.output is not None:
         found.model.save(arguments.output)
     if arguments.report is not None:
+        fitted = Aligned.by(found.alignments, recordings, holdout).recordings
         with terminal.progress("writing the report"):
-            schemes = six_schemes(recordings, found.model.terms)
+            schemes = six_schemes(fitted, found.model.terms)
             write_report(arguments.report, recordings, holdout, found, schemes)
-    tell(found, terminal)
+    tell(found, terminal, arguments.all)
+    if arguments.experiment is not None and found.suggestion is None:
+        terminal.say(f"nothing is left open that an experiment would settle: {arguments.experiment} is not written")
+        outputs[0] = None
     wrote(outputs, terminal)
-
-
-COMMAND = Command("find the effects that a model lacks, and add them", configure, run)

@@ -6,7 +6,6 @@ import argparse
 
 from pendulum_env.physics import BASE, Term, effects
 from pendulum_env.plant import typical
-from workbench.command import Command
 from workbench.terminal import Terminal
 
 
@@ -25,7 +24,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     )
     terminal.say(
         "hide one in a simulated recording: record --effect stribeck, --effect stribeck=0.4,0.3 (parameters in this "
-        "order) or --effect cogging:order=14,sin=0.2"
+        "order), --effect cogging:order=14,sin=0.2 or, with one stop alone, --effect hard_stop:upper=0.9,lower=-inf"
     )
 
 
@@ -36,6 +35,3 @@ def parameters(kind: type[Term]) -> str:
     return ", ".join(
         f"{name} {value:g} {unit}".removesuffix(" 1") for (name, value), unit in zip(values.items(), units, strict=True)
     )
-
-
-COMMAND = Command("list the effects that a model may lack, with their laws and parameters", configure, run)

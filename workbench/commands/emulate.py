@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pendulum_env.backends.emulators import EMULATORS, Emulation, emulate
 from pendulum_env.backends.emulators.emulator import MISHAPS
-from workbench.command import Command
-from workbench.inputs import InputError, check_outputs, number, plant_of, take_plant, whole
+from workbench.inputs import check_outputs, number, plant_of, take_plant, whole
+from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 
 BEHIND = 5.0  # [s], on a machine that does other things as well
@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help=f"of the loop [Hz] (default {', '.join(f'{kind} {rate:g}' for kind, rate in RATES.items())})",
     )
     parser.add_argument("--log", metavar="FILE", help="what the motor does, line by line with monotonic times")
-    parser.add_argument("--first-count", type=whole(0), default=0, help="of the 32-bit counter (default 0)")
+    parser.add_argument("--first-count", type=whole(0, 2**32 - 1), default=0, help="of the 32-bit counter (default 0)")
     parser.add_argument("--realtime", action="store_true", help="ask for real-time priority, here and in the loop")
     parser.add_argument(
         "--watchdog", type=number(0.005, 5.0), default=0.08, help="the drive's, in the configuration [s]"
@@ -67,6 +67,3 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         emulate(emulation, said)
     except ModuleNotFoundError as error:
         raise InputError(str(error)) from None
-
-
-COMMAND = Command("emulate a rig behind a real protocol, with effects hidden in it if asked for", configure, run)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import multiprocessing
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from importlib.util import find_spec
@@ -16,16 +16,18 @@ from agents.baselines import BASELINE, BASELINES, baseline
 from agents.evaluation import Contender, Outcome, compare, evaluation_json
 from agents.network import Network, load
 from agents.observer import CONSTRAINTS
-from estimators.schemes import SCHEMES
+from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import Policy
-from workbench.command import Command
-from workbench.inputs import InputError, argument, check_outputs, whole, wrote
+from workbench.inputs import argument, check_outputs, page, whole, wrote
+from workbench.mistakes import InputError
+from workbench.processes import QuietContext, attend, end_workers, interrupts_wait
 from workbench.terminal import Terminal
 
+MOST = 10_000  # plants, which take a quarter of an hour for each policy
 SHIPPED = "agent"  # the policy that ships for the constraint
 PLANNER = "look-ahead"  # with which the agent's information and time are compared
 
@@ -35,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     known = f"{SHIPPED} (which ships), {', '.join(BASELINES)}, or what `train` wrote"
     parser.add_argument("policies", metavar="POLICY", nargs="*", help=f"{known}; all that have a name by default")
     parser.add_argument("--constraint", type=argument(_constraint), default="peak", help=", ".join(CONSTRAINTS))
-    parser.add_argument("--plants", type=whole(2), default=160, help="fresh plants, within 30 %% (default 160)")
+    parser.add_argument("--plants", type=whole(2, MOST), default=160, help="fresh plants, within 30 %% (default 160)")
     parser.add_argument("--seed", type=whole(0), default=0, help="of plants, noise and signals (default 0)")
     parser.add_argument(
         "--scheme",
@@ -47,11 +49,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--effect", dest="effects", action="append", type=argument(_effect), default=[], metavar="ID[=VALUE,...]",
         help="hide an effect in the plants (may be repeated)",
     )  # fmt: skip
-    parser.add_argument("--workers", type=whole(1), default=1, help="processes (default 1)")
+    parser.add_argument("--workers", type=whole(1, 1000), default=1, help="processes (default 1)")
     parser.add_argument(
-        "--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to work on instead, as tcp://host:8786"
+        "--dask",
+        metavar="ADDRESS",
+        help="scheduler of a Dask cluster to work on instead, as tcp://host:8786; one of your own, "
+        "for what it sends is unpickled",
     )
-    parser.add_argument("--report", metavar="FILE.html", help="write a page with plots")
+    parser.add_argument("--report", type=argument(page), metavar="FILE.html", help="write a page with plots")
     parser.add_argument("--json", metavar="FILE", help="write all figures there")
 
 
@@ -146,19 +151,26 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Executor | None]:
         if arguments.workers == 1:
             yield None
             return
-        with ProcessPoolExecutor(arguments.workers, multiprocessing.get_context("spawn")) as pool:
-            yield pool
+        with ProcessPoolExecutor(arguments.workers, QuietContext(), initializer=attend) as pool:
+            try:
+                yield pool
+            except BrokenProcessPool:
+                raise InputError("a worker ended unexpectedly, perhaps for want of memory: use fewer") from None
+            except BaseException:  # an interrupt, above all
+                with interrupts_wait():
+                    end_workers()
+                raise
         return
     if find_spec("distributed") is None:
         raise InputError("--dask needs the extra rl: pip install 'pendulum-ident[rl]'")
     from distributed import Client
 
     try:
-        client = Client(arguments.dask, timeout=10)  # type: ignore[no-untyped-call]
+        client = Client(arguments.dask, timeout=10)
     except (OSError, ValueError) as error:
         raise InputError(f"there is no Dask cluster at {arguments.dask}: {error}") from None
     with client:
-        yield client.get_executor()  # type: ignore[no-untyped-call]
+        yield client.get_executor()
 
 
 def _write_report(path: str, told: JSON, outcomes: dict[str, Outcome], terminal: Terminal) -> None:
@@ -199,6 +211,3 @@ def _scheme(text: str) -> str:
 def _effect(text: str) -> str:
     hide(paper_plant(), text)
     return text
-
-
-COMMAND = Command("compare excitation policies with the paper's signal, on fresh plants", configure, run)

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pendulum_env.backends.hardware.check import CheckFailed, check
 from pendulum_env.backends.hardware.config import ConfigError, load
 from pendulum_env.backends.hardware.drive import DriveError
-from workbench.command import Command
-from workbench.inputs import InputError
+from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 
 
@@ -46,6 +45,3 @@ class _Person:
             return answer.startswith("y")
         except EOFError:
             raise InputError("the check needs somebody at a terminal who answers") from None
-
-
-COMMAND = Command("check a rig, step by step", configure, run)

@@ -4,20 +4,35 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimators.equations import IdentificationError
-from estimators.evidence import Evidence, fit_terms
-from estimators.identify import Identification, identify
-from estimators.schemes import PAPER, SCHEMES, Scheme, scheme
-from estimators.tables import schemes_table
+from estimators.arguments import within_limits
+from estimators.checks.torque_constant import told
+from estimators.regression.equations import IdentificationError
+from estimators.schemes.identification import Identification, identify
+from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
+from estimators.selection.data import Evidence, fit_terms
+from estimators.show.tables import schemes_table
+from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording
-from workbench.command import Command
-from workbench.inputs import InputError, argument, check_outputs, read_recordings, reader, take_recordings, wrote
+from workbench.inputs import (
+    argument,
+    check_outputs,
+    given,
+    in_time,
+    in_torque,
+    read_recordings,
+    take_align,
+    take_limits,
+    take_recordings,
+    take_robot,
+    wrote,
+)
+from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 
 SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
@@ -26,6 +41,15 @@ SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, schemes and outputs."""
     take_recordings(parser)
+    take_align(parser)
+    take_robot(parser)
+    take_limits(parser)
+    parser.add_argument(
+        "--instruments",
+        choices=("reference",),
+        help="fit over windows with instruments, made of the reference that a controller followed: what torque owes to "
+        "the controller biases nothing then",
+    )
     parser.add_argument(
         "--scheme",
         type=argument(_schemes),
@@ -39,19 +63,37 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
+    if arguments.robot is not None:
+        from workbench import arms  # Pinocchio is imported by who needs it
+
+        arms.identify(arguments, terminal)
+        return
     outputs = [arguments.json, arguments.output]
-    check_outputs(outputs, arguments.recordings)
-    recordings = read_recordings(arguments.recordings, reader(arguments), terminal)
+    asked = given(arguments)
+    check_outputs(outputs, asked.files)
+    recordings, _ = in_torque(read_recordings(asked.fitted, terminal), [], terminal)
+    if arguments.align:
+        recordings, _ = in_time(recordings, [], True, terminal)
     refuse_slow(recordings, arguments.scheme)
     with terminal.progress("identifying"):
-        found = identify(recordings, BASE, arguments.scheme)
-        model = fit_terms(Evidence.of(recordings), BASE)[0] if arguments.output is not None else None
+        found = identify(recordings, BASE, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
+        terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
+        model = None
+        if arguments.instruments is not None:
+            model = fitted(recordings, lambda own: fit_by_reference(own, terms))
+        elif arguments.output is not None:
+            model = fitted(recordings, lambda own: fit_terms(Evidence.of(own), terms)[0])
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
-    if model is not None:
+    if model is not None and arguments.output is not None:
         model.save(arguments.output)
-    tell(found, model, terminal)
+    tell(found, model, terminal, "instruments" if arguments.instruments else "windows (saved)")
     wrote(outputs, terminal)
+
+
+def fitted(recordings: Sequence[Recording], fit: Callable[[Sequence[Recording]], Model]) -> Model:
+    """The model that a fit finds in recordings, in their unit, and with their torque constant."""
+    return told(fit(recordings), recordings, fit)
 
 
 def six_schemes(recordings: Sequence[Recording], terms: Sequence[Term]) -> Identification | None:
@@ -74,16 +116,13 @@ def refuse_slow(recordings: Sequence[Recording], schemes: Sequence[Scheme]) -> N
                 )
 
 
-def tell(found: Identification, model: Model | None, terminal: Terminal) -> None:
-    """Print one row a scheme, and the model that is saved as the last."""
+def tell(found: Identification, model: Model | None, terminal: Terminal, label: str) -> None:
+    """Print one row a scheme, and the model that is saved, or fitted by instruments, as the last."""
     terminal.heading("Estimates ± standard errors")
-    terminal.table(*schemes_table(found, model))
+    terminal.table(*schemes_table(found, model, label))
     for doubt in found.doubts:
         terminal.say(f"warning: {doubt.text}", style="yellow")
 
 
 def _schemes(text: str) -> Sequence[Scheme]:
     return SETS[text] if text in SETS else [scheme(id.strip()) for id in text.split(",")]
-
-
-COMMAND = Command("estimate the four parameters of the paper's model by its six schemes", configure, run)

@@ -9,8 +9,7 @@ from estimators.paper import PARAMETERS, TABLE_2, WAYS, Experiment, paper_experi
 from estimators.paper.experiment import RUNS, SECONDS
 from pendulum_env.files import write_whole
 from pendulum_env.plant import paper_plant
-from workbench.command import Command
-from workbench.inputs import check_outputs, number, whole, wrote
+from workbench.inputs import argument, check_outputs, number, page, whole, wrote
 from workbench.terminal import Terminal
 
 SHORTEST, LONGEST = 5.0, 600.0  # [s] of a run
@@ -18,12 +17,14 @@ SHORTEST, LONGEST = 5.0, 600.0  # [s] of a run
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare runs, seed and outputs."""
-    parser.add_argument("--runs", type=whole(1), default=RUNS, help=f"with random phases (default {RUNS})")
+    parser.add_argument("--runs", type=whole(1, 10_000), default=RUNS, help=f"with random phases (default {RUNS})")
     parser.add_argument(
         "--seconds", type=number(SHORTEST, LONGEST), default=SECONDS, help=f"length of each (default {SECONDS:g})"
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of phases and noise (default 0)")
-    parser.add_argument("--report", metavar="FILE.html", help="write Table 2 and figures 2 to 9 as one page")
+    parser.add_argument(
+        "--report", type=argument(page), metavar="FILE.html", help="write Table 2 and figures 2 to 9 as one page"
+    )
     parser.add_argument("--json", metavar="FILE", help="write all numbers")
 
 
@@ -91,6 +92,3 @@ def _value(value: float | None) -> str:
 def _errors(experiment: Experiment, way: str, scheme: str) -> list[str]:
     score = experiment.score(way, scheme)
     return [f"{100 * median:.2g} ({100 * worst:.2g})" for median, worst in zip(score.median, score.worst, strict=True)]
-
-
-COMMAND = Command("repeat the source paper's experiment: its Table 2 and figures beside ours", configure, run)

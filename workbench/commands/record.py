@@ -7,44 +7,41 @@ import argparse
 import gymnasium as gym
 import numpy as np
 
+from agents.network import NAMES as SHIPPED
 from agents.network import Network, load
-from agents.observer import CONSTRAINTS, EPISODE
+from agents.observer import EPISODE
 from agents.pilot import Pilot
+from agents.verdicts import LONGEST
+from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
-from pendulum_env.excitation import EXCITATIONS, Excitation, excitation
+from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, Excitation, excitation
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.policy import rollout
+from pendulum_env.reading import LARGE
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import FEWEST, SHORTEST, SLOWEST
 from pendulum_env.recording.storage import WRITERS
 from pendulum_env.registration import PENDULUM
-from workbench.command import Command
-from workbench.inputs import (
-    InputError,
-    argument,
-    check_outputs,
-    number,
-    plant_of,
-    read_suggestion,
-    take_plant,
-    whole,
-    wrote,
-)
+from workbench.inputs import argument, check_outputs, number, plant_of, read_suggestion, take_plant, whole, wrote
+from workbench.mistakes import InputError
 from workbench.rig import configured, controller, describe, record_rig
 from workbench.terminal import Terminal
+from workbench.until import DIAGNOSED, Here, told
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
 BACKENDS = (
     "simulated",  # the batched simulator
     "pymunk",  # a rigid body in the environment
+    "mujoco",  # the same in another engine
     "replay",  # a recording again
     "dm1015b",  # the rig
 )
 SECONDS = 30.0  # length of a recording
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
+UNTIL_POLICY = "discriminate-peak"  # that is meant for it
 LEARNT = "rl"  # excitation that a policy chooses while the arm moves
 
 
@@ -52,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare plant, excitation, measurement and output."""
     parser.add_argument(
         "--seconds",
-        type=number(SHORTEST),
+        type=number(SHORTEST, MOST / SLOWEST),
         help=f"length (default {SECONDS:g}, what the diagnosis suggests, or {EPISODE:g} with {LEARNT})",
     )
     parser.add_argument(
@@ -66,12 +63,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy",
         metavar="NAME",
-        help=f"{', '.join(CONSTRAINTS)} (default peak), or a file that `train` wrote, for --excitation {LEARNT}",
+        help=f"{', '.join(SHIPPED)} (default peak, or {UNTIL_POLICY} with --until), or a file that `train` wrote, for "
+        f"--excitation {LEARNT}",
+    )
+    parser.add_argument(
+        "--until",
+        choices=(DIAGNOSED,),
+        help=f"end once the online diagnosis names what the model lacks and stays with it, after {LONGEST:g} s at the "
+        "latest unless --seconds says so",
     )
     parser.add_argument(
         "--diagnosis", metavar="FILE", help=f"what `diagnose --json` wrote, for --excitation {SUGGESTED}"
     )
-    parser.add_argument("--amplitude", type=number(0.0), help="bound of the torque [N m]; each excitation has its own")
+    parser.add_argument(
+        "--amplitude", type=number(0.0, MOST_TORQUE), help="bound of the torque [N m]; each excitation has its own"
+    )
     parser.add_argument(
         "--backend",
         type=argument(_backend),
@@ -82,9 +88,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
     take_plant(parser)
     parser.add_argument("--rate", type=number(SLOWEST, 1e5), default=1000.0, help="samples per second (default 1000)")
-    parser.add_argument("--counts", type=whole(0), default=COUNTS, help=f"of the encoder per turn (default {COUNTS})")
     parser.add_argument(
-        "--noise", type=number(0.0), default=TORQUE_NOISE, help=f"of the torque [N m] (default {TORQUE_NOISE:g})"
+        "--counts", type=whole(0, 2**32), default=COUNTS, help=f"of the encoder per turn (default {COUNTS})"
+    )
+    parser.add_argument(
+        "--noise",
+        type=number(0.0, MOST_TORQUE),
+        default=TORQUE_NOISE,
+        help=f"of the torque [N m] (default {TORQUE_NOISE:g})",
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default 0)")
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
@@ -104,9 +115,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(f"{samples:.0f} samples are asked for, between {FEWEST} and {MOST} are possible")
     plant = plant_of(arguments)
     if rig is not None:
-        record_rig(rig, command, round(samples), arguments.output, terminal)
+        record_rig(rig, command, round(samples), arguments.output, terminal, arguments.until is not None)
         return
     recording = _run(arguments, plant, command, seconds, rng, terminal)
+    if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
+        raise InputError(f"the arm turns by more than {LARGE:g} rad: lower the torque, or what drives it")
     if np.ptp(recording.position) == 0:
         raise InputError(f"the arm never moves: {command.amplitude:g} N m do not overcome its friction")
     write_recording(recording, arguments.output)
@@ -139,7 +152,7 @@ def experiment(
         return suggestion.signal, arguments.seconds or suggestion.seconds
     if arguments.diagnosis is not None:
         raise InputError(f"--diagnosis goes with --excitation {SUGGESTED} only")
-    seconds = arguments.seconds or SECONDS
+    seconds = arguments.seconds or (SECONDS if arguments.until is None else LONGEST)
     try:
         return excitation(arguments.excitation, rng, seconds, arguments.amplitude), seconds
     except ValueError as error:
@@ -157,10 +170,11 @@ def learnt(arguments: argparse.Namespace, rate: float) -> tuple[Pilot, float]:
             raise InputError(f"--{name} does not go with --excitation {LEARNT}: the policy decides as the arm moves")
     if arguments.backend == "simulated":
         raise InputError(f"--excitation {LEARNT} needs a backend that answers step by step: use --backend pymunk")
-    seconds = arguments.seconds or EPISODE
+    until = arguments.until is not None
+    seconds = arguments.seconds or (LONGEST if until else EPISODE)
     try:
-        network: Network = load(arguments.policy or "peak")
-        return Pilot(network, network.constraint, seconds, rate), seconds
+        network: Network = load(arguments.policy or (UNTIL_POLICY if until else "peak"))
+        return Pilot(network, network.constraint, seconds, rate, network.discriminates), seconds
     except ValueError as error:
         raise InputError(str(error)) from None
 
@@ -178,30 +192,40 @@ def _run(
         raise InputError("--backend replay and --replay FILE belong together: give both or neither")
     if arguments.replay is not None and plant.effects:
         raise InputError("--effect does not go with a replay: it plays the plant that was recorded")
-    if not isinstance(command, Pilot) and arguments.backend in (None, "simulated"):
+    if arguments.until is not None and arguments.backend == "simulated":
+        raise InputError(f"--until {DIAGNOSED} needs a backend that answers step by step: use --backend pymunk")
+    if not isinstance(command, Pilot) and arguments.backend in (None, "simulated") and arguments.until is None:
         with terminal.progress("simulating"):
             return record(plant, command, seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng)
-    env = gym.make(
-        PENDULUM,
-        max_episode_steps=-1,
-        backend=arguments.backend or "pymunk",
-        model=None if arguments.replay is not None else plant,
-        rate=arguments.rate,
-        counts=arguments.counts,
-        torque_noise=arguments.noise,
-        max_torque=max(MAX_TORQUE, command.amplitude),
-        recording=arguments.replay,
-    )
+    try:
+        env = gym.make(
+            PENDULUM,
+            max_episode_steps=-1,
+            backend=arguments.backend or "pymunk",
+            model=None if arguments.replay is not None else plant,
+            rate=arguments.rate,
+            counts=arguments.counts,
+            torque_noise=arguments.noise,
+            max_torque=max(MAX_TORQUE, command.amplitude),
+            recording=arguments.replay,
+        )
+    except ModuleNotFoundError as error:  # an engine is an extra
+        raise InputError(str(error)) from None
     rate = env.unwrapped.rate  # type: ignore[attr-defined]
     steps = round(seconds * rate)
+    judge = None if arguments.until is None else Here(rate, smoothing_of(env, rate))
     with terminal.progress("running") as tell:
-        return rollout(
+        recording = rollout(
             env,
             controller(command, rate),
             steps,
             seed=int(rng.integers(2**31)),
             watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / seconds),
+            until=None if judge is None else judge.stands,
         )
+    if judge is not None:
+        terminal.say(told(judge.close(), len(recording) < steps))
+    return recording
 
 
 def _excitation(text: str) -> str:
@@ -213,8 +237,3 @@ def _excitation(text: str) -> str:
 def _backend(text: str) -> str:
     find("backend", text, dict.fromkeys(BACKENDS))
     return text
-
-
-COMMAND = Command(
-    "record a pendulum: the rig, or a simulated one with effects hidden in it if asked for", configure, run
-)

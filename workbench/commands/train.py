@@ -9,8 +9,9 @@ from pathlib import Path
 from agents.config import USUAL, Config, read_settings
 from agents.observer import CONSTRAINTS
 from pendulum_env.lookup import find
-from workbench.command import Command
-from workbench.inputs import InputError, argument, check_outputs, whole, wrote
+from pendulum_env.reading import Unreadable
+from workbench.inputs import argument, check_outputs, whole, wrote
+from workbench.mistakes import InputError, Interrupted
 from workbench.terminal import Terminal
 
 NEEDED = ("torch", "stable_baselines3", "cloudpickle")
@@ -27,7 +28,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--checkpoints", metavar="FOLDER", help="keep the training, policies on the way and a log for TensorBoard there"
     )
     parser.add_argument(
-        "--resume", action="store_true", help="go on where the training in --checkpoints was ended, to the same policy"
+        "--resume",
+        action="store_true",
+        help="go on where the training in --checkpoints was ended, to the same policy; only one "
+        "that this user has written, since reading it runs what is in it",
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="policy, NAME.npz")
 
@@ -43,13 +47,16 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     folder = None if arguments.checkpoints is None else Path(arguments.checkpoints)
     if arguments.resume and folder is None:
         raise InputError("--resume needs --checkpoints FOLDER, where the training was kept")
-    from agents.training import CheckpointError, train  # imports torch
+    from agents.training import CHECKPOINT, CheckpointError, train  # imports torch
 
     try:
         with terminal.progress("training") as tell:
             network = train(config, tell, folder, arguments.resume)
     except CheckpointError as error:
         raise InputError(str(error)) from None
+    except KeyboardInterrupt:
+        kept = folder is not None and (folder / CHECKPOINT).exists()
+        raise Interrupted(f"go on from {folder} with --resume" if kept else "nothing was kept") from None
     network.save(arguments.output)
     terminal.say(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
     terminal.say(f"`pendulum-ident evaluate {arguments.output} --constraint {config.constraint}` compares it")
@@ -60,7 +67,11 @@ def _config(arguments: argparse.Namespace) -> Config:
     given = {name: getattr(arguments, name) for name in ("constraint", "algorithm", "seed", "steps")}
     given = {name: value for name, value in given.items() if value is not None}
     try:
-        return Config.of(({} if arguments.config is None else read_settings(arguments.config)) | given)
+        settings = {} if arguments.config is None else read_settings(arguments.config)
+    except Unreadable as error:
+        raise InputError(str(error)) from None
+    try:
+        return Config.of(settings | given)
     except ValueError as error:
         raise InputError(str(error) if arguments.config is None else f"{arguments.config}: {error}") from None
 
@@ -73,6 +84,3 @@ def _constraint(text: str) -> str:
 def _algorithm(text: str) -> str:
     find("algorithm", text, USUAL["algorithm"])
     return text
-
-
-COMMAND = Command("train a policy that chooses excitations (needs the extra rl)", configure, run)

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from estimators.diagnose import agreeing, gather
-from estimators.diagnosis import Diagnosis
-from estimators.evidence import Evidence
-from estimators.identify import Identification
+from estimators.checks.alignment import Aligned
+from estimators.checks.torque_constant import Calibrated
+from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.run import agreeing, gather
+from estimators.schemes.identification import Identification
+from estimators.selection.data import Evidence
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
@@ -45,8 +47,14 @@ class Case:
     ) -> Case:
         """Gather a case as the diagnosis did.
 
+        Currents are turned into torque and torque that was logged late is corrected alike.
         Recordings that disagree are not fitted; without held-out recordings, the end of each recording is held out.
         """
+        calibrated = Calibrated.by(diagnosis.torque_constant, recordings, holdout)
+        recordings, holdout = calibrated.recordings, calibrated.holdout
+        if diagnosis.alignments:
+            aligned = Aligned.by(diagnosis.alignments, recordings, holdout)
+            recordings, holdout = aligned.recordings, aligned.holdout
         fitted = tuple(agreeing(recordings, [one.recording for one in diagnosis.disagreements]))
         return cls(fitted, tuple(holdout) or fitted, not holdout, diagnosis, identification)
 

@@ -12,9 +12,9 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
-from estimators.diagnosis import Diagnosis
-from estimators.identify import Identification
-from estimators.inputs import Recordings, chosen_recordings
+from estimators.arguments import Recordings, chosen_recordings
+from estimators.diagnosis.result import Diagnosis
+from estimators.schemes.identification import Identification
 from pendulum_env.files import write_whole
 from workbench.report import words
 from workbench.report.case import Case
@@ -59,7 +59,8 @@ def render(
     """HTML of the report; see `write_report`."""
     case = Case.of(chosen_recordings(recordings), chosen_recordings(holdout, empty=True), diagnosis, identification)
     sections = [section for make in SECTIONS if (section := make(case)) is not None]
-    return assemble(sections, f"diagnosis of {words.listing([recording.name for recording in case.train])}")
+    page = assemble(sections, f"diagnosis of {words.listing([recording.name for recording in case.train])}")
+    return words.per(page, diagnosis.torque_unit)
 
 
 def fragment(section: Section) -> str:

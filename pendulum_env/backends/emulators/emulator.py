@@ -11,13 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from pendulum_env.backends.emulators.motor import Motor
+from pendulum_env.backends.emulators.motor import MISREADINGS, Motor
 from pendulum_env.backends.hardware.adapters import need
 from pendulum_env.backends.hardware.config import load, mark_checked
 from pendulum_env.backends.hardware.pacing import realtime
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
+from pendulum_env.plant import PAPER
+from pendulum_env.reading import Unreadable, read_text
 
 EMULATORS = {  # where each is
     "canopen402": "can_emulator",
@@ -32,6 +34,8 @@ MISHAPS = {
     "corrupt": "P: each bit on the cable is wrong with a probability P",
     "push": "T: somebody pushes the arm with T N m",
     "freeze": "S: the drive hangs for S seconds",
+    "encoder": f"{', '.join(MISREADINGS)}: the encoder tells something else",
+    "gain": "G: the drive gives G times the torque that it is asked for",
 }
 
 
@@ -145,7 +149,10 @@ def _mishap(words: list[str], link: Link, motor: Motor) -> str:
     name, *rest = words
     try:
         find("mishap", name, MISHAPS)
-        amount = float(rest[0]) if rest else 0.0
+        how = (
+            find("encoder", rest[0] if rest else "", {word: word for word in MISREADINGS}) if name == "encoder" else ""
+        )
+        amount = float(rest[0]) if rest and not how else 0.0
     except ValueError as error:
         return str(error)
     if name == "fault":
@@ -154,6 +161,10 @@ def _mishap(words: list[str], link: Link, motor: Motor) -> str:
         link.unplug()
     elif name == "corrupt":
         link.corrupt(amount)
+    elif how:
+        motor.misread(how)
+    elif name == "gain":
+        motor.amplify(amount)
     elif name == "push":
         motor.advance()
         motor.push = amount
@@ -165,7 +176,11 @@ def _mishap(words: list[str], link: Link, motor: Motor) -> str:
 def _rig_toml(emulation: Emulation, link: Link) -> str:
     """Text of the configuration."""
     # its arm hangs down at the first count, and later rests wherever friction holds it
-    tables: dict[str, dict[str, Any]] = {emulation.kind: link.settings(), "encoder": {"zero": emulation.first % 2**32}}
+    tables: dict[str, dict[str, Any]] = {
+        emulation.kind: link.settings(),
+        "encoder": {"zero": emulation.first % 2**32},
+        "plant": _plant(emulation.plant),
+    }
     for name, values in emulation.settings.items():
         tables[name] = {**tables.get(name, {}), **values}
     lines = [f'adapter = "{emulation.kind}"', f"rate = {emulation.rate!r}", f"realtime = {_toml(emulation.realtime)}"]
@@ -174,9 +189,19 @@ def _rig_toml(emulation: Emulation, link: Link) -> str:
     return MARK + "\n".join(lines) + "\n"
 
 
+def _plant(plant: Model) -> dict[str, Any]:
+    """What the watch is told of the arm; one with something hidden in it may move as nobody expects."""
+    known = dict(zip((column.name for column in plant.columns), map(float, plant.theta), strict=True))
+    return {name: known.get(name, 0.0) for name in PAPER} | {"watch": not plant.effects}
+
+
 def _own(path: Path) -> None:
     """Refuse to overwrite what describes a real rig."""
-    if path.exists() and not path.read_text(encoding="utf-8", errors="replace").startswith(MARK):
+    try:
+        own = not path.exists() or read_text(path).startswith(MARK)
+    except Unreadable:  # no text, or no file at all
+        own = False
+    if not own:
         raise FileExistsError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")
 
 

@@ -7,14 +7,24 @@ import os
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 
 from pendulum_env.backends.port import Setup, Start
 from pendulum_env.backends.rigid_body import RigidBody
 from pendulum_env.backends.sensing import COUNTS, Sensor
+from pendulum_env.backends.simulator import Simulator
 from pendulum_env.physics import Model
 
 STEP = 1e-3  # [s], longest of the integrator
+JUMP, DRIFT = 0.5, 3.0  # [rad], [rad/s] of an encoder that does
+MISREADINGS: dict[str, Callable[[float, float], float]] = {  # angle that it tells, from that since then and the time
+    "frozen": lambda moved, passed: 0.0,
+    "halved": lambda moved, passed: 0.5 * moved,
+    "inverted": lambda moved, passed: -moved,
+    "jump": lambda moved, passed: moved + JUMP,
+    "drift": lambda moved, passed: moved + DRIFT * passed,
+}
 
 
 class Motor:
@@ -22,12 +32,13 @@ class Motor:
 
     The watchdog is that of real drives, in hardware: it acts at its time even if this process was not running then.
     The log has a line `TIME EVENT VALUE` for each event, monotonic time: every `command` with its torque, `torque` when
-    what acts changes from or to zero, `power` 1 or 0, `expired` when the watchdog runs out.
+    what acts changes from or to zero, `power` 1 or 0, `expired` when the watchdog runs out, `mishap` when encoder or
+    gain go wrong.
     """
 
     def __init__(self, model: Model, *, counts: int = COUNTS, first: int = 0, log: str | Path | None = None) -> None:
         """Take the plant, the encoder's counts per turn and its first reading, and where to write the log."""
-        self._body = RigidBody(Setup(model, STEP, 1, Sensor()))
+        self._body = Simulator(Setup(model, 1.0 / STEP, 1, Sensor()), RigidBody)
         self._body.enable(Start())
         self._per_radian, self._first = counts / (2 * math.pi), first
         self._delay = sum(term.delay for term in model.terms)
@@ -39,6 +50,8 @@ class Motor:
         self._deadline = math.inf
         self.powered, self.expired = False, False
         self.push = 0.0  # [N m], by somebody's hand
+        self._gain = 1.0  # of the drive
+        self._misread: tuple[Callable[[float, float], float], float, float] | None = None  # since when and where
         self.watchdog = math.inf  # [s]
         self._log = -1 if log is None else os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
 
@@ -93,9 +106,23 @@ class Motor:
             if not self.powered:
                 return
             if self._delay:
-                self._arriving.append((self._now + self._delay, torque))
+                self._arriving.append((self._now + self._delay, self._gain * torque))
             else:
-                self._act(self._now, torque)
+                self._act(self._now, self._gain * torque)
+
+    def misread(self, how: str) -> None:
+        """Let the encoder tell something else from now on: one of `MISREADINGS`."""
+        with self._turn:
+            self.advance()
+            self._misread = (MISREADINGS[how], self._now, self._angle)
+            self._tell(self._now, "mishap", 0.0)
+
+    def amplify(self, gain: float) -> None:
+        """Let the drive give that many times the torque that it is asked for, from the next command on."""
+        with self._turn:
+            self.advance()
+            self._gain = gain
+            self._tell(self._now, "mishap", gain)
 
     def hang(self, seconds: float) -> None:
         """Answer nobody for a while."""
@@ -106,7 +133,11 @@ class Motor:
         """Of the encoder, not wrapped."""
         with self._turn:
             self.advance()
-            return self._first + round(self._angle * self._per_radian)
+            angle = self._angle
+            if self._misread is not None:
+                how, since, where = self._misread
+                angle = where + how(angle - where, self._now - since)
+            return self._first + round(angle * self._per_radian)
 
     def _run(self, until: float) -> None:
         while self._arriving and self._arriving[0][0] <= until:

@@ -10,7 +10,6 @@ import hashlib
 import json
 import math
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -20,8 +19,11 @@ from typing import Any, TypeVar
 from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
+from pendulum_env.plant import PAPER
+from pendulum_env.reading import LARGE, Unreadable, read_text, read_toml, shown
 
 S = TypeVar("S")
+LONGEST = 1000  # characters of a text
 CHECKED = ".checked"  # ending of the file beside a configuration that says which wiring has passed the check
 
 
@@ -131,12 +133,26 @@ class DaqSettings:
     server: str | None = text(None)  # host:port of an NI gRPC device server; without it, the driver here
 
 
+@dataclass(frozen=True)
+class Plant:
+    """What is known of the arm: a motion that no arm within these ranges can make is a fault."""
+
+    watch: bool = choice(True, False, default=True)  # whether the motion is watched at all
+    inertia: float = number(1e-6, default=PAPER["inertia"])  # [kg m^2]
+    gravity: float = number(0.0, default=PAPER["gravity"])  # [N m], torque that holds the arm out level
+    viscous: float = number(0.0, default=PAPER["viscous"])  # [N m s/rad]
+    coulomb: float = number(0.0, default=PAPER["coulomb"])  # [N m], dry friction
+    share: float = number(0.0, 10.0, 0.5)  # by which inertia and gravity may be more or less: up to 1 + share times
+    slack: float = number(0.0, default=0.3)  # [N m] of everything that is not listed here
+    delay: float = number(0.0, 1.0, 0.01)  # [s] until a torque acts
+
+
 Link = SerialSettings | CanSettings | DaqSettings
 ADAPTERS: Mapping[str, type[Any]] = MappingProxyType(
     {"serial": SerialSettings, "canopen402": CanSettings, "nidaq": DaqSettings}
 )
 TABLES: Mapping[str, type[Any]] = MappingProxyType(
-    {"encoder": EncoderSettings, "limits": Limits, "fault": Fault, "rest": Rest}
+    {"encoder": EncoderSettings, "limits": Limits, "fault": Fault, "rest": Rest, "plant": Plant}
 )
 
 
@@ -163,6 +179,7 @@ class RigConfig:
     limits: Limits
     fault: Fault
     rest: Rest
+    plant: Plant
     checked: bool
     realtime: bool
     path: Path
@@ -202,11 +219,9 @@ def load(path: str | Path) -> RigConfig:
     """
     path = Path(path)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror}): docs/hardware.md has a whole one") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: is not TOML: {error}") from None
+        data = read_toml(path)
+    except Unreadable as error:
+        raise ConfigError(f"{error} (docs/hardware.md has a whole one)") from None
     try:
         return _rig(path, data)
     except ValueError as error:
@@ -253,13 +268,16 @@ def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
         limits,
         _read(Fault, "fault", tables.get("fault", {})),
         rest,
+        _read(Plant, "plant", tables.get("plant", {})),
         checked=False,
         realtime=top.realtime,
         path=path.resolve(),
         log=log,
     )
-    note = _note(config.path)
-    checked = note.is_file() and note.read_text(encoding="utf-8", errors="replace").strip() == _wiring(config)
+    try:
+        checked = read_text(_note(config.path)).strip() == _wiring(config)
+    except Unreadable:  # there is none
+        checked = False
     return replace(config, checked=checked)
 
 
@@ -287,11 +305,11 @@ def _value(where: str, asked: Any, value: Any) -> Any:
     if "known" in asked:
         if any(value == one and type(value) is type(one) for one in asked["known"]):
             return value
-        raise ValueError(f"{where} is {value!r}: it has to be one of {', '.join(map(str, asked['known']))}")
+        raise ValueError(f"{where} is {shown(value)}: it has to be one of {', '.join(map(str, asked['known']))}")
     if "text" in asked:
-        if isinstance(value, str) and value:
+        if isinstance(value, str) and 0 < len(value) <= LONGEST:
             return value
-        raise ValueError(f"{where} is {value!r}: it has to be a text in quotes")
+        raise ValueError(f"{where} is {shown(value)}: it has to be a text in quotes, of up to {LONGEST} characters")
     if "also" in asked and value == asked["also"]:
         return None
     kinds = (int,) if "whole" in asked else (int, float)
@@ -299,9 +317,11 @@ def _value(where: str, asked: Any, value: Any) -> Any:
         what = "a whole number" if "whole" in asked else "a number"
         reach = f" from {asked['low']:g}" + (f" to {asked['high']:g}" if math.isfinite(asked["high"]) else " on")
         also = f', or "{asked["also"]}"' if "also" in asked else ""
-        raise ValueError(f"{where} is {value!r}: it has to be {what}{reach}{also}")
+        raise ValueError(f"{where} is {shown(value)}: it has to be {what}{reach}{also}")
     if not math.isfinite(value):
         raise ValueError(f"{where} is {value!r}: it has to be finite")
+    if not abs(value) <= max(LARGE, asked["low"]) and not math.isfinite(asked["high"]):
+        raise ValueError(f"{where} is {shown(value)}: it has to be {LARGE:g} at most")
     return value if "whole" in asked else float(value)
 
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import Drive, DriveError, Reading, Sent
 from pendulum_env.backends.hardware.encoder import Encoder
+from pendulum_env.backends.hardware.plausible import Plausible
 
 log = logging.getLogger("pendulum_env.rig")
 log.addHandler(logging.NullHandler())  # whoever wants to see it sets a handler
@@ -51,10 +52,13 @@ class Guard:
         self.powered = False
         self._open = False
         self.torque = 0.0  # [N m], as last sent
+        self._motion = Plausible(config.plant, self.encoder.step, drive.noise) if config.plant.watch else None
         self._forget()
 
     def _forget(self) -> None:
         """Nothing is known of the motion."""
+        if self._motion is not None:
+            self._motion.reset()
         self.velocity = 0.0  # [rad/s]
         self._written: float | None = None  # when the last command was sent
         self._seen: tuple[float, float] | None = None  # time and position that velocity is taken from
@@ -138,6 +142,8 @@ class Guard:
         except DriveError as error:
             self.trip(str(error))
         self._written, self.torque = now, sign * sent.torque
+        if self._motion is not None:
+            self._motion.commanded(self.torque)
         return Sent(sent.time, self.torque)
 
     def read(self) -> tuple[float, float]:
@@ -148,13 +154,16 @@ class Guard:
         """
         if self.fault is not None:
             raise Fault(self.fault)
+        asked = time.monotonic()
         try:
             reading = self.drive.read()
         except DriveError as error:
             self.trip(str(error))
+        took = time.monotonic() - asked
         if self.powered and reading.fault is not None:
             self.trip(f"the drive reports: {reading.fault}")
         self._plausible(reading)
+        self._possible(reading.time, took)
         return reading.time, self.encoder.position
 
     def late(self, behind: float, overruns: int) -> None:
@@ -306,6 +315,17 @@ class Guard:
             self.trip(
                 f"the arm speeds up against {self.torque:.3g} N m: the sign of the torque or of the encoder is wrong, "
                 "run `pendulum-ident hardware check`"
+            )
+
+    def _possible(self, now: float, took: float) -> None:
+        """The arm moves as the torque and what is known of it let it; see `plausible.py`."""
+        if self._motion is None or not self.powered:
+            return
+        found = self._motion.measured(now, self.encoder.position, took)
+        if found:
+            self.trip(
+                f"the arm cannot have moved so under {self.torque:.3g} N m, {found}: check encoder, drive and their "
+                f"cables, whether somebody pushes the arm, and [plant] of {self.config.path.name}"
             )
 
     def _brake(self) -> list[Exception]:

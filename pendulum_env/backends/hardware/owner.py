@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
+import stat
 import sys
 import tempfile
 from contextlib import suppress
@@ -13,7 +15,12 @@ from pendulum_env.backends.hardware.drive import DriveError
 
 
 class Ownership:
-    """A lock on a name, held by one process at a time and let go by the system when that process ends, however."""
+    """A lock on a name, held by one process at a time and let go by the system when that process ends, however.
+
+    The file lies in the folder for temporary files that all users share, as a motor has one owner whoever that is. So
+    nothing there is believed: links are not followed, what is no plain file is refused, and only a file of this user's
+    own is written to.
+    """
 
     def __init__(self, what: str) -> None:
         """Take the name of what is owned, such as `serial /dev/ttyACM0`."""
@@ -26,17 +33,11 @@ class Ownership:
         """Become the owner, if nobody is.
 
         Raises:
-            DriveError: if another rig owns it, with its process.
+            DriveError: if another rig owns it, with its process, or its lock cannot be trusted.
         """
         if self._file is not None:
             return
-        try:
-            try:
-                file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
-            except PermissionError:  # another user has left it, and may have let go
-                file = os.open(self._path, os.O_RDONLY)
-        except OSError as error:
-            raise DriveError(f"{self.what} cannot be locked: {self._path}: {error.strerror}") from None
+        file = self._open()
         try:
             _lock(file)
         except OSError:
@@ -45,15 +46,49 @@ class Ownership:
             who = f"process {owner}" if owner.isdigit() else "another program"
             raise DriveError(f"{self.what} is in use by {who}: close its environment, or end it, first") from None
         self._file = file
-        with suppress(OSError):  # another user's can be locked, but not written
-            os.ftruncate(file, 0)
-            os.write(file, f" {os.getpid()}".encode())  # the first byte is what is locked
+        if _own(file):
+            with suppress(OSError):  # a full disk
+                os.ftruncate(file, 0)
+                os.write(file, f" {os.getpid()}".encode())  # the first byte is what is locked
+
+    def _open(self) -> int:
+        """The lock's file, and no other that a link might lead to.
+
+        Raises:
+            DriveError: if it cannot be opened, or is no plain file with this name alone.
+        """
+        plain = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # unknown to Windows; a pipe would wait
+        try:
+            try:
+                file = os.open(self._path, os.O_RDWR | os.O_CREAT | plain, 0o644)
+            except PermissionError:  # another user has left it, and may have let go
+                file = os.open(self._path, os.O_RDONLY | plain)
+        except OSError as error:
+            if error.errno in (errno.ELOOP, errno.EMLINK) or self._path.is_symlink():
+                raise DriveError(self._foreign("a link")) from None
+            raise DriveError(f"{self.what} cannot be locked: {self._path}: {error.strerror}") from None
+        status = os.fstat(file)
+        if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
+            os.close(file)
+            raise DriveError(self._foreign("no plain file"))
+        return file
+
+    def _foreign(self, what: str) -> str:
+        return (
+            f"{self.what} cannot be locked: {self._path} is {what}, which this program never makes: find out who put "
+            "it there, and remove it"
+        )
 
     def release(self) -> None:
         """Let go; may be called twice."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
+
+
+def _own(file: int) -> bool:
+    """Whether a file belongs to this user."""
+    return not hasattr(os, "getuid") or os.fstat(file).st_uid == os.getuid()
 
 
 if sys.platform == "win32":

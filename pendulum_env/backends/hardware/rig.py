@@ -16,7 +16,7 @@ from pendulum_env.backends.hardware.owner import Ownership
 from pendulum_env.backends.hardware.pacing import Pacer, Timing, ordinary, realtime
 from pendulum_env.backends.hardware.signals import Signals
 from pendulum_env.backends.hardware.ticks import Ticks
-from pendulum_env.backends.port import Sample, Setup, Start, Status
+from pendulum_env.backends.port import Sample, Setup, Start, Status, Traits
 
 RESTING = 0.01  # [s] between looks at an arm that comes to rest
 SPEED = 10.0  # [rad/s], at which an uncertain time makes the angle uncertain
@@ -30,8 +30,6 @@ class Rig:
     motor has power from the first step of a run to its end, so whoever thinks before the first step may take as long
     as they like; after the last one the drive's watchdog lets go if nobody else does.
     """
-
-    follows = True
 
     def __init__(self, config: RigConfig, make: Callable[[RigConfig], Drive] = make_drive) -> None:
         """Take the configuration; nothing is connected yet."""
@@ -47,20 +45,12 @@ class Rig:
         self._waiting = False  # for the first torque of a run
 
     @property
-    def rate(self) -> float:
-        """Samples per second [Hz]."""
-        return self.config.rate
-
-    @property
-    def counts(self) -> int:
-        """Of the encoder per turn, as far as its steps can be told from the uncertainty of time."""
+    def traits(self) -> Traits:
+        """Those of the configuration; counts, as far as their steps can be told from the uncertainty of time."""
+        counts = self.config.encoder.counts
         blur = SPEED * self.guard.drive.noise * math.sqrt(12.0)  # [rad], step of an encoder that is as uncertain
-        return min(self.config.encoder.counts, int(2 * math.pi / blur)) if blur else self.config.encoder.counts
-
-    @property
-    def max_torque(self) -> float:
-        """Largest torque that is let pass [N m]."""
-        return self.config.max_torque
+        told = min(counts, int(2 * math.pi / blur)) if blur else counts
+        return Traits(self.config.rate, told, self.config.max_torque)
 
     def open(self) -> None:
         """Own the rig and connect; the motor has no power.
@@ -95,6 +85,8 @@ class Rig:
             DriveError: if a fault is kept, or the arm does not come to rest.
         """
         self.disable()
+        if start.clear_fault:
+            self.clear()
         try:
             position = self._wait_for_rest()
         except Fault as fault:

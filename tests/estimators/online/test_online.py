@@ -1,6 +1,7 @@
 """Estimation sample by sample: equal to estimation from the whole recording, sure of itself as far as it may be."""
 
 import pickle
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.measurements import Smoothing, choose_smoothing, measure, remember
 from estimators.online import Estimates, OnlineEstimator
 from estimators.online.recursion import SquareRootLeastSquares
-from estimators.recursion import PRIOR, history
-from estimators.schemes import PAPER, SCHEMES, Energy, FilteredDynamic
+from estimators.regression.recursive import PRIOR, history
+from estimators.schemes.six import PAPER, SCHEMES, Energy, FilteredDynamic
+from estimators.signals.measurements import Smoothing, choose_smoothing, measure, remember
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 
@@ -172,6 +173,7 @@ def test_what_is_not_excited_returns_to_the_prior_and_the_rest_still_follows():
     assert ours.theta[0, 0] == pytest.approx([2.0, 0.0], abs=1e-6)
 
 
+@cache
 def stick_and_slip(runs: int, seconds: float, change: float | None = None) -> tuple[np.ndarray, ...]:
     """Time, position and measured torque of many runs of an independent simulator, and their two truths."""
     heavier = {} if change is None else {"payload_change": {"pay_I": 0.03, "pay_mgl": 0.6, "pay_t": change}}
@@ -218,7 +220,7 @@ def test_parameters_that_may_wander_are_not_claimed_to_be_known_better():
 
 def test_what_cannot_be_told_is_not_said_to_be_known():
     """Turning one way only, dry friction and an offset of the torque are the same, and no stop is reached."""
-    terms = (*BASE, effect("torque_offset")(), effect("hard_stop")(stop=1e3))
+    terms = (*BASE, effect("torque_offset")(), effect("hard_stop")(upper=1e3))
     rng = np.random.default_rng(0)
     time = np.arange(10_000) / 1000
     command = np.repeat(rng.uniform(3.0, 6.0, 100), 100)
@@ -247,6 +249,23 @@ def test_a_lost_sample_costs_some_equations_and_nothing_else(paper_run):
     np.testing.assert_allclose(holed[-1].theta[:, :1], whole[-1].theta[:, :1], rtol=2e-3)
     lost = sum(now.usable[0, 0] for now in whole) - sum(now.usable[0, 0] for now in holed)
     assert 0 <= lost < 120
+
+
+def test_nothing_is_told_across_a_gap(paper_run):
+    recording = paper_run.recording
+    whole = run(OnlineEstimator(recording.rate), recording)[-1]
+    halves = recording.time < 5.0, recording.time > 5.4
+    before, after = (
+        Recording("", *(x[part] for x in (recording.time, recording.position, recording.torque))) for part in halves
+    )
+    gapped = OnlineEstimator(recording.rate)
+    run(gapped, before)
+    now = run(gapped, after)[-1]
+    np.testing.assert_allclose(now.theta, whole.theta, rtol=5e-3)
+    told = OnlineEstimator(recording.rate)
+    run(told, before)
+    told.take(np.full(1, 5.2), np.full(1, np.nan), np.zeros(1))
+    np.testing.assert_allclose(now.theta, run(told, after)[-1].theta, rtol=1e-12)
 
 
 @pytest.mark.parametrize("memory", [{"forgetting": 0.997}, {"random_walk": 0.1}], ids=lambda memory: next(iter(memory)))

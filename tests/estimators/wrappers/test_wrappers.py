@@ -9,9 +9,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import NormalizeObservation, RescaleAction, TimeLimit
 
-from estimators.measurements import Smoothing, measure
-from estimators.recursion import history
-from estimators.schemes import SCHEMES, FilteredDynamic
+from estimators import identify
+from estimators.regression.recursive import history
+from estimators.schemes.six import SCHEMES, FilteredDynamic
+from estimators.signals.measurements import Smoothing, measure
 from estimators.wrappers import (
     EstimateParameters,
     EstimateParametersVector,
@@ -22,6 +23,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE
 from pendulum_env.plant import PAPER
 from pendulum_env.policy import OpenLoop, rollout
+from pendulum_env.recording import Recording, write_recording
 from pendulum_env.registration import PENDULUM
 from pendulum_env.wrappers import RandomizePlant, RandomizePlantVector, RecordMeasurements
 
@@ -67,7 +69,7 @@ def test_every_order_of_wrappers_works(tmp_path):
         "plant": lambda env: RandomizePlant(env, 0.2),
         "record": lambda env: RecordMeasurements(env, tmp_path / "run.csv", overwrite=True),
         "estimate": EstimateParameters,
-        "limit": lambda env: TimeLimit(env, 300),
+        "limit": lambda env: TimeLimit(env, 150),
         "rescale": lambda env: RescaleAction(env, np.float32(-1), np.float32(1)),
     }
     estimates = []
@@ -266,3 +268,18 @@ def test_wrong_use_is_explained():
         InformationReward(gym.make(PENDULUM), prior=0.0)
     with pytest.raises(TypeError, match="unexpected keyword argument 'forgeting'"):
         EstimateParameters(gym.make(PENDULUM), forgeting=0.9)
+
+
+def test_a_replay_with_a_gap_is_estimated_like_one_without(paper_run, tmp_path):
+    """Nothing is told across the gap, and nothing is refused."""
+    recording = paper_run.recording
+    kept = (recording.time < 4.0) | (recording.time > 4.3)
+    parts = (recording.time[kept], recording.position[kept], recording.torque[kept])
+    write_recording(Recording("gap", *parts, starts=(0, int(np.sum(recording.time < 4.0)))), tmp_path / "gap.csv")
+    env = EstimateParameters(gym.make(PENDULUM, backend="replay", recording=tmp_path / "gap.csv"), schemes="energy")
+    env.reset()
+    ended = False
+    while not ended:
+        *_, ended, info = env.step(np.zeros(1))
+    found = identify([recording])["energy"].model
+    np.testing.assert_allclose(info["estimates"]["energy"]["theta"], found.theta, rtol=5e-3)

@@ -7,12 +7,13 @@ import pytest
 
 from pendulum_env.backends.hardware import guard as guards
 from pendulum_env.backends.hardware.config import Fault as OnFault
-from pendulum_env.backends.hardware.config import Limits, load
+from pendulum_env.backends.hardware.config import Limits, Plant, load
 from pendulum_env.backends.hardware.drive import DriveError, Reading, Sent
 from pendulum_env.backends.hardware.guard import Fault, Guard
 
 PER_RADIAN = 1_024_000 / (2 * math.pi)
 DT = 0.005  # [s]
+UNWATCHED = Plant(watch=False)  # what these drives do is no motion of an arm
 
 
 class Clock:
@@ -73,12 +74,12 @@ def clock(monkeypatch):
 
 @pytest.fixture
 def make(clock, tmp_path):
-    def make(checked=True, on_fault=None, torque_sign=1, **limits):
+    def make(checked=True, on_fault=None, torque_sign=1, plant=UNWATCHED, **limits):
         path = tmp_path / "rig.toml"
         path.write_text('adapter = "serial"\nrate = 200.0\n[serial]\nport = "/dev/none"\n')
         config = replace(
             load(path), checked=checked, torque_sign=torque_sign, limits=replace(Limits(), **limits),
-            fault=on_fault or OnFault(),
+            fault=on_fault or OnFault(), plant=plant,
         )  # fmt: skip
         guard = Guard(FakeDrive(clock), config)
         guard.open()
@@ -339,3 +340,16 @@ def test_what_happened_is_kept_in_order(make, clock):
     guard.close()
     guard.close()
     assert [event.text for event in guard.events] == ["opened", "enabled", "disabled", "closed"]
+
+
+def test_a_motion_that_no_such_arm_can_make_takes_the_torque(make, clock):
+    """One principle whatever the fault: here the arm is said to stop dead under a torque that goes on."""
+    guard, drive = make(plant=Plant())
+    speed = 0.0
+    for _ in range(60):
+        speed += DT * (3.5 - 0.9 - 0.36 * speed - 2.0 * math.sin(drive.angle)) / 0.09
+        step(guard, clock, 3.5, speed)
+    with pytest.raises(Fault, match=r"cannot have moved so under 3\.5 N m, its speed changed by .* \[plant\] of"):
+        for _ in range(6):
+            step(guard, clock, 3.5, 0.0)
+    faulty(guard, "cannot have moved so")

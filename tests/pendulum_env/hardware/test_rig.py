@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import estimators.search
+import estimators.arguments
 from estimators.wrappers import EstimateParameters
 from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.excitation import excitation
@@ -21,12 +21,13 @@ from pendulum_env.plant import PAPER
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import read_recording
 from pendulum_env.registration import PENDULUM
-from tests.pendulum_env.rigs import KINDS, PATIENT, TooSlow, once_in_time
+from tests.disks import full_after
+from tests.pendulum_env.rigs import KINDS, PATIENT, Disturbed, TooSlow, once_in_time
 from workbench.cli import main
 
 pytestmark = pytest.mark.realtime
 
-ONLINE = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 200.0}  # [Hz]
+ONLINE = {"serial": 500.0, "canopen402": 250.0, "nidaq": 200.0}  # [Hz], that leave a busy machine time
 TRUTH = np.array(list(PAPER.values()))
 STILL = 0.03  # [s]
 HANGING = {"zero": 0}  # a second attempt may begin wherever the first one came to rest
@@ -55,7 +56,8 @@ def test_six_estimators_find_the_emulated_plant_while_it_runs(emulated, kind):
         rollout(env, OpenLoop(signal, rig.rate), int(4.0 * rig.rate), watch=infos.append)
         env.close()
         in_time(info["jitter"] for info in infos)
-        assert "fault" not in infos[-1]
+        if "fault" in infos[-1]:
+            raise Disturbed(infos[-1]["fault"])
         assert len(infos[-1]["estimates"]) == 6
         for scheme, estimate in infos[-1]["estimates"].items():
             np.testing.assert_allclose(estimate["theta"], TRUTH, rtol=0.02, err_msg=scheme)
@@ -72,14 +74,16 @@ def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, tmp_path, m
         "cogging",
     )  # a search among them is quick
     known = {id: effects()[id] for id in few}
-    monkeypatch.setattr(estimators.search, "effects", lambda: known)
+    monkeypatch.setattr(estimators.arguments, "effects", lambda: known)
     rig = emulated("canopen402", effects=["cogging"], limits=PATIENT, encoder=HANGING)
     path = tmp_path / "run.csv"
     command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "8", "-o", str(path)]
 
     def attempt():
-        assert main(command) == 0
-        assert "after their tick" in capsys.readouterr().out
+        code, said = main(command), capsys.readouterr()
+        if code != 0:
+            raise Disturbed(said.err)
+        assert "after their tick" in said.out
         in_time(np.loadtxt(path, delimiter=",", skiprows=1)[:, 3])
         assert main(["diagnose", str(path)]) == 0
         assert "What is missing\n- cogging: " in capsys.readouterr().out
@@ -102,6 +106,21 @@ def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(em
     (said,) = capsys.readouterr().err.splitlines()
     assert "over-temperature" in said and f"what was measured until then is in {path}" in said
     assert len(read_recording(path)) >= 700
+
+
+@pytest.mark.parametrize("size", [70_000, 90_000])  # of some 100,000 bytes: on the way, and in the last rows
+def test_record_on_a_disk_that_fills_up_ends_the_run_and_says_what_is_kept(emulated, tmp_path, capsys, size):
+    rig = emulated("serial", limits=PATIENT)
+    path = tmp_path / "run.csv"
+    command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "2.9", "-o", str(path)]
+    with full_after(size):
+        assert main(command) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    header, *rows = path.read_text().splitlines(keepends=True)
+    assert f"{path}: File too large: {len(rows)} rows were written, the " in said and "are lost: make room" in said
+    assert size - 150 < path.stat().st_size <= size
+    assert all(row.endswith("\n") and row.count(",") == header.count(",") for row in rows)
+    rig.wait_for("power", 0.0)
 
 
 @pytest.mark.parametrize(

@@ -102,19 +102,30 @@ def with_theta(**entries: object) -> dict:
         ({"schema": "pendulum-ident/model@1"}, "the model lacks 'terms'"),
         (edited(terms=["inertia", "stribek"]), r"unknown effect 'stribek': did you mean stribeck\? Known: "),
         (edited(terms=["inertia", "inertia"]), "names a term twice"),
-        (edited(terms=3), "not laid out as 'terms'"),
-        (edited(terms=[["inertia"]]), "not laid out as 'terms'"),
-        (edited(theta=[1, 2]), "not laid out as 'terms'"),
+        (edited(terms=3), "'terms' of the model is 3: it has to be a list"),
+        (edited(terms=[["inertia"]]), r"'terms\[0\]' of the model is \['inertia'\]: it has to be a text"),
+        (edited(theta=[1, 2]), r"'theta' of the model is \[1, 2\]: it has to be a table"),
         (with_theta(stribeck=None), "the model lacks 'stribeck'"),
         (with_theta(**{"stribeck.stribeck_velocity": None}), "the model lacks 'stribeck.stribeck_velocity'"),
         (with_theta(gravity={"std": 0.1}), "the model lacks 'value'"),
-        (with_theta(gravity=2.0), "not laid out as 'terms'"),
-        (with_theta(gravity={"value": float("nan")}), "not a finite number"),
-        (with_theta(gravity={"value": "inf"}), "not a finite number"),
-        (with_theta(**{"stribeck.stribeck_velocity": {"value": float("nan")}}), "not a finite number"),
-        (with_theta(gravity={"value": 2.0, "std": float("nan")}), "not a finite number"),
+        (with_theta(gravity=2.0), "'theta.gravity' of the model is 2.0: it has to be a table"),
+        (
+            with_theta(gravity={"value": float("nan")}),
+            "'theta.gravity.value' of the model is nan: it has to be a finite",
+        ),
+        (with_theta(gravity={"value": "inf"}), "a finite number"),
+        (with_theta(**{"stribeck.stribeck_velocity": {"value": float("nan")}}), "a finite number"),
+        (with_theta(gravity={"value": 2.0, "std": float("nan")}), "'theta.gravity.std' of the model is nan"),
+        (with_theta(gravity={"value": 1e308}), "'theta.gravity.value' of the model is 1e[+]308"),
+        (
+            with_theta(inertia={"value": 0.0}),
+            "'theta.inertia.value' of the model is 0.0: it has to be a number above zero",
+        ),
+        (with_theta(inertia={"value": -0.1}), "it has to be a number above zero"),
+        (with_theta(gravity={"value": 10**400}), "more than 18 digits"),
+        (edited(torque_unit=3), "'torque_unit' of the model is 3"),
         (with_theta(gravity={"value": "two"}), "two"),
-        (with_theta(gravity={"value": None}), "not laid out as 'terms'"),
+        (with_theta(gravity={"value": None}), "the model lacks 'value' under 'theta.gravity'"),
     ],
 )
 def test_what_makes_no_model_is_refused_with_the_reason(data, match, tmp_path):
@@ -133,6 +144,12 @@ def test_a_shape_parameter_out_of_its_limits_is_refused_with_the_limits(id, shap
     data = hide(paper_plant(), id).json()
     data["theta"][f"{id}.{shape}"]["value"] = value
     with pytest.raises(ModelError, match=rf"{shape}.*{value:g}"):
+        Model.from_json(data)
+
+
+def test_stops_that_leave_no_room_between_them_are_refused():
+    data = Model.build(BASE, 1.0).add(effect("hard_stop")(0.5, -0.5), 40.0).json()
+    with pytest.raises(ModelError, match="'hard_stop' makes no sense: lower has to be below upper"):
         Model.from_json(data)
 
 
@@ -157,9 +174,9 @@ def test_a_save_that_fails_leaves_the_old_model_and_nothing_else(tmp_path, monke
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    for step in ("write_bytes", "replace"):
+    for step in ("os.fsync", "pathlib.Path.replace"):
         with monkeypatch.context() as patch:
-            patch.setattr(f"pathlib.Path.{step}", full)
+            patch.setattr(step, full)
             with pytest.raises(OSError, match="No space left"):
                 hide(model, "stribeck").save(path)
         assert path.read_bytes() == before

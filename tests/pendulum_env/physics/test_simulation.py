@@ -36,6 +36,11 @@ class Case:
     torque: Law = lambda t, q, v, u: u
 
 
+def pushed_back(depth: float, speed: float) -> float:
+    """Push of a bumper with a stiffness of one and 0.1 s/rad of hysteresis against motion inwards."""
+    return max(depth * (1 + 0.1 * speed), 0.0) if depth > 0 else 0.0
+
+
 def base_load(t: float, q: float, v: float, u: float) -> float:
     return MGL * np.sin(q) + B * v
 
@@ -71,9 +76,9 @@ CASES = {
         lambda t, q, v, u: base_load(t, q, v, u) + 0.5 * q - 0.2,
     ),
     "hard_stop": Case(
-        (*BASE, effect("hard_stop")(stop=0.3)),
+        (*BASE, effect("hard_stop")(-0.2, 0.3, 0.1)),
         (*THETA, 40.0),
-        lambda t, q, v, u: base_load(t, q, v, u) + 40 * max(q - 0.3, 0.0),
+        lambda t, q, v, u: base_load(t, q, v, u) + 40 * pushed_back(q - 0.3, v) - 40 * pushed_back(-0.2 - q, -v),
     ),
     "torque_saturation": Case(
         (*BASE, effect("torque_saturation")(limit=5.0)),

@@ -10,6 +10,7 @@ from pendulum_env.physics import BASE, Column, Model, Samples, Term, effect, eff
 from pendulum_env.physics.term import trace
 
 TERMS = {term.id: term for term in BASE} | {id: kind() for id, kind in effects().items()}
+TERMS["hard_stop"] = effect("hard_stop")(-2.0, 3.0, 0.1, 0.01)  # by itself it is nowhere
 COLUMNS = {
     f"{column.name}{' (fixed)' * (column in term.fixed)}": (id, part, place)
     for id, term in TERMS.items()
@@ -137,11 +138,12 @@ def test_torque_is_mass_times_acceleration_plus_force_plus_directed_dry_friction
 
 
 @pytest.mark.parametrize("name", [name for name in COLUMNS if column(name)[1].potential])
-def test_force_is_the_slope_of_the_potential_and_the_potential_depends_on_the_angle_alone(name):
+def test_force_is_the_slope_of_the_potential_and_a_loss_and_the_potential_depends_on_the_angle_alone(name):
     _, item = column(name)
     x, step = motion((400,)), 1e-5
     ends = [item.potential(Samples(x.time, x.position + d, x.velocity, x.torque)) for d in (step, -step)]
-    np.testing.assert_allclose(item.force(x) * np.ones(400), (ends[0] - ends[1]) / (2 * step), atol=1e-6)
+    stored = (ends[0] - ends[1]) / (2 * step)
+    np.testing.assert_allclose(item.force(x) * np.ones(400), stored + item.loss(x), atol=1e-6)
     other = motion((400,), seed=1)
     elsewhere = Samples(other.time, x.position, other.velocity, other.torque)
     np.testing.assert_array_equal(item.potential(x), item.potential(elsewhere))
@@ -151,7 +153,7 @@ def test_force_is_the_slope_of_the_potential_and_the_potential_depends_on_the_an
 def test_power_is_velocity_times_the_torque_that_stores_nothing(name):
     term, item = column(name)
     x = remembering(term, motion((400,)))
-    lost = 0.0 if item.potential else x.velocity * item.force(x)
+    lost = x.velocity * (item.loss(x) if item.potential else item.force(x))
     np.testing.assert_allclose(item.power(x) * np.ones(400), lost + item.dry(x) * np.abs(x.velocity), rtol=1e-14)
 
 
@@ -159,6 +161,47 @@ def test_power_is_velocity_times_the_torque_that_stores_nothing(name):
 def test_friction_loses_power_in_every_motion(id):
     (item,) = TERMS[id].columns
     assert np.all(item.power(motion((1000,))) >= 0)
+
+
+@pytest.mark.parametrize(
+    "losses", [{}, {"hysteresis": 0.2}, {"damping_time": 0.03}, {"hysteresis": 0.2, "damping_time": 0.03}]
+)
+def test_a_stop_pushes_back_never_pulls_and_gives_no_more_than_it_has_taken(losses):
+    stop, x = effect("hard_stop")(-2.0, 3.0, **losses), motion((5000,))
+    (item,) = stop.columns
+    force = item.force(x)
+    depth = np.where(x.position > 3, x.position - 3, np.minimum(x.position + 2, 0))
+    assert np.all(force[depth == 0] == 0)
+    assert np.all(force * np.sign(depth) >= 0)
+    assert np.all(item.power(x) >= 0)
+    if not losses:
+        np.testing.assert_array_equal(force, depth)
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(-np.inf, 3.0), (-2.0, np.inf)])
+def test_a_stop_at_infinity_is_none(lower, upper):
+    x = motion((1000,))
+    (both,), (one,) = (effect("hard_stop")(*stops, 0.1).columns for stops in ((-2.0, 3.0), (lower, upper)))
+    there = x.position > 0 if upper == 3.0 else x.position < 0
+    np.testing.assert_array_equal(one.force(x), np.where(there, both.force(x), 0.0))
+    np.testing.assert_array_equal(one.potential(x), np.where(there, both.potential(x), 0.0))
+
+
+def test_what_acts_most_of_the_time_is_no_stop():
+    x = recorded(2)
+    low, middle, high = np.quantile(x.position, [0.1, 0.5, 0.9])
+    stop = effect("hard_stop")
+    assert stop(low, high).possible(x) and stop(upper=high).possible(x)
+    assert not stop(lower=high).possible(x) and not stop(upper=middle - 1e-3).possible(x)
+
+
+@pytest.mark.parametrize("speed", [0.5, 2.0])
+def test_a_bumper_gives_back_the_share_of_a_slow_impact_that_hunt_and_crossley_say(speed):
+    c = 0.1
+    model = Model.build([TERMS["inertia"], effect("hard_stop")(upper=0.0, hysteresis=c)], [0.1, 400.0])
+    path = model.simulate(1e-4, np.zeros(2000), -1e-6, speed)
+    assert path.position[-1] < 0
+    assert -path.velocity[-1, 0] / speed == pytest.approx(1 - 2 / 3 * c * speed, abs=0.5 * (c * speed) ** 2)
 
 
 @every_effect
@@ -183,6 +226,8 @@ def test_grid_offers_valid_variants_on_random_motion(id, motion):
     assert len(set(variants)) == len(variants)
     for variant in variants:
         assert type(variant) is kind
+        assert variant.possible(x)
+        assert not variant.fault
         for shape in kind.shapes:
             value = variant.shape[shape.name]
             assert isinstance(value, float)

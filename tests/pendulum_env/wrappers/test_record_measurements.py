@@ -16,6 +16,7 @@ from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import read_recording
 from pendulum_env.registration import PENDULUM
 from pendulum_env.wrappers import RecordMeasurements
+from tests.disks import full_after
 
 POLICY = OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0)
 
@@ -87,6 +88,44 @@ def test_killed_process_loses_at_most_the_last_second(tmp_path):
                 break
         os.kill(process.pid, signal.SIGKILL)
     assert len(read_recording(path)) >= 4000
+
+
+@pytest.mark.parametrize("size", [10, 10_000, 50_000, 108_000])
+def test_a_disk_that_fills_up_is_told_and_rows_end_whole(tmp_path, size):
+    """At the header, on the way, and in the rows that are written when it is closed."""
+    path = tmp_path / "run.csv"
+    whole = RecordMeasurements(gym.make(PENDULUM), tmp_path / "whole.csv")
+    rollout(whole, POLICY, 2400, seed=0)
+    whole.close()
+    everything = (tmp_path / "whole.csv").read_bytes()
+    assert len(everything) > size
+    env = RecordMeasurements(gym.make(PENDULUM), path)
+    with full_after(size), pytest.raises(OSError, match=r"\d+ rows were written.* make room") as caught:
+        try:
+            rollout(env, POLICY, 2400, seed=0)
+        finally:
+            env.close()
+    kept = path.read_bytes()
+    assert (everything.startswith(kept) and size - 100 < len(kept) <= size) or not kept
+    assert not kept or kept.endswith(b"\n")  # no row is cut
+    assert f"{max(0, len(kept.splitlines()) - 1)} rows were written" in str(caught.value)
+    assert caught.value.filename == str(path)
+    env.close()  # has nothing left to say
+
+
+def test_an_episode_whose_file_failed_does_not_go_on_in_another(tmp_path):
+    env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv")
+    env.reset()
+    with full_after(30_000):
+        with pytest.raises(OSError, match="rows were written"):
+            for _ in range(3000):
+                env.step(np.array([1.0], dtype=np.float32))
+        with pytest.raises(OSError, match="rows were written"):
+            env.step(np.array([1.0], dtype=np.float32))
+    rollout(env, POLICY, 1200)  # there is room again
+    env.close()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run-2.csv", "run.csv"]
+    assert len(read_recording(tmp_path / "run-2.csv")) == 1200
 
 
 def test_bad_paths_are_refused(tmp_path):

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pendulum_env.physics import Model
@@ -240,6 +241,81 @@ def test_a_broken_file_is_refused_in_the_words_of_the_command_line(
     assert tab.page.inner_text("#notice") == ""
 
 
+@pytest.mark.parametrize("width", [1024, 1400])
+def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, folder: Path, width: int) -> None:
+    swing = recorded("swing", 1, 10.0)  # logged by a servo with a gear of 6, its current 8 ms late
+    rows = zip(1e3 * swing.time[4:], np.degrees(-6 * swing.position[4:]), swing.torque[:-4] / 0.091, strict=True)
+    text = "".join(f"{t:.9g},{q:.9g},{i:.9g},on\n" for t, q, i in rows)
+    (folder / "servo.csv").write_text(f"clock,motor_angle [deg],iq,mode\n{text}")
+    page, of = tab.page, '[id=\'{{"card":"{}","of":{}}}\']'.format
+
+    def pick(what: str, column: int, label: str) -> None:
+        page.click(of(what, column))
+        with page.expect_response(lambda answer: "stage.children" in (answer.request.post_data or "")):  # drawn anew
+            page.click(f".dash-dropdown-option:has(:text-is('{label}'))")
+        page.wait_for_selector(f"{of(what, column)}:has-text('{label}')")
+
+    page.set_viewport_size({"width": width, "height": 900})
+    tab.load(folder / "servo.csv")
+    page.wait_for_selector(".card .js-line >> nth=2")
+    assert page.inner_text(".card .why").startswith("servo.csv: no column for time, torque among")
+    pick("role", 0, "time")
+    page.wait_for_selector(".card:has-text('Drag over a plot')")
+    pick("unit", 0, "ms")
+    page.fill(of("then", 1), "*-1/6")
+    page.click("#card-load")
+    page.wait_for_selector(".why:has-text(\"torque cannot be column 'iq' without a gain\")")
+    page.fill(of("then", 2), "0.091")
+    area = page.locator(".card .nsewdrag").nth(1).bounding_box()
+    for k, share in enumerate((0.1, 0.9)):
+        page.mouse.move(area["x"] + share * area["width"], area["y"] + area["height"] / 2, steps=5)
+        page.mouse.up() if k else page.mouse.down()
+    page.wait_for_function("field => Number(document.querySelector(field).value) > 8", arg=of("to", 0))
+    assert 0.5 < float(page.input_value(of("from", 0))) < 1.5
+    cut = "() => [...document.querySelectorAll('.scroll')].filter((one) => one.scrollWidth > one.clientWidth).length"
+    assert page.evaluate(cut) == 0
+    tab.picture(f"columns-{width}")
+    page.click("#card-load")
+    page.wait_for_selector("#align")
+    assert page.locator(".card").count() == 0 and "ms late" in page.inner_text("#stage")
+    before = tab.title(), page.inner_text(".so-far .lead b")
+    tab.picture(f"late-{width}")
+    page.click("#align")
+    page.wait_for_selector("#align-back")
+    assert (tab.title(), page.inner_text(".so-far .lead b")) != before
+    assert page.evaluate(cut) == 0 and page.evaluate("document.documentElement.scrollWidth") <= width
+    study = tab.save("Save study.toml").read_text()
+    assert 'position = "motor_angle [deg]*-1/6"' in study and 'torque = "iq*0.091"' in study and "range = [" in study
+    page.click("#to-diagnose")
+    page.wait_for_selector("#align-back")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="such names of files are allowed on Unix")
+def test_script_in_the_names_of_files_and_columns_is_text(tab: Tab, folder: Path, tmp_path: Path) -> None:
+    hostile = "<img src=x onerror=\"document.title='taken'\">"
+    lines = (folder / "swing.csv").read_text().splitlines()
+    file = tmp_path / f"{hostile}.csv"
+    file.write_text(
+        "\n".join(
+            [
+                f"time,{hostile},<script>document.title='taken'</script>",
+                *(",".join(line.split(",")[:3]) for line in lines[1:]),
+            ]
+        )
+    )
+    tab.load(file)
+    tab.page.wait_for_selector(".card .js-line")
+    assert hostile in tab.page.inner_text(".card")  # as it is in the file
+    assert tab.page.locator("img[src=x]").count() == 0
+    (tmp_path / f"{hostile} run.csv").write_bytes((folder / "swing.csv").read_bytes())
+    tab.page.click("#card-close")
+    tab.page.wait_for_selector(".card", state="detached")
+    tab.load(tmp_path / f"{hostile} run.csv")
+    tab.page.wait_for_selector("td:has-text('img src')")
+    assert tab.page.locator("img[src=x]").count() == 0 and tab.page.title() == "pendulum-ident"
+    assert tab.complaints == []
+
+
 def test_tabs_are_apart_and_a_reload_changes_nothing(tab: Tab, browser: "sync_api.Browser", folder: Path) -> None:
     tab.load(folder / "swing.csv")
     tab.page.wait_for_selector("td:has-text('swing')")
@@ -315,6 +391,7 @@ def test_a_keyboard_is_enough(tab: Tab) -> None:
 
 def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
     page = tab.page
+    page.set_viewport_size({"width": 1400, "height": 1000})
     tab.go("live")
     page.click("#live-start")
     page.wait_for_selector(".live .js-line")
@@ -323,6 +400,13 @@ def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
     tab.picture("8-live")
     row = page.inner_text("#live-table tbody tr").split("\t")
     assert float(row[1].split(" ± ")[0]) == pytest.approx(0.0895, rel=0.02)
+    wide, seen = (
+        page.evaluate(f"document.querySelector('#live-table .scroll').{of}Width") for of in ("scroll", "client")
+    )
+    assert wide <= seen  # no column is cut off
+    page.wait_for_selector("#live-verdict:has-text('Model base: ')")
+    assert page.is_disabled("#live-undo")
+    page.wait_for_selector(".odds th:has-text('Nothing')", timeout=2 * PATIENCE)
     page.click("#live-stop")
     page.wait_for_function("() => document.querySelector('#live-said').textContent.startsWith('Ended')")
     page.click("#live-keep")

@@ -3,16 +3,34 @@
 import functools
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from threading import Event
 from typing import Any
 
 import pytest
 
-from estimators.search import Progress
+from estimators.progress import Progress, forward
+from pendulum_env.physics import plugin
 from workbench.app.jobs import LOST, Job, Pace, Workers
-from workbench.inputs import InputError
+from workbench.mistakes import InputError
 
 PATIENCE = 60.0  # [s]; a process has to start
+PLUGIN = '''
+from dataclasses import dataclass
+from pendulum_env.physics import Column, Term, register
+
+
+@register
+@dataclass(frozen=True)
+class OfAFile(Term):
+    """Damping that grows with the cube of the speed."""
+
+    id, law, kind = "of_a_file", "c q'^3", "dissipative"
+
+    @property
+    def columns(self):
+        return (Column("of_a_file", "N m s^3/rad^3", force=lambda x: x.velocity**3),)
+'''
 
 
 def count(to: int, tell: Progress) -> int:
@@ -77,6 +95,19 @@ def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers: Workers) -> 
     assert Witness(functools.partial(count, 1), workers).wait() == 1  # another takes its place
 
 
+def test_a_file_of_effects_that_has_gone_is_told_and_the_worker_lives_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "gone.py"
+    monkeypatch.setattr(plugin, "_loaded", {file: ()})
+    workers = Workers()
+    workers.warm()
+    assert str(Witness(functools.partial(count, 1), workers).wait()).startswith(f"{file}: ")
+    file.write_text(PLUGIN)
+    assert Witness(functools.partial(count, 1), workers).wait() == 1
+    workers.close()
+
+
 def test_a_worker_that_dies_is_told(workers: Workers) -> None:
     assert Witness(vanish, workers).wait() == LOST[1]
 
@@ -84,10 +115,10 @@ def test_a_worker_that_dies_is_told(workers: Workers) -> None:
 def test_progress_never_falls_though_a_search_starts_over() -> None:
     pace = Pace()
     assert pace.left is None
-    shares = []
+    shares, tell = [], forward(pace.tell)
     for _ in range(3):
         for k in range(10):
-            pace.tell(f"effect {k}", k / 10)
+            tell(f"effect {k}", k / 10)
             shares.append(pace.share)
     assert shares == sorted(shares) and 0.4 < shares[9] <= 0.5 < shares[-1] < 1
     assert pace.left is not None and pace.left >= 0

@@ -9,11 +9,12 @@ from time import monotonic
 import numpy as np
 import pytest
 
+from benchmarks.independent_plant import Experiment, Plant, simulate
 from pendulum_env.backends.hardware.adapters import need
 from pendulum_env.recording import write_recording
 from tests.pendulum_env.rigs import EmulatedRig, Host
 from tests.workbench.app.plants import recorded
-from workbench.app import live
+from workbench.app import live, missing
 from workbench.app.live import Run, Setup
 from workbench.app.session import Session, Sessions
 
@@ -196,3 +197,47 @@ def test_the_rig_has_no_torque_once_the_server_is_killed(rig: EmulatedRig) -> No
         assert not any(event == "expired" for _, event, _ in rig.events())  # it need not come to the watchdog
     finally:
         host.close()
+
+
+# ------------------------------------------------------------------------------------------------ what is missing
+
+
+def followed(run: Run, seconds: float, first: float = 0.0) -> None:
+    """Let a run be followed as fast as this computer can, not in real time: by the rows that its environment gives."""
+    rng, rate = np.random.default_rng(0), run.rate
+    hidden = Plant(effects={"torque_offset": {"offset": 0.4}})
+    (seen,) = simulate([(hidden, Experiment(rate=rate, seconds=seconds, torque_noise=0.05, seed=int(rng.integers(9))))])
+    late = seen.time >= first
+    run.follower.take(list(zip(seen.time[late], seen.position[late], seen.torque[late], strict=True)))
+
+
+def test_what_is_missing_is_alarmed_about_added_and_taken_out() -> None:
+    run = Run(Setup("pymunk", "paper", None, (), 10.0, 1))
+    with pytest.raises(ValueError, match="nothing is missing"):
+        run.follower.add()
+    followed(run, 8.0)
+    now = run.follower.look()
+    assert now.said.kind == "missing" and "torque_offset" in now.said.group
+    assert now.events[0].alarm and now.course[-1][1] > now.said.threshold
+    run.follower.add()
+    assert run.follower.look().said.added[0] in now.said.group
+    verdict, _, _, no_add, no_undo = missing.told(run.follower.look(), True)
+    assert "base + " in verdict and no_add and not no_undo
+    run.follower.undo()
+    assert run.follower.look().said.added == ()
+    texts = [event.text.partition(":")[0] for event in run.follower.look().events]
+    assert texts == ["missing", "added", "taken out"]
+    with pytest.raises(ValueError, match="no effect was added"):
+        run.follower.undo()
+    run.stop()
+
+
+def test_the_time_line_shows_alarms_and_stays_within_its_range() -> None:
+    run = Run(Setup("pymunk", "paper", None, (), 10.0, 1))
+    followed(run, 8.0)
+    figure = missing.course(run.follower.look(), 8.0)
+    values = figure.data[0]["y"]
+    low, high = figure.layout["yaxis"]["range"]
+    assert all(low <= value <= high for value in values) and len(values) >= 3
+    assert figure.layout["annotations"][0]["text"].startswith("missing: ")
+    run.stop()

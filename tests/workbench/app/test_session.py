@@ -7,7 +7,6 @@ import pickle
 import shlex
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from threading import Event
 
@@ -15,13 +14,14 @@ import numpy as np
 import pytest
 
 from estimators import add, diagnose
-from estimators.regions import Region
+from estimators.checks.residual import Region
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.plant import paper_plant
-from pendulum_env.recording import Recording, read_recording, write_recording
+from pendulum_env.recording import Recording, Source, write_recording
+from pendulum_env.recording.study import read_sources
 from tests.workbench.app.plants import recorded
 
 pytest.importorskip("dash")
@@ -33,6 +33,7 @@ from workbench.app import session as sessions_module
 from workbench.app import uploads
 from workbench.app.brushing import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.layout import story_so_far
+from workbench.app.mapping import Choice
 from workbench.app.recorder import options
 from workbench.app.server import make_app
 from workbench.app.session import Session, Sessions
@@ -43,7 +44,7 @@ from workbench.app.stages.live import show as show_live
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import safe_name
 from workbench.cli import main
-from workbench.inputs import InputError
+from workbench.mistakes import InputError
 from workbench.report.sections.schemes import schemes
 
 IDS = ["0" * 32, "1" * 32, "2" * 32]
@@ -118,7 +119,7 @@ def test_nothing_is_unpickled(session: Session, tmp_path: Path) -> None:
 
     np.savez(tmp_path / "bomb.npz", time=np.array([Bomb()], dtype=object), position=[0.0], torque=[0.0])
     upload(session, "bomb.npz", (tmp_path / "bomb.npz").read_bytes())
-    assert "it cannot be read as .npz" in session.notice
+    assert "no NPZ archive (Object arrays cannot be loaded" in session.notice
     upload(session, "bomb.csv", pickle.dumps(Bomb()))
     assert session.notice.startswith("bomb.csv: ")
     assert not (tmp_path / "boom").exists()
@@ -141,7 +142,7 @@ def test_packed_files_that_hold_too_much_are_refused_unread(
     write_recording(swing, file)
     monkeypatch.setattr(uploads, "UNPACKED", 24 * len(swing) - 1)
     upload(session, file.name, file.read_bytes())
-    assert "holds more than" in session.notice and session.state.loaded == ()
+    assert "allow more by --max-size" in session.notice and session.state.loaded == ()
     monkeypatch.setattr(uploads, "UNPACKED", 10_000_000)
     upload(session, file.name, file.read_bytes())
     assert session.notice == "" and len(session.state.loaded) == 1
@@ -168,15 +169,131 @@ def test_the_page_says_where_it_undoes_jumps(session: Session, swing: Recording,
     assert session.notice == "" and len(session.state.loaded) == 1
 
 
-def test_the_page_says_what_to_do_about_columns(session: Session) -> None:
-    upload(session, "run.csv", b"time,q,position,torque\n0,0,0,0\n")
-    assert "could both be position: rename columns in the file" in session.notice and "--columns" not in session.notice
+def servo(swing: Recording) -> bytes:
+    """The same swing as a servo with a gearbox logs it: angle of the motor, its current, time in ms."""
+    rows = zip(1e3 * swing.time, np.degrees(-6 * swing.position), swing.torque / 0.091, strict=True)
+    text = "".join(f"{t:.9g},{q:.12g},run,{i:.12g}\n" for t, q, i in rows)
+    return f"clock,motor angle,mode,current\n{text}".encode()
+
+
+SERVO = [Choice("time", "ms"), Choice("position", "deg", "*-1/6"), Choice(), Choice("torque", "A", "0.091")]
+
+
+def test_a_file_whose_columns_are_not_clear_waits_for_a_person_to_name_them(session: Session, swing: Recording) -> None:
+    upload(session, "run.csv", servo(swing))
+    (card,) = session.cards
+    assert session.notice == "" and session.state.loaded == ()
+    assert session.plain(card.why).startswith("run.csv: no column for time, torque among") and card.seconds is None
+    assert "--columns" not in session.plain(card.why) and "no numbers" in str(data.show(session))
+    session.act(lambda: session.answer(card.told([Choice(), *SERVO[1:]], False, (None, None))))
+    assert "no column for time" in session.cards[0].why and session.cards[0].choices[3] == SERVO[3]
+    session.act(lambda: session.answer(card.told(SERVO, False, (None, None))))
+    (loaded,) = session.state.loaded
+    assert session.cards == () and session.state.ladder
+    for quantity in ("time", "position", "torque"):
+        np.testing.assert_allclose(getattr(loaded.recording, quantity), getattr(swing, quantity), atol=1e-6)
+
+
+def test_what_the_card_says_is_what_the_command_line_says(
+    session: Session,
+    swing: Recording,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "run.csv").write_bytes(servo(swing))
+    monkeypatch.chdir(tmp_path)
+    upload(session, "run.csv", servo(swing))
+    for wrong, told in (
+        (Choice("torque"), "torque=current"),
+        (Choice("torque", "A", "*0"), "torque=current:A*0"),
+        (Choice("torque", "A", "*2*x"), "torque=current:A*2*x"),
+    ):
+        session.act(lambda wrong=wrong: session.answer(session.cards[0].told([*SERVO[:3], wrong], False, (None, None))))
+        assert main(["identify", "run.csv", f"--columns=time=clock:ms,position=-motor angle:deg/6,{told}"]) == 2
+        assert capsys.readouterr().err == f"pendulum-ident: {session.plain(session.cards[0].why)}\n"
+
+
+def test_what_is_said_of_one_file_holds_for_those_that_wait_with_the_same_columns(
+    session: Session, swing: Recording
+) -> None:
+    other = b"t,q,q2,current\n" + b"".join(b"%d,%d,0,0\n" % (k, k) for k in range(200))
+    for name, content in (("a.csv", servo(swing)), ("other.csv", other), ("b.csv", servo(swing))):
+        upload(session, name, content)
+    session.act(lambda: session.answer(session.cards[0].told(SERVO, False, (None, None))))
+    assert [one.file.name for one in session.state.loaded] == ["a.csv", "b.csv"]
+    assert [card.file.name for card in session.cards] == ["other.csv"]
+    session.act(session.let_go)
+    assert session.cards == () and sorted(file.name for file in session.folder.iterdir()) == ["a.csv", "b.csv"]
+
+
+def test_columns_of_a_loaded_recording_can_be_named_anew_over_a_range(
+    session: Session, swing: Recording, tmp_path: Path
+) -> None:
+    write_recording(replace(swing, velocity=np.gradient(swing.position, swing.time)), tmp_path / "swing.csv")
+    upload(session, "swing.csv", (tmp_path / "swing.csv").read_bytes())
+    session.act(lambda: session.ask("swing.csv"))
+    (card,) = session.cards
+    roles = dict(zip(card.preview.headers, card.choices, strict=True))
+    assert {name: choice.role for name, choice in roles.items()} == {name: name for name in roles} and card.why == ""
+    roles |= {"velocity": Choice(), "torque": Choice("torque", "", "*2")}
+    asked = card.told([roles[name] for name in card.preview.headers], False, (2.0, None))
+    session.act(lambda: session.answer(asked))
+    (loaded,) = session.state.loaded
+    kept = swing.time - swing.time[0] >= 2.0 - 1e-9
+    assert loaded.recording.velocity is None
+    np.testing.assert_allclose(loaded.recording.torque, 2 * swing.torque[kept], atol=1e-9)
+
+
+def test_two_columns_cannot_have_one_role(session: Session, swing: Recording) -> None:
+    upload(session, "run.csv", servo(swing))
+    choices = [Choice("time", "ms"), *[Choice("position")] * 3]
+    session.act(lambda: session.answer(session.cards[0].told(choices, False, (None, None))))
+    assert "'motor angle', 'mode' and 'current' are all to be position: choose one" in session.cards[0].why
+
+
+def test_a_study_tells_in_another_session_what_was_said_in_this_one(
+    session: Session, swing: Recording, tmp_path: Path
+) -> None:
+    upload(session, "run.csv", servo(swing))
+    session.act(lambda: session.answer(session.cards[0].told(SERVO, False, (1.0, 6.0))))
+    session.act(lambda: session.hold_out("run.csv", True))
+    (tmp_path / "run.csv").write_bytes(servo(swing))
+    (tmp_path / "study.toml").write_text(session.study())
+    (source,) = read_sources(tmp_path / "study.toml")
+    assert source.role == "holdout" and source.range == (1.0, 6.0)
+    (tmp_path / "elsewhere").mkdir()
+    second = Session(tmp_path / "elsewhere")
+    files = [
+        (name, f"data:;base64,{base64.b64encode((tmp_path / name).read_bytes()).decode()}")
+        for name in ("run.csv", "study.toml")
+    ]
+    second.act(lambda: second.receive(files, unwrap=False))
+    assert second.notice == "" and second.study() == session.study()
+    np.testing.assert_array_equal(second.state.loaded[0].recording.torque, source.read().torque)
+    second.act(lambda: second.remove("run.csv"))
+    second.act(lambda: second.receive(files[1:], unwrap=False))
+    assert second.notice == "study.toml: names run.csv: drop both here together" and second.state.loaded == ()
+
+
+def test_a_study_may_use_several_ranges_of_a_file(session: Session, swing: Recording, tmp_path: Path) -> None:
+    write_recording(swing, tmp_path / "swing.csv")
+    parts = (("fit", 0, 6), ("holdout", 6, 9))
+    study = "".join(f'[[recording]]\nfile="runs/swing.csv"\nrole="{role}"\nrange=[{a},{b}]\n' for role, a, b in parts)
+    contents = {"swing.csv": (tmp_path / "swing.csv").read_bytes(), "study.toml": study.encode()}
+    files = [(name, f"data:;base64,{base64.b64encode(content).decode()}") for name, content in contents.items()]
+    session.act(lambda: session.receive(files, unwrap=False))
+    assert session.notice == "" and [one.held_out for one in session.state.loaded] == [False, True]
+    assert session.state.seconds == pytest.approx(9.0, abs=0.01)
+    wrong = [("study.toml", f"data:;base64,{base64.b64encode(b'[[recording]]').decode()}")]
+    session.act(lambda: session.receive(wrong, unwrap=False))
+    assert session.notice.startswith("study.toml, line 1: a recording needs its file")
 
 
 def test_what_the_session_began_with_is_a_copy(swing: Recording, tmp_path: Path) -> None:
     original = tmp_path / "swing.csv"
     write_recording(swing, original)
-    sessions = Sessions([original])
+    sessions = Sessions([Source(original)])
     session = sessions.of(IDS[0])
     assert session.state.added == () and len(session.state.ladder) == 1
     session.act(lambda: session.remove("swing.csv"))
@@ -188,10 +305,57 @@ def test_what_the_session_begins_with_is_read_as_the_user_asked(swing: Recording
     path = tmp_path / "swing.csv"
     write_recording(swing, path)
     path.write_text(path.read_text().replace("position", "Winkel"))
-    sessions = Sessions([path], partial(read_recording, columns={"position": "Winkel"}))
+    sessions = Sessions([Source(path, columns={"position": "Winkel"})])
     (loaded,) = sessions.of(IDS[0]).state.loaded
     np.testing.assert_allclose(loaded.recording.position, swing.position)
     sessions.close()
+
+
+def test_what_the_session_begins_with_is_asked_about_where_columns_are_not_clear(
+    swing: Recording, tmp_path: Path
+) -> None:
+    path = tmp_path / "swing.csv"
+    write_recording(swing, path)
+    path.write_text(path.read_text().replace("position", "Winkel"))
+    sessions = Sessions([Source(path)])
+    session = sessions.of(IDS[0])
+    assert session.notice == "" and session.state.loaded == ()
+    (card,) = session.cards
+    assert card.file.parent == session.folder and "Winkel" in card.preview.headers and path.exists()
+    sessions.close()
+
+
+@pytest.fixture(scope="module")
+def late() -> Recording:
+    """Nothing hidden, but for torque that was logged 8 ms late."""
+    rng = np.random.default_rng(3)
+    good = record(None, excitation("paper", rng, 10.0), 10.0, 500.0, rng=rng, name="late")
+    return replace(good, torque=np.r_[np.zeros(4), good.torque[:-4]])
+
+
+def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(
+    session: Session, late: Recording
+) -> None:
+    session.state = State.of([Loaded(session.folder / "late.csv", late)])
+    said = str(data.show(session))
+    assert "Torque is logged " in said and "ms late" in said and "id='align'" in said
+    before = session.state
+    session.act(lambda: session.align(True))
+    after = session.state
+    assert "corrected in all that follows" in str(data.show(session))
+    errors = [one.ladder[-1].errors["holdout"].torque_rms for one in (before, after)]
+    assert errors[1] < 1.15 * after.told.noise_floor < 0.5 * errors[0]
+    session.act(lambda: session.keep(Loaded(session.folder / "again.csv", late, held_out=True)))
+    assert session.state.is_aligned and all("aligned: " in one.recording.notes[-1] for one in session.state.loaded)
+    session.act(lambda: session.align(False))
+    assert [one.recording for one in session.state.loaded] == [late, late] and session.state.corrected == ()
+
+
+def test_what_is_in_time_is_not_spoken_of(session: Session, state: State) -> None:
+    session.state = state
+    assert "in time" not in str(data.show(session))
+    session.act(lambda: session.align(True))
+    assert session.state.corrected == () and session.state.loaded[0].recording is state.loaded[0].recording
 
 
 def test_a_model_file_gives_the_terms_that_stay_with_other_recordings(
@@ -229,13 +393,13 @@ def test_a_session_that_is_still_reading_its_recordings_holds_up_no_other(monkey
     other = sessions.of(IDS[0])
     reading, read = Event(), Event()
 
-    def slow(self: Session, files: object, unwrap: bool) -> None:
+    def slow(self: Session, sources: object) -> None:
         reading.set()
         assert read.wait(30)
         self.notice = "read"
 
     monkeypatch.setattr(Session, "copy", slow)
-    sessions._initial = (Path("swing.csv"),)
+    sessions._initial = (Source(Path("swing.csv")),)
     with ThreadPoolExecutor(2) as pool:
         first = pool.submit(sessions.of, IDS[1])
         assert reading.wait(30)
@@ -430,6 +594,28 @@ def test_the_snippet_imports_what_it_uses(
     monkeypatch.chdir(tmp_path)
     exec(snippet(grown), {})
     assert Model.load("model.json").theta == pytest.approx(grown.model.theta, rel=1e-6)
+
+
+def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(
+    session: Session, late: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    upload(session, "run.csv", servo(late))
+    session.act(lambda: session.answer(session.cards[0].told(SERVO, False, (0.0, 6.0))))
+    upload(session, "check.csv", servo(late))
+    session.act(lambda: session.answer(session.cards[0].told(SERVO, False, (6.0, None))))
+    session.act(lambda: session.hold_out("check.csv", True))
+    session.act(lambda: session.align(True))
+    for file in ("run.csv", "check.csv"):
+        (tmp_path / file).write_bytes(servo(late))
+    (tmp_path / "study.toml").write_text(session.study())
+    monkeypatch.chdir(tmp_path)
+    (line,) = commands(session.state).splitlines()
+    assert line == "pendulum-ident identify study.toml --align -o model.json" and export.BESIDE in str(
+        export.show(session)
+    )
+    for do in (lambda: main(shlex.split(line)[1:]), lambda: exec(snippet(session.state), {})):
+        do()
+        assert Model.load("model.json").theta == pytest.approx(session.state.model.theta, rel=1e-6)
 
 
 # ------------------------------------------------------------------------------------------------ stages

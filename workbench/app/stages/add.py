@@ -9,7 +9,7 @@ import numpy as np
 from dash import Input, State, dcc, html
 from dash.development.base_component import Component
 
-from estimators.diagnosis import Step
+from estimators.selection.data import Step
 from pendulum_env.physics import effects
 from workbench.app.parts import button, fragment, graph, labelled, panel
 from workbench.app.session import Session
@@ -18,7 +18,7 @@ from workbench.app.stages.diagnose import ADD
 from workbench.app.state import State as Work
 from workbench.app.state import ids
 from workbench.app.tasks import start_addition
-from workbench.inputs import InputError
+from workbench.mistakes import InputError
 from workbench.report.figure import Figure, axis, numbers
 from workbench.report.sections.errors import PARTS, errors
 from workbench.report.words import listing, name, number, opening

@@ -10,7 +10,7 @@ from dash import ALL, Input, Output, State, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from estimators.regions import profiles, stand_out
+from estimators.checks.residual import profiles, stand_out
 from pendulum_env._typing import JSON, Mask
 from pendulum_env.recording import Recording
 from workbench.app.brushing import MAP, PHASE, TIME, VIEWS, Points, figures, inside, lit, within

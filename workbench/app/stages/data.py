@@ -12,9 +12,9 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from pendulum_env.physics import BASE, effects
-from workbench.app import recorder
+from workbench.app import card, recorder, timing
 from workbench.app.parts import aria, button, graph, labelled, panel, table
-from workbench.app.session import Session
+from workbench.app.session import STUDY, Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import Loaded
 from workbench.app.state import State as Work
@@ -31,9 +31,11 @@ FORM = ("excitation", "seconds", "effect", "amplitude", "seed")  # controls of a
 def show(session: Session) -> list[Component]:
     """Ways to get recordings, then what they are."""
     state = session.state
-    parts: list[Component] = [html.Div([_upload(state), _record()], className="columns")]
+    parts: list[Component] = [card.show(one, session) for one in session.cards[:1]]
+    parts.append(html.Div([_upload(state), _record()], className="columns"))
     if state.loaded:
         parts.append(_recordings(state))
+        parts += timing.show(state)
         parts.append(_telling(state))
         parts.append(
             html.Div([graph(_course(one, k)) for k, one in enumerate(state.loaded[:DRAWN])], className="panel")
@@ -53,7 +55,8 @@ def _upload(state: Work) -> Component:
             style={},
         ),
         html.P(
-            "CSV, CSV.GZ, Parquet or NPZ with time, position and torque, in s, rad and N m; 0 hangs down. "
+            "CSV, Parquet, NPZ, MATLAB or Excel with time, position and torque; 0 hangs down. What columns mean is "
+            f"asked where their names do not tell, or told by a {STUDY} among the files. "
             f"Up to {UPLOAD / 1e6:.0f} MB each; nothing leaves this computer.",
             className="note",
         ),
@@ -98,7 +101,11 @@ def _recordings(state: Work) -> Component:
         recording, facts, file = one.recording, used.get(id(one.recording)), one.file.name
         rows.append(
             (
-                [html.Strong(recording.name), *(html.Div(opening(note), className="note") for note in recording.notes)],
+                [
+                    html.Strong(recording.name),
+                    *(html.Div(opening(note), className="note") for note in recording.notes),
+                    _columns(one),
+                ],
                 f"{recording.duration:.3g}",
                 f"{recording.rate:.4g}",
                 f"{len(recording):,}".replace(",", " "),
@@ -131,8 +138,23 @@ def _recordings(state: Work) -> Component:
         if state.holdout
         else "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
     )
+    save = html.Div(
+        [
+            button(f"Save {STUDY}", "save-study"),
+            html.Span(
+                "how these are read and used, for the command line and to load again with them", className="note"
+            ),
+        ],
+        className="row",
+    )
     note = [html.P(split, className="note")] if split else []
-    return panel("Recordings", table(headers, rows, "Recordings"), *note, className="recordings")
+    return panel("Recordings", table(headers, rows, "Recordings"), *note, save, className="recordings")
+
+
+def _columns(one: Loaded) -> Component:
+    """Button that asks what the columns mean."""
+    id, label = {"do": "columns", "of": one.file.name}, f"Columns of {one.recording.name}"
+    return html.Button("Columns", id=id, n_clicks=0, type="button", className="link", **aria(label=label))
 
 
 def _role(one: Loaded, label: str, held_out: bool) -> Component:
@@ -185,7 +207,9 @@ def _course(one: Loaded, k: int) -> Figure:
 
 
 def connect(bench: Bench) -> None:
-    """Wire uploads, recording, roles and removal."""
+    """Wire uploads, columns, recording, roles and removal."""
+    card.connect(bench)
+    timing.connect(bench)
 
     @bench.on(Input("upload", "contents"), given=(State("upload", "filename"), State("unwrap", "value")))
     def upload(session: Session, contents: list[str], names: list[str], unwrap: list[str]) -> None:
@@ -221,6 +245,17 @@ def connect(bench: Bench) -> None:
             raise PreventUpdate
         file = bench.sessions.of(id).find(dash.ctx.triggered_id["of"]).file
         return {"filename": file.name, "content": b64encode(file.read_bytes()).decode(), "base64": True}
+
+    @bench.app.callback(
+        Output("download", "data", allow_duplicate=True),
+        Input("save-study", "n_clicks"),
+        State("session", "data"),
+        prevent_initial_call=True,
+    )
+    def save_study(clicks: int, id: str) -> dict[str, Any]:
+        if not clicks:
+            raise PreventUpdate
+        return {"filename": STUDY, "content": bench.sessions.of(id).study()}
 
 
 STAGE = Stage("data", "Data", show, connect, needs_model=False)

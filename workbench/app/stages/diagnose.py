@@ -8,7 +8,8 @@ import dash
 from dash import ALL, Input, html
 from dash.development.base_component import Component
 
-from estimators.diagnosis import Diagnosis, Verdict
+from estimators.diagnosis.result import Diagnosis, Verdict
+from workbench.app import timing
 from workbench.app.parts import aria, button, fragment, panel, table
 from workbench.app.recorder import simulated, start_suggested
 from workbench.app.session import Session
@@ -37,12 +38,13 @@ def show(session: Session) -> list[Component]:
         button("Diagnose again" if again else "Diagnose", "diagnose", primary=not again, disabled=busy),
     )
     if state.diagnosis is None:
-        return [search]
+        return [*timing.show(state), search]
     rows = candidates(state.case).content["rows"]
     return [
         panel(
             "What was found", fragment(story(state.case)), className="story found" if state.told.selected else "story"
         ),
+        *timing.show(state),
         *_next(state, busy),
         _alike(state.diagnosis),
         panel(

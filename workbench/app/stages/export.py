@@ -14,16 +14,17 @@ from dash.exceptions import PreventUpdate
 
 from workbench.app.parts import button, panel
 from workbench.app.recorder import DIAGNOSIS
-from workbench.app.session import Session
+from workbench.app.session import STUDY, Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import State, ids
 from workbench.report import render
 
-PROGRAM, MODEL, REPORT = "pendulum-ident", "model.json", "report.html"
+PROGRAM, MODEL, REPORT, EXPERIMENT = "pendulum-ident", "model.json", "report.html", "experiment.csv"
 WHOLE = (
     "This fits the whole of each recording. The workbench and Python hold the last 30 % back to check on, so that "
     "their estimates differ a little."
 )
+BESIDE = f"The recordings are read as {STUDY} says: save it beside them, in the stage Data."
 UNREPORTED = f"Once there is a diagnosis, a line here writes {REPORT}, too."
 
 
@@ -43,11 +44,14 @@ def show(session: Session) -> list[Component]:
                 "verdicts and reasons, for programs; the command record plays the experiment it suggests",
             )
         )
+    if state.diagnosis is not None and state.diagnosis.suggestion is not None:
+        saved.append(_saved("experiment", EXPERIMENT, "torque of the next experiment over time, for your controller"))
     unreported = [] if diagnosed else [html.P(UNREPORTED, className="note")]
     return [
         panel("Save", html.Ul(saved, className="downloads")),
         panel(
             "The same on the command line",
+            *([html.P(BESIDE, className="note")] if _needs_study(state) else []),
             *([html.P(WHOLE, className="note")] if _fits_more(state) else []),
             *unreported,
             _code(session.plain(commands(state)), "commands"),
@@ -70,16 +74,19 @@ def commands(state: State) -> str:
     lines = [shlex.join([PROGRAM, "record", *one.origin, "-o", one.file.name]) for one in state.loaded if one.origin]
     train = [one.file.name for one in state.loaded if not one.held_out]
     holdout = [word for one in state.loaded if one.held_out for word in ("--holdout", one.file.name)]
+    if _needs_study(state):
+        train, holdout = [STUDY], []  # which says what is held out
+    align = ["--align"] * state.is_aligned
     before, start = _diagnosed_after(state), state.model_file
     models = [start or MODEL, *[MODEL] * len(state.added)]  # before each effect, and after the last
     adding = [
-        shlex.join([PROGRAM, "add", model, effect, *train, *holdout, "-o", MODEL])
+        shlex.join([PROGRAM, "add", model, effect, *train, *holdout, *align, "-o", MODEL])
         for model, effect in zip(models, state.added, strict=False)
     ]
     if start:
-        lines.append(shlex.join([PROGRAM, "compare", start, *train]))
+        lines.append(shlex.join([PROGRAM, "compare", start, *train, *align]))
     else:
-        lines.append(shlex.join([PROGRAM, "identify", *train, "-o", MODEL]))
+        lines.append(shlex.join([PROGRAM, "identify", *train, *align, "-o", MODEL]))
     lines += adding[:before]
     if state.diagnosis is not None:
         base = ["--model", models[before]] if before or start else []
@@ -91,6 +98,11 @@ def commands(state: State) -> str:
 def _diagnosed_after(state: State) -> int:
     """Number of effects that were in the model when it was diagnosed."""
     return len([effect for effect in state.added if effect in ids(state.started)])
+
+
+def _needs_study(state: State) -> bool:
+    """Whether a study has to say how the recordings are read."""
+    return not all(one.is_plain for one in state.loaded)
 
 
 def _fits_more(state: State) -> bool:
@@ -105,15 +117,26 @@ def snippet(state: State) -> str:
     before = _diagnosed_after(state)
     adding = [f"model = add(model, {effect!r}, recordings, holdout).after.model" for effect in state.added]
     diagnosed = state.diagnosis is not None
-    used = [*["add"] * bool(adding), *["diagnose"] * diagnosed, "fit", "gather"]
+    used = [*["Aligned"] * state.is_aligned, *["add"] * bool(adding), *["diagnose"] * diagnosed, "fit", "gather"]
     lines = [
         f"from estimators import {', '.join(used)}",
         *(["from pendulum_env.physics import Model"] if state.model_file else []),
-        "from pendulum_env.recording import read_recording",
+        f"from pendulum_env.recording import {'read_study' if _needs_study(state) else 'read_recording'}",
         *(["from workbench.report import write_report"] if diagnosed else []),
         "",
-        f"recordings = [read_recording(path) for path in {train!r}]",
-        f"holdout = [read_recording(path) for path in {holdout!r}]",
+        *(
+            [f"study = read_study({STUDY!r})", "recordings, holdout = study.fitted, study.held_out"]
+            if _needs_study(state)
+            else [
+                f"recordings = [read_recording(path) for path in {train!r}]",
+                f"holdout = [read_recording(path) for path in {holdout!r}]",
+            ]
+        ),
+        *(
+            ["aligned = Aligned.of(recordings, holdout)", "recordings, holdout = aligned.recordings, aligned.holdout"]
+            if state.is_aligned
+            else []
+        ),
         *([f"terms = Model.load({state.model_file!r}).terms"] if state.model_file else []),
         f"model = fit(*gather(recordings, holdout){', terms' if state.model_file else ''}).model",
         *adding[:before],
@@ -136,10 +159,16 @@ def _diagnosis(state: State) -> str:
     return json.dumps(state.told.json(), indent=1) + "\n"
 
 
+def _experiment(state: State) -> str:
+    assert state.diagnosis is not None and state.diagnosis.suggestion is not None  # else there is no button
+    return state.diagnosis.suggestion.csv()
+
+
 FILES: dict[str, tuple[str, Callable[[State], str]]] = {
     "report": (REPORT, _report),
     "model": (MODEL, _model),
     "diagnosis": (DIAGNOSIS, _diagnosis),
+    "experiment": (EXPERIMENT, _experiment),
 }
 
 

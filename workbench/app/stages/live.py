@@ -12,14 +12,14 @@ from dash.exceptions import PreventUpdate
 from pendulum_env._typing import JSON
 from pendulum_env.backends import BACKENDS
 from pendulum_env.physics import BASE, effects
-from pendulum_env.recording import write_recording
-from workbench.app import live
+from pendulum_env.recording import Source, write_recording
+from workbench.app import live, missing
 from workbench.app.parts import EMPTY, aria, button, labelled, panel, spec
 from workbench.app.recorder import free_name
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.torques import choices
-from workbench.inputs import InputError
+from workbench.mistakes import InputError
 from workbench.report.figure import Figure
 from workbench.report.sections.schemes import convergence_figure, stroke
 from workbench.report.words import estimate, name, number, opening, unit
@@ -34,76 +34,12 @@ PLOTS = [f"live-{k}" for k in range(len(PARAMETERS))]
 
 def show(session: Session) -> list[Component]:
     """Controls, the pendulum, and the estimates."""
-    backends = [{"label": id, "value": id} for id in BACKENDS if id != RIG or session.rig is not None]
-    hidden = [{"label": "nothing", "value": ""}] + [{"label": opening(name(id)), "value": id} for id in effects()]
-    replays = [{"label": one.recording.name, "value": one.file.name} for one in session.state.loaded]
-    kept: dict[str, Any] = {"persistence": True, "persistence_type": "session"}
-    seconds = dcc.Input(30, type="number", id="live-seconds", min=2, max=live.LONGEST, **kept)
-    controls = [
-        labelled(
-            "Backend", dcc.Dropdown(backends, "pymunk", id="live-backend", clearable=False, searchable=False, **kept)
-        ),
-        labelled(
-            "Excitation",
-            dcc.Dropdown(choices(), "paper", id="live-excitation", clearable=False, searchable=False, **kept),
-        ),
-        labelled("Hidden effect", dcc.Dropdown(hidden, "", id="live-effect", clearable=False, **kept)),
-        labelled(
-            "Peak torque [N m]", dcc.Input(None, type="number", id="live-amplitude", min=0, placeholder="usual", **kept)
-        ),
-        labelled("Length [s]", seconds),
-        html.Div(
-            labelled(
-                "To replay",
-                dcc.Dropdown(
-                    replays,
-                    replays[0]["value"] if replays else None,
-                    id="live-replay",
-                    clearable=False,
-                    searchable=False,
-                ),
-            ),
-            id="live-replay-field",
-            hidden=True,
-        ),
-    ]
     running = session.run is not None and session.run.running
     buttons = [
         button("Start", "live-start", primary=True),
         button("Stop", "live-stop"),
         button("Keep as a recording", "live-keep"),
     ]
-    plots = [
-        html.Figure(
-            [
-                dcc.Store(id={"kind": "plot-spec", "of": plot}),
-                html.Div(
-                    dcc.Graph(
-                        id={"kind": "plot", "of": plot},
-                        figure=EMPTY,
-                        responsive=True,
-                        config={"displayModeBar": False},
-                        style={"height": 210},
-                    ),
-                    className="plot",
-                    style={"height": 210},
-                ),
-            ]
-        )
-        for plot in PLOTS
-    ]
-    views = html.Div(
-        [
-            panel(
-                "Pendulum",
-                html.Div(id="pendulum", role="img", **aria(label="The pendulum as it swings")),
-                html.P("", id="live-said", className="note", role="status"),
-            ),
-            panel("Estimates", html.Div(plots, className="grid"), html.Div(id="live-table")),
-        ],
-        className="columns live",
-        hidden=session.run is None,
-    )
     return [
         dcc.Interval(id="live-beat", interval=BEAT, disabled=not running),
         dcc.Store(id="live-motion"),
@@ -111,14 +47,56 @@ def show(session: Session) -> list[Component]:
             "Watch it learn",
             html.P(
                 "A pendulum in real time, and what the six schemes make of it sample by sample. Hide an effect from "
-                "them and see how they begin to disagree.",
+                "them, see how they begin to disagree, be told what is missing, and add it.",
                 className="note",
             ),
-            html.Div(controls, className="fields"),
+            html.Div(_controls(session), className="fields"),
             html.Div(buttons, className="row"),
         ),
-        views,
+        html.Div(_views(), hidden=session.run is None),
     ]
+
+
+def _controls(session: Session) -> list[Component]:
+    """What to run."""
+    backends = [{"label": id, "value": id} for id in BACKENDS if id != RIG or session.rig is not None]
+    hidden = [{"label": "nothing", "value": ""}] + [{"label": opening(name(id)), "value": id} for id in effects()]
+    replays = [{"label": one.recording.name, "value": one.file.name} for one in session.state.loaded]
+    kept: dict[str, Any] = {"persistence": True, "persistence_type": "session"}
+    fixed: dict[str, Any] = {"clearable": False, "searchable": False}
+    peak = dcc.Input(None, type="number", id="live-amplitude", min=0, placeholder="usual", **kept)
+    seconds = dcc.Input(30, type="number", id="live-seconds", min=2, max=live.LONGEST, **kept)
+    replay = dcc.Dropdown(replays, replays[0]["value"] if replays else None, id="live-replay", **fixed)
+    return [
+        labelled("Backend", dcc.Dropdown(backends, "pymunk", id="live-backend", **fixed, **kept)),
+        labelled("Excitation", dcc.Dropdown(choices(), "paper", id="live-excitation", **fixed, **kept)),
+        labelled("Hidden effect", dcc.Dropdown(hidden, "", id="live-effect", clearable=False, **kept)),
+        labelled("Peak torque [N m]", peak),
+        labelled("Length [s]", seconds),
+        html.Div(labelled("To replay", replay), id="live-replay-field", hidden=True),
+    ]
+
+
+def _views() -> list[Component]:
+    """The pendulum, what is said of its model, and the estimates."""
+    pendulum = panel(
+        "Pendulum",
+        html.Div(id="pendulum", role="img", **aria(label="The pendulum as it swings")),
+        html.P("", id="live-said", className="note", role="status"),
+    )
+    plots = html.Div([_plot(plot, 210) for plot in PLOTS], className="grid")
+    return [
+        html.Div([pendulum, panel("What is missing", *missing.view(_plot))], className="columns live"),
+        panel("Estimates", plots, html.Div(id="live-table"), className="estimates"),
+    ]
+
+
+def _plot(id: str, height: int) -> Component:
+    """A plot whose figure comes with the beat."""
+    options: dict[str, Any] = {"responsive": True, "config": {"displayModeBar": False}, "style": {"height": height}}
+    drawn = dcc.Graph(id={"kind": "plot", "of": id}, figure=EMPTY, **options)
+    place = html.Div(drawn, className="plot", style={"height": height})
+    return html.Figure([dcc.Store(id={"kind": "plot-spec", "of": id}), place])
 
 
 def figure(look: live.Look, column: int) -> Figure | None:
@@ -200,28 +178,17 @@ def _said(look: live.Look) -> str:
 
 def connect(bench: Bench) -> None:
     """Wire start, stop, and the beat."""
+    _connect_runs(bench)
+    _connect_beat(bench)
+    missing.connect(bench)
+
+
+def _connect_runs(bench: Bench) -> None:
+    """Wire what begins, ends and keeps a run."""
 
     @bench.on(Input("live-start", "n_clicks"), given=tuple(Value(c, "value") for c in (*FORM, "live-replay")))
-    def start(
-        session: Session,
-        clicks: int,
-        backend: str,
-        excitation: str,
-        effect: str,
-        amplitude: float | None,
-        seconds: float | None,
-        replay: str | None,
-    ) -> None:
-        if seconds is None or not 2 <= seconds <= live.LONGEST:
-            raise InputError(f"a live run lasts from 2 to {live.LONGEST:g} s")
-        if backend == "replay" and replay is None:
-            raise InputError("there is no recording to replay: load one first")
-        if backend == RIG and session.rig is None:
-            raise InputError("there is no rig here: start the workbench with --config rig.toml")
-        file = session.find(str(replay)).file if backend == "replay" else None
-        rig = session.rig if backend == RIG else None
-        hidden = (effect,) if effect and file is None and rig is None else ()
-        setup = live.Setup(backend, excitation, amplitude, hidden, float(seconds), clicks, file, rig)
+    def start(session: Session, clicks: int, *chosen: Any) -> None:
+        setup = _setup(session, clicks, *chosen)
         if session.run is not None:
             session.run.stop()
         try:
@@ -251,17 +218,49 @@ def connect(bench: Bench) -> None:
         session.run.stop()
         file = session.place(free_name(session))
         write_recording(session.run.recording(file.stem), file)
-        session.keep(session.read(file))
+        session.keep(*session.take(file, Source(file)))
 
     @bench.app.callback(Output("live-replay-field", "hidden"), Input("live-backend", "value"))
     def has_none_to_replay(backend: str) -> bool:
         return backend != "replay"
 
+
+def _setup(
+    session: Session,
+    seed: int,
+    backend: str,
+    excitation: str,
+    effect: str,
+    amplitude: float | None,
+    seconds: float | None,
+    replay: str | None,
+) -> live.Setup:
+    """What the controls say.
+
+    Raises:
+        InputError: if they make no sense.
+    """
+    if seconds is None or not 2 <= seconds <= live.LONGEST:
+        raise InputError(f"a live run lasts from 2 to {live.LONGEST:g} s")
+    if backend == "replay" and replay is None:
+        raise InputError("there is no recording to replay: load one first")
+    if backend == RIG and session.rig is None:
+        raise InputError("there is no rig here: start the workbench with --config rig.toml")
+    file = session.find(str(replay)).file if backend == "replay" else None
+    rig = session.rig if backend == RIG else None
+    hidden = (effect,) if effect and file is None and rig is None else ()
+    return live.Setup(backend, excitation, amplitude, hidden, float(seconds), seed, file, rig)
+
+
+def _connect_beat(bench: Bench) -> None:
+    """Wire what moves while a run does."""
+
     @bench.app.callback(
-        *(Output({"kind": "plot-spec", "of": plot}, "data") for plot in PLOTS),
+        *(Output({"kind": "plot-spec", "of": plot}, "data") for plot in (*PLOTS, missing.COURSE)),
         Output("live-motion", "data"),
         Output("live-said", "children"),
         Output("live-table", "children"),
+        *missing.OUTPUTS,
         Output("live-beat", "disabled"),
         Input("live-beat", "n_intervals"),
         Value("session", "data"),
@@ -271,10 +270,11 @@ def connect(bench: Bench) -> None:
         if run is None:
             raise PreventUpdate
         look = run.look()
-        drawn = [figure(look, k) for k in range(len(PARAMETERS))]
+        drawn = [*(figure(look, k) for k in range(len(PARAMETERS))), missing.course(look.following, look.time)]
         specs = [spec(one) if one is not None else None for one in drawn]
         motion = {"rows": look.motion.round(4).tolist(), "running": look.running}
-        return (*specs, motion, _said(look), _table(look), not look.running)
+        said = missing.told(look.following, look.running)
+        return (*specs, motion, _said(look), _table(look), *said, not look.running)
 
 
 HEADLINE = ("Live: a run of its own", "Estimates as they converge", "")

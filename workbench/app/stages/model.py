@@ -68,7 +68,7 @@ def connect(bench: Bench) -> None:
 
     @bench.on(Input("model-back", "n_clicks"))
     def back(session: Session, _: int) -> None:
-        session.state = Work.of(session.state.loaded)
+        session.state = session.state.fitting()
 
 
 STAGE = Stage("model", "Model", show, connect)

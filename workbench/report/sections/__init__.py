@@ -9,6 +9,7 @@ from workbench.report.sections.comparison import comparison
 from workbench.report.sections.errors import errors
 from workbench.report.sections.failures import failures
 from workbench.report.sections.method import method
+from workbench.report.sections.next import next_experiment
 from workbench.report.sections.parameters import parameters
 from workbench.report.sections.schemes import schemes
 from workbench.report.sections.story import story
@@ -18,6 +19,7 @@ SECTIONS: tuple[Callable[[Case], Section | None], ...] = (
     comparison,
     failures,
     candidates,
+    next_experiment,
     errors,
     parameters,
     schemes,

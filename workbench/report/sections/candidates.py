@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from estimators.diagnosis import Candidate, Verdict
+from estimators.diagnosis.result import Candidate, Verdict
 from pendulum_env.physics import effects
 from workbench.report.case import Case
 from workbench.report.section import Section

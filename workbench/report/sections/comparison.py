@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimators.free_running import Flights, follow
+from estimators.simulation.free_running import Flights, follow
 from pendulum_env._typing import JSON, Array
 from workbench.report.case import Case
 from workbench.report.figure import POINTS, Figure, band, broken, joined, line, numbers, stacked, thin, views
@@ -39,7 +39,12 @@ def comparison(case: Case) -> Section:
         "comparison",
         "Comparison",
         "Measured against modelled",
-        {"runs": runs, "left_out": len(usable) - len(runs), "found": bool(case.diagnosis.selected)},
+        {
+            "runs": runs,
+            "held_out": case.is_split or case.train is not case.holdout,
+            "left_out": len(usable) - len(runs),
+            "found": bool(case.diagnosis.selected),
+        },
     )
 
 

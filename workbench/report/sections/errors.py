@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import Evidence
 from pendulum_env._typing import JSON
 from workbench.report.case import Case
 from workbench.report.figure import Figure, axis, numbers
@@ -19,6 +23,11 @@ def errors(case: Case) -> Section:
     content = {
         "steps": steps,
         "noise_floor": case.diagnosis.noise_floor,
+        "whiteness": [
+            whiteness(f"{label}, {part}", case, evidence, k)
+            for k, (label, _, _) in enumerate(case.models)
+            for part, evidence in (("fitted", case.training), ("held out", case.testing))
+        ],
         "figures": [
             ladder(case, "torque_rms", "torque error [N m]", case.diagnosis.noise_floor),
             ladder(case, "position_rms", "free-running position error [rad]", None),
@@ -27,6 +36,26 @@ def errors(case: Case) -> Section:
         else [],
     }
     return Section("errors", "Errors", "How the error falls", content)
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """What neighbouring windows share of a residual [N m], in standard errors of white noise, and what that means."""
+
+    label: str
+    shared: float
+    significance: float
+    verdict: str
+
+
+def whiteness(label: str, case: Case, evidence: Evidence, drawn: int) -> Whiteness:
+    """Test of the residual of a drawn model for correlation between neighbours, beyond what their overlap gives."""
+    residual, model = case.residuals(evidence)[drawn], case.models[drawn][2]
+    shared, sure = evidence.data.structure(residual, abs(model.estimates["inertia"].value))
+    if sure < Criterion().sure:
+        return Whiteness(label, shared, sure, "white")
+    small = shared < case.diagnosis.noise_floor
+    return Whiteness(label, shared, sure, f"not white{', by less than noise is' if small else ': something is left'}")
 
 
 def ladder(case: Case, quantity: str, title: str, floor: float | None) -> Figure:

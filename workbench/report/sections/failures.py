@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimators.regions import STANDS_OUT, Profile, Region, profiles, stand_out
+from estimators.checks.residual import STANDS_OUT, Profile, Region, profiles, stand_out
 from pendulum_env._typing import JSON, Array
 from workbench.report.case import Case
 from workbench.report.figure import Figure, axis, band, line, numbers
@@ -29,6 +29,7 @@ def failures(case: Case) -> Section:
     residuals = case.residuals(evidence)
     maps = [profiles(evidence.samples, residual, noise) for residual in residuals]
     regions = stand_out(maps[0])
+    reach = 1.08 * max(float(np.max(np.abs(item.mean))) for drawn in maps for item in drawn if item.axis != "frequency")
     return Section(
         "failures",
         "Where it fails",
@@ -40,7 +41,7 @@ def failures(case: Case) -> Section:
             "key": key(case, regions),
             "threshold": STANDS_OUT,
             "figures": [
-                profile_figure(case, [m[k] for m in maps], regions, case.diagnosis.unexplained)
+                profile_figure(case, [m[k] for m in maps], regions, case.diagnosis.unexplained, reach)
                 for k in range(len(maps[0]))
             ],
             "planes": [
@@ -63,9 +64,9 @@ def key(case: Case, regions: Sequence[Region]) -> list[tuple[str, str, str]]:
 
 
 def profile_figure(
-    case: Case, drawn: Sequence[Profile], regions: Sequence[Region], unexplained: Sequence[Region]
+    case: Case, drawn: Sequence[Profile], regions: Sequence[Region], unexplained: Sequence[Region], reach: float
 ) -> Figure:
-    """Mean residual of each model over one quantity, the noise band, and the regions that stand out."""
+    """Mean residual of each model over one quantity up to `reach` [N m], noise band, and regions that stand out."""
     first = drawn[0]
     middle = 0.5 * (first.edges[1:] + first.edges[:-1])
     oscillates = first.axis == "frequency"
@@ -79,7 +80,7 @@ def profile_figure(
     what = "amplitude [N m]" if oscillates else "mean residual [N m]"
     layout: JSON = {
         "xaxis": axis(TITLES.get(first.axis, f"{first.axis} [{first.unit}]")),
-        "yaxis": axis(what, **({"rangemode": "tozero"} if oscillates else {})),
+        "yaxis": axis(what, **({"rangemode": "tozero"} if oscillates else {"range": [-reach, reach]})),
         "shapes": shapes,
         "showlegend": False,
         "margin": {"t": 16},

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.free_running import SECONDS
-from estimators.motion import white_noise
-from estimators.windows import Windows
+from estimators.signals.differentiation import white_noise
+from estimators.simulation.free_running import SECONDS
+from estimators.weak_form.windows import Windows
 from workbench.report.case import Case
 from workbench.report.section import Section
 
@@ -97,7 +97,7 @@ def snippet(case: Case) -> str:
     training, testing = _files(case)
     return "\n".join(
         [
-            "from estimators.diagnose import diagnose",
+            "from estimators.diagnosis.run import diagnose",
             "from pendulum_env.recording import read_recording",
             "from workbench.report import write_report",
             "",

@@ -44,7 +44,14 @@ def parameters(case: Case) -> Section:
         "parameters",
         "Parameters",
         "Parameters and how sure they are",
-        {"rows": rows, "added": [step.added for step in steps], "width": WIDTH, "sigmas": SIGMAS},
+        {
+            "rows": rows,
+            "added": [step.added for step in steps],
+            "width": WIDTH,
+            "sigmas": SIGMAS,
+            "names": list(case.diagnosis.model.estimates),
+            "correlation": case.diagnosis.model.correlation,
+        },
     )
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimators.identify import Identification
-from estimators.tables import kin
+from estimators.schemes.identification import Identification
+from estimators.show.tables import kin
 from pendulum_env._typing import JSON
 from workbench.report.case import Case
 from workbench.report.figure import Figure, axis, line

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.diagnosis import Diagnosis, Verdict
-from estimators.free_running import SECONDS
+from estimators.diagnosis.result import Diagnosis, Verdict
+from estimators.simulation.free_running import SECONDS
 from pendulum_env.physics import Estimate, Term
 from workbench.report.case import Case
 from workbench.report.section import Section
@@ -61,6 +61,7 @@ def story(case: Case) -> Section:
             "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / diagnosis.noise_floor,
             "candidates": len(diagnosis.candidates),
             "held_out": held_out(case),
+            "torque_constant": diagnosis.torque_constant.text if diagnosis.torque_constant is not None else None,
         },
     )
 
@@ -103,7 +104,9 @@ def finding(diagnosis: Diagnosis, effect: str) -> Finding:
     term = next(term for term in diagnosis.model.terms if term.id == effect)
     names = [column.name for column in term.columns] + [f"{term.id}.{shape.name}" for shape in term.free]
     rivals = tuple(id for group in diagnosis.ambiguous if group[0] == effect for id in group[1:])
-    return Finding(effect, term.law, about(term), {name: diagnosis.model.estimates[name] for name in names}, rivals)
+    named = {**diagnosis.model.estimates, **diagnosis.model.derived}
+    names += [name for name in diagnosis.model.derived if name.startswith(f"{effect}.")]
+    return Finding(effect, term.law, about(term), {name: named[name] for name in names}, rivals)
 
 
 def about(term: Term) -> str:

@@ -1,0 +1,127 @@
+"""Seven online estimators and five recursions: errors, coverage and time a sample, at rates from 25 Hz to 1 kHz.
+
+python -m benchmarks.joint_state
+
+Random plants, excitations and closed loops of the independent simulator, ten seconds each, torque noise 0.05 N m RMS.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.independent_plant import SimulatedRecording, random_case, simulate
+from estimators.online import Estimates, JointState, OnlineEstimator
+from estimators.online.kalman import NAMES
+from estimators.schemes.six import CUTOFF, SCHEMES, OnlineScheme
+from estimators.signals.measurements import Smoothing, of_steps
+from workbench.terminal import Terminal
+
+RATES = (25.0, 50.0, 100.0, 200.0, 500.0, 1000.0)  # [Hz]
+COUNTS = (1_024_000, 8192)
+SECONDS = 10.0
+SHOWN = tuple(scheme for scheme in SCHEMES if scheme.id != "filtered_hamiltonian")  # online, it is filtered_dynamic
+
+
+@dataclass(frozen=True)
+class Found:
+    """Errors and standard errors of B runs, as shares of the truth (B, P)."""
+
+    errors: np.ndarray
+    std: np.ndarray
+
+    @property
+    def told(self) -> str:
+        """Half of all errors are below the first number, nine in ten below the second [%]."""
+        half, most = np.quantile(np.abs(self.errors), (0.5, 0.9))
+        return f"{_two(100 * half)} ({_two(100 * most)})"
+
+    @property
+    def covered(self) -> float:
+        return float(np.mean(np.abs(self.errors) < 1.96 * self.std))
+
+
+def _two(value: float) -> str:
+    """Two digits, without an exponent."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
+def runs_of(rate: float, counts: int, n: int, seed: int) -> list[SimulatedRecording]:
+    rng = np.random.default_rng(seed)
+    cases = [random_case(rng, rate=rate, counts=counts, torque_noise=0.05, seconds=SECONDS) for _ in range(n)]
+    return simulate([(case.plant, case.train) for case in cases])
+
+
+def feed(estimator: OnlineEstimator, runs: Sequence[SimulatedRecording]) -> tuple[Estimates, float]:
+    """Estimates after the runs, and the CPU time a sample [us]."""
+    position, torque = (np.array([getattr(run, name) for run in runs]).T for name in ("position", "torque"))
+    torque = np.vstack([np.zeros(len(runs)), torque[:-1]])
+    begin = time.process_time()
+    for k, t in enumerate(runs[0].time):
+        now = estimator.take(np.full(len(runs), t), position[k], torque[k])
+    return now, (time.process_time() - begin) / len(position) * 1e6
+
+
+def seven(runs: Sequence[SimulatedRecording], rate: float, counts: int) -> dict[str, Found]:
+    can = [one for one in SHOWN if not hasattr(one, "cutoff") or CUTOFF < np.pi * rate]
+    estimator = OnlineEstimator(
+        rate,
+        schemes=[*can, JointState()],
+        batch=len(runs),
+        smoothing=Smoothing.of_encoder(counts, rate),
+        position_noise=of_steps(counts),
+    )
+    now, _ = feed(estimator, runs)
+    plants = [run.plant for run in runs]
+    truth = np.array([[p.inertia, p.gravity, p.viscous, p.coulomb] for p in plants])[:, None]
+    errors = now.theta / truth - 1
+    std = np.sqrt(np.einsum("bsii->bsi", now.covariance)) / truth
+    return {one.id: Found(errors[:, s], std[:, s]) for s, one in enumerate(estimator.schemes)}
+
+
+def accuracy(n: int, seed: int, terminal: Terminal) -> None:
+    ids = [*(scheme.id for scheme in SHOWN), JointState.id]
+    rows = []
+    with terminal.progress("estimating") as progress:
+        for k, (counts, rate) in enumerate((counts, rate) for counts in COUNTS for rate in RATES):
+            progress(f"{rate:g} Hz", k / (len(COUNTS) * len(RATES)))
+            found = seven(runs_of(rate, counts, n, seed), rate, counts)
+            errors = [found[id].told if id in found else "-" for id in ids]
+            six = np.mean([one.covered for id, one in found.items() if id != JointState.id])
+            covered = f"{100 * six:.0f} %", f"{100 * found[JointState.id].covered:.0f} %"
+            rows.append((f"{counts:,}", f"{rate:g}", *errors, *covered))
+    terminal.heading(f"Errors of the parameters after {SECONDS:g} s [%]: half are smaller (nine in ten are)")
+    terminal.table(("counts", "rate [Hz]", *ids, "95 % intervals of the six", "of the joint state"), rows)
+
+
+def recursions(seed: int) -> list[tuple[str, ...]]:
+    """Time of a sample by each recursion, for one scheme and for six, and by the joint state beside none."""
+    runs, rows = runs_of(1000.0, COUNTS[0], 1, seed), []
+    kinds: tuple[Sequence[OnlineScheme], ...] = (SCHEMES[:1], SCHEMES)
+    for name in NAMES:
+        times = [min(feed(OnlineEstimator(1000.0, schemes=s, recursion=name), runs)[1] for _ in "abc") for s in kinds]
+        rows.append((name, *(f"{value:.0f}" for value in times)))
+    times = [feed(OnlineEstimator(1000.0, schemes=[*s, JointState()]), runs)[1] for s in ((), SCHEMES)]
+    rows.append((f"{JointState.id}, beside none and six", *(f"{value:.0f}" for value in times)))
+    return rows
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.joint_state", description=__doc__.partition("\n")[0])
+    parser.add_argument("--n", type=int, default=16, help="plants (default 16)")
+    parser.add_argument("--seed", type=int, default=1)
+    args = parser.parse_args(argv)
+    terminal = Terminal()
+    terminal.heading("CPU time of a sample at 1 kHz, measurement included [us]")
+    terminal.table(("recursion", "one scheme", "six schemes"), recursions(args.seed))
+    accuracy(args.n, args.seed, terminal)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,189 @@
+"""Six joints simulated by MuJoCo, which shares no code with this project: identification, and hidden effects named.
+
+    python -m benchmarks.six_joint [RUNS]
+
+The arm is of our own making: links of plausible size, viscous friction, dry friction and a rotor at each joint,
+angles from encoders of 2^20 counts, torque logged with noise. A position controller follows a multisine. What is hidden
+acts on MuJoCo's own forces: `frictionloss` where friction changes, applied torque otherwise. A verdict is right if the
+effect is the only one named, at its joint.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimators.arms.diagnosis import diagnose_arm
+from estimators.arms.identification import compare_arm, identify_arm
+from estimators.schemes.six import FilteredDynamic
+from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.recording import ArmRecording
+
+JOINTS = ("base", "shoulder", "elbow", "roll", "pitch", "flange")
+AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
+OFFSETS = ("0 0 0.15", "0 0.08 0.12", "0.38 0 0", "0.12 0 0.05", "0.22 0 0", "0.09 0 0")
+MASSES = (4.0, 5.5, 3.2, 1.6, 1.1, 0.5)  # [kg]
+CENTERS = (
+    "0.01 0.02 0.06",
+    "0.17 0.03 0.01",
+    "0.06 -0.01 0.03",
+    "0.09 0.005 -0.004",
+    "0.03 0.01 0.006",
+    "0.04 0.003 0.01",
+)
+INERTIAS = (  # about the centres of mass, along the links' axes [kg m^2]
+    (0.018, 0.016, 0.012),
+    (0.014, 0.095, 0.09),
+    (0.009, 0.016, 0.015),
+    (0.003, 0.009, 0.008),
+    (0.0016, 0.0021, 0.0019),
+    (0.0006, 0.0009, 0.0008),
+)
+VISCOUS = (1.2, 1.5, 0.9, 0.3, 0.25, 0.1)  # [N m s/rad]
+COULOMB = (2.0, 2.5, 1.6, 0.6, 0.5, 0.2)  # [N m]
+ROTORS = (0.4, 0.5, 0.3, 0.08, 0.06, 0.02)  # [kg m^2]
+NOISE = (0.05, 0.05, 0.04, 0.02, 0.02, 0.01)  # [N m]
+SWEEP = (0.9, 0.5, 0.6, 0.9, 0.8, 1.1)  # [rad], of the reference
+MIDDLE = (0.0, -0.6, 0.7, 0.0, 0.4, 0.0)  # [rad]
+COUNTS = 2**20
+RATE, STEP = 500.0, 2e-4  # [Hz], [s]
+EFFECTS = ("stribeck", "cogging", "torque_offset", "quadratic_drag", "load_dependent_friction", "spring")
+
+
+def urdf() -> str:
+    """The arm as a file."""
+    text = ['<robot name="six-joint"><link name="ground"/>']
+    for k, joint in enumerate(JOINTS):
+        a, b, c = INERTIAS[k]
+        text.append(
+            f'<link name="link{k}"><inertial><origin xyz="{CENTERS[k]}"/><mass value="{MASSES[k]}"/>'
+            f'<inertia ixx="{a}" ixy="0" ixz="0" iyy="{b}" iyz="0" izz="{c}"/></inertial></link>'
+            f'<joint name="{joint}" type="revolute"><parent link="{f"link{k - 1}" if k else "ground"}"/>'
+            f'<child link="link{k}"/><origin xyz="{OFFSETS[k]}"/><axis xyz="{AXES[k]}"/>'
+            f'<limit lower="-3" upper="3" effort="120" velocity="6"/></joint>'
+        )
+    return "".join([*text, "</robot>"])
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """An effect at a joint; its size is a share of the joint's dry friction."""
+
+    effect: str
+    joint: int
+    share: float = 0.35
+
+    def forces(self) -> Callable[[float, float, float], tuple[float, float]]:
+        """Torque that acts, and dry friction, from position, velocity and torque of the motor."""
+        dry, size = COULOMB[self.joint], self.share * COULOMB[self.joint]
+
+        def law(q: float, v: float, torque: float) -> tuple[float, float]:
+            match self.effect:
+                case "stribeck":
+                    return 0.0, dry + 1.5 * size * float(np.exp(-((v / 0.2) ** 2)))
+                case "cogging":
+                    return -size * float(np.sin(14 * q + 0.4)), dry
+                case "torque_offset":
+                    return -size, dry
+                case "quadratic_drag":
+                    return -size * v * abs(v), dry
+                case "load_dependent_friction":
+                    return 0.0, dry + 0.08 * abs(torque)
+                case "spring":
+                    return -size * (q - 0.3), dry
+            raise ValueError(self.effect)
+
+        return law
+
+
+def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0) -> ArmRecording:
+    """A recording of the arm in MuJoCo."""
+    import mujoco
+
+    rng = np.random.default_rng(seed)
+    model = mujoco.MjModel.from_xml_string(urdf())
+    model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    model.dof_damping[:], model.dof_frictionloss[:], model.dof_armature[:] = VISCOUS, COULOMB, ROTORS
+    model.dof_solref[:], model.dof_solimp[:, :3] = (2 * STEP, 1.0), (0.95, 0.999, 1e-4)
+    data = mujoco.MjData(model)
+    law = hidden.forces() if hidden is not None else None
+    harmonics = np.arange(1, 7)
+    amplitude = rng.normal(size=(6, 6)) / harmonics**0.5
+    amplitude *= (np.array(SWEEP) / np.abs(amplitude).sum(axis=1))[:, None]
+    phase, w = rng.uniform(0, 2 * np.pi, (6, 6)), 2 * np.pi * harmonics / 7.3
+    stiffness, damping = np.array([600, 900, 500, 100, 70, 22.0]), np.array([35, 50, 25, 6, 4, 1.2])
+
+    def reference(t: float) -> tuple[np.ndarray, np.ndarray]:
+        inside = w * t + phase
+        return np.array(MIDDLE) + (amplitude * np.sin(inside)).sum(1), (amplitude * w * np.cos(inside)).sum(1)
+
+    data.qpos[:], data.qvel[:] = reference(0.0)
+    steps, substeps = round(seconds * RATE), round(1 / RATE / STEP)
+    positions, torques = np.empty((2, steps, 6))
+    for k in range(steps):
+        q, v = reference(k / RATE)
+        mujoco.mj_forward(model, data)
+        torque = data.qfrc_bias + stiffness * (q - data.qpos) + damping * (v - data.qvel)
+        positions[k], torques[k] = data.qpos, torque
+        for _ in range(substeps):
+            data.qfrc_applied[:] = torque
+            if hidden is not None and law is not None:
+                j = hidden.joint
+                force, dry = law(float(data.qpos[j]), float(data.qvel[j]), float(torque[j]))
+                data.qfrc_applied[j] += force
+                model.dof_frictionloss[j] = dry
+            mujoco.mj_step(model, data)
+    count = 2 * np.pi / COUNTS
+    positions = np.round(positions / count) * count
+    torques = torques + np.array(NOISE) * rng.normal(size=torques.shape)
+    name = f"{hidden.effect}@{JOINTS[hidden.joint]}" if hidden else f"null {seed}"
+    return ArmRecording.of(name, JOINTS, np.arange(steps) / RATE, positions, torques)
+
+
+def body() -> Body:
+    """The arm's links as the file has them."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "six.urdf"
+        path.write_text(urdf())
+        return read_body(path, rotors=True)
+
+
+def main(arguments: Sequence[str] = ()) -> int:
+    runs = int(arguments[0]) if arguments else 30
+    arm = body()
+    fitted, unseen = simulate(1), simulate(2)
+    began = time.process_time()
+    found = identify_arm(fitted, arm, schemes=[FilteredDynamic()])
+    errors = compare_arm(found["filtered_dynamic"].model, unseen)
+    print(
+        f"{len(arm.base)} base parameters in {time.process_time() - began:.1f} s; held-out torque error of RMS torque:"
+    )
+    print("  " + ", ".join(f"{error.joint} {100 * error.share:.2f} %" for error in errors))
+    right = alarms = 0
+    longest = 0.0
+    for run in range(runs):
+        hidden = Hidden(EFFECTS[run % 6], (run + run // 6) % 6)
+        recording = simulate(100 + run, hidden)
+        began = time.process_time()
+        diagnosis = diagnose_arm(recording, arm)
+        longest = max(longest, time.process_time() - began)
+        right += diagnosis.selected == (recording.name,)
+        print(f"{recording.name:32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
+    for run in range(runs // 3):
+        diagnosis = diagnose_arm(simulate(200 + run), arm)
+        alarms += bool(diagnosis.selected)
+        print(f"{'nothing':32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
+    print(f"named right: {right} of {runs}; false alarms: {alarms} of {runs // 3}")
+    print(f"longest diagnosis: {longest:.1f} s of one core")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,29 @@
+"""Arms of n joints: identification by the six schemes, and effects at joints that a model lacks."""
+
+from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
+from estimators.arms.excitation import Excited, design_excitation
+from estimators.arms.identification import (
+    ARM_SCHEMES,
+    ArmIdentification,
+    ArmIdentified,
+    JointError,
+    compare_arm,
+    identify_arm,
+)
+from estimators.arms.online import ArmEstimator
+from estimators.arms.standard import standard_parameters
+
+__all__ = [
+    "ARM_SCHEMES",
+    "ArmDiagnosis",
+    "ArmEstimator",
+    "ArmIdentification",
+    "ArmIdentified",
+    "Excited",
+    "JointError",
+    "compare_arm",
+    "design_excitation",
+    "diagnose_arm",
+    "identify_arm",
+    "standard_parameters",
+]

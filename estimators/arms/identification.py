@@ -1,0 +1,292 @@
+"""Identification of an arm: base parameters and friction of its joints, by each of the six schemes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from estimators.arms.balance import VIEWS, rows
+from estimators.arms.measurements import ArmMeasurements, measure_arm
+from estimators.regression.equations import Equations, IdentificationError
+from estimators.regression.least_squares import Fit, solve
+from estimators.regression.recursive import evenly, history
+from estimators.schemes.identification import CLUSTER, CLUSTERS, FEWEST, POINTS, Convergence
+from estimators.schemes.six import SCHEMES, OnlineScheme, Regression, Scheme, give, over_samples
+from pendulum_env._typing import JSON, Array, Index, Mask
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import JointTerm, friction
+from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.lookup import find
+
+SCHEMA = "pendulum-ident/arm-identification@1"
+HARDLY = 1e4  # condition number from which the data hardly tell some parameters apart
+
+
+def for_arms(schemes: Sequence[Scheme]) -> tuple[OnlineScheme, ...]:
+    """Schemes as arms need them: those of energy without a guard, as one of many joints is always near a reversal."""
+    chosen = (cast(OnlineScheme, scheme) for scheme in schemes)
+    return tuple(replace(one, guard=None) if one.view == "energy" else one for one in chosen)  # type: ignore[type-var]
+
+
+ARM_SCHEMES = for_arms(SCHEMES)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmIdentified:
+    """What one scheme finds of an arm.
+
+    Attributes:
+        scheme: its id.
+        model: body and terms with estimates, and standard errors that hold under correlated residuals.
+        convergence: the recursive estimate on its way.
+        residual_rms: of the scheme's own residual, of each joint or of all together, in `unit`.
+        unit: of y and the residual.
+        condition: of the regressor, columns scaled to equal length.
+        hardly: parameters that the recording hardly tells apart.
+        used: equations that were used, of all there are.
+    """
+
+    scheme: str
+    model: ArmModel
+    convergence: Convergence
+    residual_rms: tuple[float, ...]
+    unit: str
+    condition: float
+    hardly: tuple[str, ...]
+    used: tuple[int, int]
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "theta": {name: estimate.json() for name, estimate in self.model.estimates.items()},
+            "residual": {"rms": list(self.residual_rms), "unit": self.unit},
+            "condition": self.condition,
+            "hardly": list(self.hardly),
+            "used": list(self.used),
+            "convergence": self.convergence.json(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ArmIdentification:
+    """What all schemes find in the same recordings of an arm."""
+
+    schemes: Mapping[str, ArmIdentified]
+    recordings: tuple[str, ...]
+
+    def __getitem__(self, scheme: str) -> ArmIdentified:
+        return find("scheme", scheme, self.schemes)
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "schema": SCHEMA,
+            "recordings": list(self.recordings),
+            "schemes": {id: result.json() for id, result in self.schemes.items()},
+        }
+
+
+def identify_arm(
+    recordings: ArmRecording | Sequence[ArmRecording],
+    body: Body,
+    terms: Sequence[JointTerm] | None = None,
+    schemes: Sequence[OnlineScheme] = ARM_SCHEMES,
+    *,
+    points: int = POINTS,
+) -> ArmIdentification:
+    """Fit base parameters and the terms' linear parameters to recordings of an arm, by each scheme.
+
+    A sample in which a joint sticks is left out of the row of that joint alone.
+
+    Args:
+        recordings: one or more; filters start anew with each.
+        body: its links.
+        terms: at joints, with their shape parameters set; viscous and Coulomb friction at each joint by default.
+        schemes: which to use. One that borrows takes the parameters that make the momentum from the scheme of that
+            name, as the paper does, and fits the others.
+        points: moments at which the convergence is recorded.
+
+    Raises:
+        IdentificationError: if there is too little motion.
+        ValueError: if a scheme borrows from one that was not used before.
+    """
+    recordings = [recordings] if isinstance(recordings, ArmRecording) else list(recordings)
+    terms = friction(body.joints) if terms is None else tuple(terms)
+    measured = [m for recording in recordings for m in measure_arm(recording)]
+    names = tuple(recording.name for recording in recordings)
+    for k, joint in enumerate(body.joints):
+        if not any(m.joints[k].moving.any() for m in measured):
+            raise IdentificationError(f"{', '.join(names)}: joint '{joint}' never moves: record with all joints moving")
+    results: dict[str, ArmIdentified] = {}
+    balances = {view: [rows(m, body, terms, VIEWS[view]) for m in measured] for view in {s.view for s in schemes}}
+    for scheme in schemes:
+        data = _stack(scheme, measured, balances[scheme.view])
+        if len(np.unique(data.clusters[data.usable])) < FEWEST:
+            raise IdentificationError(
+                f"{', '.join(names)}: too little of the motion is clear of stick and reversals: record longer, faster "
+                "or wider motion"
+            )
+        hidden = [joint for k, joint in enumerate(body.joints) if not data.usable[data.joint == k].any()]
+        if hidden and not VIEWS[scheme.view].adds_up:
+            raise IdentificationError(
+                f"{', '.join(names)}: joint '{hidden[0]}' is never clear of stick and reversals: record longer, faster "
+                "or wider motion of it"
+            )
+        if scheme.borrows is not None and scheme.borrows not in results:
+            raise ValueError(f"{scheme.id} borrows from {scheme.borrows}: put {scheme.borrows} before it")
+        lender = results[scheme.borrows].model if scheme.borrows is not None else None
+        results[scheme.id] = _fit(scheme, data, body, terms, lender, points)
+    return ArmIdentification(results, names)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """Equations of all samples (R,), those of the joints at one instant in a row."""
+
+    equations: Equations
+    usable: Mask
+    joint: Index  # or 0 where joints add up
+    clusters: Index  # stretches of time
+    time: Array  # seconds of recording taken in [s]
+
+
+def _stack(
+    scheme: OnlineScheme, measured: Sequence[ArmMeasurements], balances: Sequence[Sequence[Equations]]
+) -> _Stack:
+    length = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS)
+    parts, clusters, times, seconds = [], [], [], 0.0
+    for m, own in zip(measured, balances, strict=True):
+        joints = [through(scheme, equations, m, k) for k, equations in enumerate(own)]
+        parts.append(
+            (
+                np.stack([one.equations.phi for one in joints], axis=1),
+                np.column_stack([one.equations.y for one in joints]),
+                np.column_stack([one.usable for one in joints]),
+            )
+        )
+        elapsed = seconds + np.arange(1, len(m) + 1) * m.period
+        seconds = float(elapsed[-1])
+        times.append(np.repeat(elapsed, len(joints)))
+        clusters.append(np.repeat((elapsed / length).astype(np.intp), len(joints)))
+    phi, y, usable = (np.concatenate(whole) for whole in zip(*parts, strict=True))
+    joint = np.tile(np.arange(y.shape[1]), len(y))
+    equations = Equations(phi.reshape(-1, phi.shape[2]), y.ravel())
+    return _Stack(equations, usable.ravel(), joint, np.concatenate(clusters), np.concatenate(times))
+
+
+def through(scheme: OnlineScheme, equations: Equations, m: ArmMeasurements, joint: int) -> Regression:
+    """What a scheme makes of the balance of one joint, or of that of all."""
+    if VIEWS[scheme.view].adds_up:
+        clear = np.all([own.clear(scheme.guard) for own in m.joints], axis=0)
+    else:
+        clear = m.joints[joint].clear(scheme.guard)
+    gate = clear if scheme.view == "torque" else over_samples(clear)
+    return scheme.through(equations, gate, m.period)
+
+
+def _fit(
+    scheme: OnlineScheme, data: _Stack, body: Body, terms: Sequence[JointTerm], lender: ArmModel | None, points: int
+) -> ArmIdentified:
+    use, count = data.usable, data.equations.phi.shape[1]
+    given = np.flatnonzero(_of_momentum(body)) if lender is not None else np.empty(0, dtype=np.intp)
+    free = np.setdiff1d(np.arange(count), given)
+    lent = np.array([]) if lender is None else lender.theta[given]
+    equations = give(data.equations, given.tolist(), lent)
+    phi, y, joint = equations.phi[use], equations.y[use], data.joint[use]
+    clusters = np.unique(data.clusters[use], return_inverse=True)[1]
+    weights = 1.0 / _levels(y, joint)
+    for _ in range(2):  # joints with less noise count more
+        fit = solve(Equations(phi, y), weights[joint], clusters)
+        weights = 1.0 / _levels(fit.residual, joint)
+    theta, std = np.empty(count), np.zeros(count)
+    theta[free], theta[given], std[free] = fit.theta, lent, fit.std
+    if lender is not None:
+        std[given] = [lender.estimates[name].std for name in np.array(body.names)[given]]
+    model = ArmModel.build(body, terms, theta, std)
+    known = np.array(list(model.estimates)[:count])[free]
+    hardly = known[(np.abs(fit.worst_direction) > 0.3) & (fit.condition > HARDLY)]
+    return ArmIdentified(
+        scheme=scheme.id,
+        model=model,
+        convergence=_converge(data, equations, weights, fit, free, theta, std, points),
+        residual_rms=tuple(float(one) for one in 1.0 / weights),
+        unit=scheme.unit,
+        condition=fit.condition,
+        hardly=tuple(str(name) for name in hardly),
+        used=(int(use.sum()), len(use)),
+    )
+
+
+def _levels(values: Array, joint: Index) -> Array:
+    """Root mean square of each joint (n,)."""
+    return np.sqrt(np.maximum(np.bincount(joint, values**2) / np.maximum(np.bincount(joint), 1), 1e-24))
+
+
+def _of_momentum(body: Body) -> Mask:
+    """Base parameters that the momentum has (P,)."""
+    rng = np.random.default_rng(0)
+    q, v = rng.uniform(-np.pi, np.pi, (2, 20, len(body.joints)))
+    return np.asarray(np.abs(body.momentum(q, v)).max(axis=(0, 1)) > 1e-9)
+
+
+def _converge(
+    data: _Stack, equations: Equations, weights: Array, fit: Fit, free: Index, theta: Array, std: Array, points: int
+) -> Convergence:
+    """The recursion over all rows, those of one instant one after the other; errors end at the batch estimate's."""
+    w = weights[data.joint]
+    last = evenly(len(data.time) // len(weights), points) * len(weights) + len(weights) - 1
+    course = history(Equations(equations.phi * w[:, None], equations.y * w), data.usable, last)
+    spread = np.sqrt(np.diagonal(course.P, axis1=1, axis2=2))
+    thetas, stds = np.tile(theta, (len(spread), 1)), np.tile(std, (len(spread), 1))
+    thetas[:, free] = course.theta
+    stds[:, free] = spread * fit.std / spread[-1]
+    return Convergence(data.time[course.points], thetas, stds)
+
+
+@dataclass(frozen=True)
+class JointError:
+    """How far a model's torque is from a joint's, clear of stick.
+
+    Attributes:
+        joint: its name.
+        torque_rms: measured minus modelled torque [N m].
+        share: of the root mean square of the measured torque; None of a joint without a motor.
+    """
+
+    joint: str
+    torque_rms: float
+    share: float | None
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {"joint": self.joint, "torque_rms": self.torque_rms, "share": self.share}
+
+
+def compare_arm(model: ArmModel, recordings: ArmRecording | Sequence[ArmRecording]) -> tuple[JointError, ...]:
+    """Torque errors of a model of an arm on recordings, joint by joint: the paper's norm (10).
+
+    Raises:
+        IdentificationError: if a recording is too short, or a joint is never clear of stick.
+    """
+    recordings = [recordings] if isinstance(recordings, ArmRecording) else list(recordings)
+    errors: list[list[Array]] = [[] for _ in model.body.joints]
+    torques: list[list[Array]] = [[] for _ in model.body.joints]
+    scheme = ARM_SCHEMES[0]
+    for m in (m for recording in recordings for m in measure_arm(recording)):
+        for k, equations in enumerate(rows(m, model.body, model.terms, VIEWS["torque"])):
+            clear = through(scheme, equations, m, k).usable
+            errors[k].append((equations.y - equations.phi @ model.theta)[clear])
+            torques[k].append(m.joints[k].torque[clear])
+    found = []
+    for joint, own, all_torque in zip(model.body.joints, errors, torques, strict=True):
+        if not any(len(part) for part in own):
+            raise IdentificationError(
+                f"{recordings[0].name}: joint '{joint}' is never clear of stick and reversals: its error cannot be told"
+            )
+        rms, size = (float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for parts in (own, all_torque))
+        found.append(JointError(joint, rms, rms / size if size else None))
+    return tuple(found)

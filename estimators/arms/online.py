@@ -1,0 +1,112 @@
+"""Recursive least squares of an arm while it runs: the rows that `identify_arm` uses, as soon as they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.arms.balance import VIEWS, rows
+from estimators.arms.identification import ARM_SCHEMES, through
+from estimators.arms.measurements import ArmMeasurements
+from estimators.regression.recursive import PRIOR, State, start, step
+from estimators.schemes.six import GUARD, OnlineScheme
+from estimators.signals.measurements import Smoothing, measure
+from pendulum_env._typing import Array
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import JointTerm, friction
+from pendulum_env.arms.model import ArmModel, parameter_names
+from pendulum_env.arms.recording import ArmRecording
+
+CHUNK = 0.05  # [s] of samples that are taken in together
+MEMORY = 0.1  # [s] before a chunk, in which filters forget how they began: exp(-20) of it is left at 200 rad/s
+
+
+class ArmEstimator:
+    """The paper's recursion (6) over the rows of all joints; feed it with `update`, sample by sample.
+
+    Estimates lag behind by the filter's reach and the guard around stick, and up to `CHUNK`.
+
+    Attributes:
+        state: theta (P,), P (P, P) for unit noise and the last a-priori error.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        rate: float,
+        terms: Sequence[JointTerm] | None = None,
+        scheme: OnlineScheme = ARM_SCHEMES[1],
+        *,
+        counts: int = 0,
+        noise: Sequence[float] | None = None,
+        prior: float = PRIOR,
+    ) -> None:
+        """Make the estimator.
+
+        Args:
+            body: its links.
+            rate: samples per second [Hz].
+            terms: at joints; viscous and Coulomb friction by default.
+            scheme: that makes the rows, one that borrows nothing and does not sum from the start.
+            counts: of the encoders per turn, 0 if they are exact.
+            noise: of each joint's torque [N m], by which its rows count less; all alike by default.
+            prior: P(0) on the diagonal.
+
+        Raises:
+            ValueError: if the scheme cannot work so.
+        """
+        if scheme.borrows is not None or scheme.drifts:
+            raise ValueError(
+                f"{scheme.id} cannot run on an arm as it is set: let it borrow nothing, and give it a window"
+            )
+        self.body, self.scheme = body, scheme
+        self.terms = friction(body.joints) if terms is None else tuple(terms)
+        self._weights = np.ones(len(body.joints)) if noise is None else 1.0 / np.asarray(noise, dtype=float)
+        self._smoothing = Smoothing.of_encoder(counts, rate)
+        self._rate, self._prior = rate, prior
+        self._chunk = round(CHUNK * rate)
+        # after a sample, what decides whether it is clear; before it, what its row depends on
+        self._after = self._smoothing.reach + max(self._smoothing.reach + 1, round(GUARD * rate)) + 2
+        self._kept = self._chunk + 2 * self._after + round(MEMORY * rate)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.state: State = start(len(parameter_names(self.body, self.terms)), self._prior)
+        self.forget_motion()
+
+    def forget_motion(self) -> None:
+        """Begin another recording, with what was estimated so far."""
+        self._samples: list[tuple[float, Array, Array]] = []
+        self._waiting = 0  # samples whose rows have not been used
+        self._begun = False
+
+    @property
+    def model(self) -> ArmModel:
+        """Body and terms with the present estimates, their standard errors for unit noise."""
+        return ArmModel.build(self.body, self.terms, self.state.theta, np.sqrt(np.diag(self.state.P)))
+
+    def update(self, time: float, position: Array, torque: Array) -> State:
+        """Take in a sample: time [s], positions (n,) [rad] and the torques (n,) [N m] held from it on."""
+        self._samples.append((time, np.array(position, dtype=float), np.array(torque, dtype=float)))
+        self._waiting += 1
+        if len(self._samples) >= self._kept and self._waiting >= self._chunk:
+            self._take()
+        return self.state
+
+    def _take(self) -> None:
+        times, positions, torques = (np.array(values) for values in zip(*self._samples[-self._kept :], strict=True))
+        self._samples = self._samples[-self._kept :]
+        recording = ArmRecording.of("online", self.body.joints, times, positions, torques)
+        m = ArmMeasurements(tuple(measure(joint, self._smoothing) for joint in recording.joints))
+        # of N measurements, the last `after - reach` still wait for what decides whether they are clear
+        end = len(m) - (self._after - self._smoothing.reach)
+        first = end - self._waiting if self._begun else round(MEMORY * self._rate)
+        balances = rows(m, self.body, self.terms, VIEWS[self.scheme.view])
+        regressions = [through(self.scheme, own, m, k) for k, own in enumerate(balances)]
+        for k in range(max(first, 0), end):
+            for weight, (equations, usable) in zip(self._weights, regressions, strict=False):
+                if usable[k]:
+                    self.state = step(self.state, equations.phi[k] * weight, float(equations.y[k] * weight))
+        self._waiting, self._begun = 0, True

@@ -1,0 +1,81 @@
+"""Standard parameters of an arm's links: of all bodies with the base parameters that were found, the likeliest.
+
+Base parameters do not tell the mass of a link, but a simulator wants one. Each link's pseudo-inertia is written as
+L L', which no choice of L makes impossible: mass is positive, and the moments of inertia are those of a body. Among
+these, the one is taken that fits the base parameters by their standard errors and, where they leave it open, is near
+the file.
+Source: Rucker and Wensing, IEEE Robotics and Automation Letters 7(2), 2022 (log-Cholesky).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from pendulum_env._typing import Array
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.model import ArmModel
+from pendulum_env.physics import Estimate
+
+OPEN = 1.0  # factors of e, and shares of a link's size, by which a body may usually differ from the file
+SMALLEST = 1e-9  # of a pseudo-inertia's trace, added so that a file's thin rod has a Cholesky factor too
+TURNS = 150  # of the search at most, which creeps where no body has the base parameters
+LEAST = 1e-6  # share of a base parameter that its standard error is at least: no file is more exact
+
+
+def standard_parameters(model: ArmModel) -> dict[str, Estimate]:
+    """Standard parameters by name, `m@elbow`, of links that exist; without standard errors, as they hang on the file.
+
+    The base parameters of these links are the model's, unless no body has those.
+    """
+    body = model.body
+    count = len(body.base)
+    theta, std = model.theta[:count], np.array([model.estimates[name].std for name in body.names])
+    std = np.maximum(std, LEAST * np.maximum(np.abs(theta), 1e-3 * np.abs(theta).max()))
+    first, scale = _factors(body)
+
+    def misfit(x: Array) -> Array:
+        base = body.combine @ _standard(first + scale * x, len(body.joints))
+        return np.concatenate([(base - theta) / std, x / OPEN])
+
+    found = least_squares(misfit, np.zeros(len(first)), x_scale="jac", max_nfev=TURNS)
+    values = _standard(first + scale * found.x, len(body.joints)).tolist()
+    return {name: Estimate(value, 0.0, unit) for (name, unit), value in zip(body.standard_units, values, strict=True)}
+
+
+def pseudo_inertia(standard: Array) -> Array:
+    """Pseudo-inertia (4, 4) of a link's ten parameters: second moments, first moments and mass."""
+    m, hx, hy, hz, xx, xy, yy, xz, yz, zz = standard
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    h = np.array([[hx], [hy], [hz]])
+    return np.block([[moments, h], [h.T, np.array([[m]])]])
+
+
+def _factors(body: Body) -> tuple[Array, Array]:
+    """Logarithms of the diagonals and rows below of each link's L, and of rotors; and how far each may usually move."""
+    links, below = len(body.joints), np.tril_indices(4, -1)
+    values, scales = [], []
+    for own in body.standard_values[: 10 * links].reshape(links, 10):
+        matrix = pseudo_inertia(own)
+        factor = np.linalg.cholesky(matrix + SMALLEST * np.trace(matrix) * np.eye(4))
+        size = np.sqrt(np.diag(matrix))[below[0]]
+        values += [np.log(np.diag(factor)), factor[below]]
+        scales += [np.ones(4), np.maximum(size, 1e-3 * size.max())]
+    rotors = body.standard_values[10 * links :]
+    values.append(np.log(np.maximum(rotors, 1e-3)))
+    scales.append(np.full(len(rotors), 10.0))  # a file hardly ever tells them
+    return np.concatenate(values), np.concatenate(scales)
+
+
+def _standard(x: Array, links: int) -> Array:
+    """Standard parameters (S,) of logarithms and rows as in `_factors`."""
+    parts, below = [], np.tril_indices(4, -1)
+    for own in x[: 10 * links].reshape(links, 10):
+        factor = np.diag(np.exp(own[:4]))
+        factor[below] = own[4:]
+        matrix = factor @ factor.T
+        moments, h, m = matrix[:3, :3], matrix[:3, 3], matrix[3, 3]
+        inertia = np.trace(moments) * np.eye(3) - moments
+        parts.append([m, *h, *inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+    return np.concatenate([np.ravel(parts), np.exp(x[10 * links :])])

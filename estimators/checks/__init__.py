@@ -1,0 +1,1 @@
+"""What speaks against data or model: physical bounds, homogeneity, alignment, identifiability, residual."""

@@ -1,0 +1,255 @@
+"""Whether torque stands beside the motion that it drives, before anybody asks what drives the motion.
+
+Many logs hold torque late: it was read after the position, came over a slow bus, or passed a filter. No effect can do
+that, since none acts before its cause; but several effects together can hide it, so that it has to be found first.
+
+With tau the torque that acts and u the one that is logged, two laws of the torque channel are fitted,
+
+    tau(t) = u(t + delay)                    delay > 0: logged late; delay < 0: it acts late, as after a dead time
+    tau = u + lag u'                         lag > 0: logged through a low-pass filter
+    tau + |lag| tau' = u                     lag < 0: it acts through one, as after the lag of a drive
+
+beside a model that follows nearly any motion: every term is a function of position, velocity and acceleration at the
+same instant, so that none of them can stand in for time. What the model misses makes the standard error larger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from estimators.checks.channel_fits import CLEARER, CONFIRMED, SURE, ChannelFits, View
+from estimators.regression.equations import IdentificationError
+from estimators.signals.channel import Channel
+from estimators.weak_form.dataset import prepare
+from pendulum_env._typing import JSON
+from pendulum_env.recording import Recording
+
+TRIFLE = 0.02  # of a sample: neither smoothing nor a clock is as exact as that
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """What was found of the time between torque and motion.
+
+    Attributes:
+        channel: the law of the torque channel; neither delay nor lag if torque and motion are not apart.
+        delay_std, lag_std: standard errors of its delay and lag [s].
+        rival: the other of delay and filter in words, where it explains as much.
+    """
+
+    channel: Channel
+    delay_std: float
+    lag_std: float
+    rival: str | None = None
+
+    @property
+    def delay(self) -> float:
+        """By which torque is logged late [s]; below zero it acts late."""
+        return self.channel.delay
+
+    @property
+    def lag(self) -> float:
+        """Time constant of the filter in the logged torque [s]; below zero, of the drive."""
+        return self.channel.lag
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON; a standard error that is not known is null."""
+        errors = [std if np.isfinite(std) else None for std in (self.delay_std, self.lag_std)]
+        return {
+            "delay": {"value": self.delay, "std": errors[0], "unit": "s"},
+            "lag": {"value": self.lag, "std": errors[1], "unit": "s"},
+            "text": self.text,
+        }
+
+    @property
+    def is_found(self) -> bool:
+        """Whether torque and motion are apart in time."""
+        return self.channel != Channel()
+
+    @property
+    def is_late(self) -> bool:
+        """Whether torque is logged late or filtered, which no physical effect can do."""
+        return self.channel.is_late
+
+    @property
+    def text(self) -> str | None:
+        """What was found, in a sentence; None if nothing was."""
+        if not self.is_found:
+            return None
+        delay, lag = _estimate(abs(self.delay), self.delay_std), _estimate(abs(self.lag), self.lag_std)
+        either = f" (or {self.rival}: only steps of torque would tell)" if self.rival else ""
+        if self.is_late:
+            found = [
+                *([f"logged {delay} late"] if self.delay else []),
+                *([f"logged through a low-pass filter with a time constant of {lag}"] if self.lag else []),
+            ]
+            return f"torque is {' and '.join(found)}{either}"
+        law = f"to act {delay} after it is logged" if self.delay else f"to act with a lag of {lag}"
+        return (
+            f"torque seems {law}{either}: the drive does that (dead_time, actuator_lag), or the log is ahead of the "
+            "position, which is the same law; or the joint yields, or its law is another; current or torque measured "
+            "at the motor would tell"
+        )
+
+    def agrees(self, other: Alignment) -> bool:
+        """Whether it is no other delay and lag than another's, as far as both are known."""
+        apart = self.delay + self.lag - other.delay - other.lag
+        spread = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
+        return bool(abs(apart) <= SURE * spread)
+
+    def apply(self, recording: Recording) -> Recording:
+        """The recording with the torque that acted, where it was logged late or filtered; else as it is.
+
+        The last samples of each segment, whose torque was never logged, are left out.
+        """
+        if not self.is_late:
+            return recording
+        period = 1.0 / recording.rate
+        first, beyond = int(self.lag > 0), int(np.ceil(max(self.delay, 0.0) / period - 1e-9))
+        kept, torque = [], []
+        for begin, end in pairwise((*recording.starts, len(recording))):
+            if end - beyond - begin - first >= 2:
+                acting = self.channel.held(recording.torque[begin:end], period)
+                kept.append(np.arange(begin + first, end - beyond))
+                torque.append(acting[first : end - beyond - begin])
+        if not kept:
+            return recording
+        index = np.concatenate(kept)
+        velocity, reference = (None if x is None else x[index] for x in (recording.velocity, recording.reference))
+        return replace(
+            recording,
+            time=recording.time[index],
+            position=recording.position[index],
+            torque=np.concatenate(torque),
+            velocity=velocity,
+            reference=reference,
+            starts=tuple(np.cumsum([0, *map(len, kept[:-1])]).tolist()),
+            notes=(*recording.notes, f"aligned: {self.text}"),
+        )
+
+
+def align(recordings: Sequence[Recording]) -> Alignment:
+    """Delay and lag of the torque channel that all recordings share.
+
+    A law is reported if its delay or lag is `SURE` standard errors (jackknife over stretches of time) from none, if
+    laws fitted to the other stretches predict each second better with it, and if that holds under every more general
+    model of the motion that predicts better. A filter is told from a delay where it predicts better by `CLEARER`
+    standard errors, else both are said.
+    Recordings too short to tell give an alignment without a finding and with infinite standard errors.
+    """
+    try:
+        if not any(recording.torque.any() for recording in recordings):
+            raise IdentificationError("torque is never applied")
+        fits = ChannelFits.of(prepare(recordings))
+    except IdentificationError:
+        fits = None
+    if fits is None:
+        return Alignment(Channel(), np.inf, np.inf)
+    return _agreed(fits.views(), 1.0 / max(recording.rate for recording in recordings))
+
+
+def align_each(recordings: Sequence[Recording]) -> list[Alignment]:
+    """One alignment for all recordings, or each its own where they differ."""
+    joint = align(recordings)
+    if len(recordings) == 1:
+        return [joint]
+    alone = [align([recording]) for recording in recordings]
+    return [joint] * len(alone) if all(one.agrees(joint) for one in alone) else alone
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """Recordings with the torque that acted, each as it is where its torque was logged in time.
+
+    Attributes:
+        recordings: fitted ones.
+        holdout: held-out ones: aligned like the fitted ones, or each by itself where those differ.
+        alignments: what was found in each, fitted ones first.
+    """
+
+    recordings: tuple[Recording, ...]
+    holdout: tuple[Recording, ...]
+    alignments: tuple[Alignment, ...]
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording] = ()) -> Aligned:
+        """Recordings aligned; those that were are not touched again."""
+        fitted = align_each(recordings)
+        alike = all(one is fitted[0] for one in fitted)
+        return cls.by((*fitted, *(fitted[:1] * len(holdout) if alike else align_each(holdout))), recordings, holdout)
+
+    @classmethod
+    def by(
+        cls, alignments: Sequence[Alignment], recordings: Sequence[Recording], holdout: Sequence[Recording] = ()
+    ) -> Aligned:
+        """Recordings under alignments that are known."""
+        every = [*recordings, *holdout]
+        moved = tuple(one.apply(recording) for one, recording in zip(alignments, every, strict=True))
+        return cls(moved[: len(recordings)], moved[len(recordings) :], tuple(alignments))
+
+    @property
+    def has_moved(self) -> bool:
+        """Whether any torque was corrected."""
+        return any(one.is_late for one in self.alignments)
+
+    def texts(self, is_late: bool) -> tuple[str, ...]:
+        """What was found of torque that is logged late, or of torque that acts late; with names where they differ."""
+        every = [*self.recordings, *self.holdout]
+        told = [(r.name, one.text) for r, one in zip(every, self.alignments, strict=True) if one.is_late == is_late]
+        said = {text: name for name, text in told if text is not None}
+        if all(one is self.alignments[0] for one in self.alignments):
+            return tuple(said)
+        return tuple(f"{name}: {text}" for text, name in said.items())
+
+
+Name = Literal["delay", "lag", "both"]
+
+
+def _agreed(views: Sequence[View], period: float) -> Alignment:
+    """The simplest law on which all views agree, as the first sees it.
+
+    A filter that is shorter than a sample is a delay by a share of it, as far as samples tell.
+    """
+    first = views[0]
+
+    def stands(law: Name) -> bool:
+        found = [getattr(view, law) for view in views]
+        signs = {one.channel.is_late for one in found if one is not None}
+        return len(signs) == 1 and all(
+            one is not None and one.is_sure and one.excels(view.none, CONFIRMED)
+            for one, view in zip(found, views, strict=True)
+        )
+
+    def excels(law: Name, other: Name, by: float = CLEARER) -> bool:
+        return all(getattr(view, law).excels(getattr(view, other), by) for view in views)
+
+    delay, lag, both = first.delay, first.lag, first.both
+    if not stands("delay") or abs(delay.channel.delay) < TRIFLE * period:  # what is filtered is late as well
+        return Alignment(Channel(), delay.std[0], lag.std[1])
+    if both is not None and stands("both") and both.channel.lag > period:
+        if excels("both", "delay") and excels("both", "lag"):
+            return Alignment(both.channel, *both.std)
+    if not stands("lag") or excels("delay", "lag"):
+        return Alignment(delay.channel, *delay.std)
+    if abs(lag.channel.lag) < period or not excels("lag", "delay", 0.0):
+        return Alignment(delay.channel, *delay.std, rival=_words(lag.channel))
+    return Alignment(lag.channel, *lag.std, rival=None if excels("lag", "delay") else _words(delay.channel))
+
+
+def _words(channel: Channel) -> str:
+    """The rival in words."""
+    if channel.delay:
+        return f"by a delay of {1e3 * abs(channel.delay):.3g} ms"
+    law = "through a low-pass filter with a time constant" if channel.is_late else "with a lag"
+    return f"{law} of {1e3 * abs(channel.lag):.3g} ms"
+
+
+def _estimate(value: float, std: float) -> str:
+    """Value and standard error in ms, the latter to one digit: `9.90 ± 0.04 ms`."""
+    digits = min(3, max(0, -int(np.floor(np.log10(max(1e3 * std, 1e-3))))))
+    return f"{1e3 * value:.{digits}f} ± {1e3 * std:.{digits}f} ms"

@@ -1,0 +1,85 @@
+"""Whether torque answers the motion, as a controller's does.
+
+What a sensor misreads, or a disturbance does, is in the torque of a controller at once: in its surprise, which is what
+the past of torque and position does not tell of it. A planned torque knows nothing of the position's surprises.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.recording import Recording
+
+PAST = 6  # samples of torque and position that tell what comes
+PARTS = 20  # of a recording, whose scatter tells how sure a correlation is
+SURE = 5.0  # standard errors
+ANSWERED = 0.1  # correlation of the surprises; less of it biases no parameter
+TAIL = 4.0  # standard deviations beyond which a surprise is an event of its own: a step, a stop, a glitch
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """How torque answers the motion.
+
+    Attributes:
+        recording: its name.
+        gain: change of torque per unexpected change of position, from a sample to the next [N m/rad]; below zero.
+        has_reference: whether what the controller followed was recorded.
+    """
+
+    recording: str
+    gain: float
+    has_reference: bool
+
+    @property
+    def text(self) -> str:
+        """What it means for estimates, in a sentence."""
+        remedy = (
+            "`identify --instruments reference` keeps it out of the estimates"
+            if self.has_reference
+            else "record the controller's reference as well (column `reference`), or a torque that is planned"
+        )
+        return (
+            f"{self.recording}: torque answers the motion ({self.gain:.2g} N m/rad from sample to sample), so that a "
+            f"controller's reaction to noise and to what the model lacks may be taken for physics: {remedy}"
+        )
+
+
+def feedback(recordings: Sequence[Recording]) -> list[Feedback]:
+    """Recordings in which torque answers the motion."""
+    found = ((recording, _gain(recording)) for recording in recordings)
+    return [Feedback(r.name, gain, r.reference is not None) for r, gain in found if gain is not None]
+
+
+def _gain(recording: Recording) -> float | None:
+    """Slope of the torque's surprise over the position's [N m/rad], None unless it is surely below zero."""
+    bounds = [(a, b) for a, b in pairwise((*recording.starts, len(recording))) if b - a > 2 * PAST]
+    if sum(b - a - PAST for a, b in bounds) < 20 * PARTS:
+        return None
+    position, torque = (
+        np.concatenate([_surprising(series[a:b]) for a, b in bounds])
+        for series in (recording.position - recording.position.mean(), recording.torque - recording.torque.mean())
+    )  # (R, 1 + PAST) each: present and past
+    past = np.column_stack([position[:, 1:], torque[:, 1:], np.ones(len(torque))])
+    known = np.linalg.qr(past / np.maximum(np.linalg.norm(past, axis=0), 1e-300))[0]
+    moved, answer = (now - known @ (known.T @ now) for now in (position[:, 0], torque[:, 0]))
+    usual = [TAIL * 1.4826 * float(np.median(np.abs(surprise))) for surprise in (moved, answer)]
+    calm = (np.abs(moved) < usual[0]) & (np.abs(answer) < usual[1])
+    moved, answer = moved[calm], answer[calm]
+    if len(moved) < PARTS or not (moved.any() and answer.any()):
+        return None
+    products = moved * answer / (moved.std() * answer.std())
+    parts = np.array([part.mean() for part in np.array_split(products, PARTS)])
+    if parts.mean() > -max(ANSWERED, SURE * parts.std() / np.sqrt(PARTS)):
+        return None
+    return float(moved @ answer / (moved @ moved))
+
+
+def _surprising(series: Array) -> Array:
+    """Each sample with those before it, (N - PAST, 1 + PAST)."""
+    return np.column_stack([series[PAST - lag : len(series) - lag] for lag in range(PAST + 1)])

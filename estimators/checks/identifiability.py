@@ -1,0 +1,100 @@
+"""What a recording cannot tell, said by name instead of returned as a number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.schemes.six import GUARD, Dynamic
+from estimators.signals.measurements import Measurements
+from pendulum_env._typing import JSON, Array
+from pendulum_env.physics import BASE, Term
+
+SMALL = 0.3  # [rad]; up to here sin q and q differ by less than 1.5 %
+ALIKE = 1e-4  # columns of length one whose weighted sum is shorter than this act alike
+FOLLOWED = 0.9  # share of the squared torque that the motion may leave unexplained if it follows the torque
+ONE_SIDED = 0.002  # share of the motion that may go the other way by mistake
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Something that the data cannot tell.
+
+    Attributes:
+        text: one sentence that names it, and the experiment that would help.
+        withheld: parameters of the model that are no numbers because of it.
+        rivals: ids of an effect and of the term of the model that it would pass for.
+    """
+
+    text: str
+    withheld: tuple[str, ...] = ()
+    rivals: tuple[str, str] | None = None
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {"text": self.text, "withheld": list(self.withheld)}
+
+
+def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term]) -> tuple[Doubt, ...]:
+    """What recordings, taken together, cannot tell about the parameters of the terms; empty if all is well."""
+    names = [column.name for term in terms for column in term.columns]
+    clear = [m.clear(GUARD) for m in measurements]
+    velocity = np.concatenate([m.velocity[use] for m, use in zip(measurements, clear, strict=True)])
+    if not len(velocity):
+        return (
+            Doubt("the joint hardly moves: nothing can be identified, record wider or faster motion", tuple(names)),
+        )
+
+    doubts = []
+    if not any(is_driven(m) for m in measurements):
+        doubts.append(
+            Doubt("torque is never applied: only ratios of parameters are known, record with torque", tuple(names))
+        )
+    forwards = float(np.mean(velocity > 0))
+    if not ONE_SIDED < forwards < 1 - ONE_SIDED:
+        constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
+        text = "velocity never changes sign: coulomb and torque_offset cannot be told apart, record both directions"
+        doubts.append(Doubt(text, tuple(name for name in constants if name in names), ("torque_offset", "coulomb")))
+    furthest = max(float(np.abs(m.position).max()) for m in measurements)
+    if furthest < SMALL:
+        text = (
+            f"position stays small, within {furthest:.2g} rad: gravity and a spring look the same, record wider swings"
+        )
+        alike = ("gravity", "spring.stiffness")
+        doubts.append(Doubt(text, alike if set(alike) <= set(names) else (), ("spring", "gravity")))
+    phi = np.concatenate(
+        [Dynamic().regression(m, terms).equations.phi[use] for m, use in zip(measurements, clear, strict=True)]
+    )
+    said = {name for doubt in doubts for name in doubt.withheld}
+    return (*doubts, *(doubt for doubt in _alike(phi, names) if not said.issuperset(doubt.withheld)))
+
+
+def is_driven(m: Measurements) -> bool:
+    """Whether there is more torque than noise, or torque as white as noise that the motion follows all the same."""
+    if np.sqrt(np.mean(m.held**2)) > max(3 * m.torque_noise, 1e-9):
+        return True
+    equations, usable = Dynamic().regression(m, BASE)
+    phi, y = equations.phi[usable], equations.y[usable]
+    if len(y) <= 10 * len(BASE):
+        return False
+    left = y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0]
+    return bool(y @ y > 1e-18 * len(y) and left @ left < FOLLOWED * (y @ y))
+
+
+def _alike(phi: Array, names: Sequence[str]) -> list[Doubt]:
+    """Columns of the regressor (R, P) that never act, or of which some add up to nothing."""
+    size = np.linalg.norm(phi, axis=0)
+    silent = [name for name, length in zip(names, size, strict=True) if length == 0]
+    doubts = [
+        Doubt(f"{name} never acts in these recordings: record motion that reaches it", (name,)) for name in silent
+    ]
+    acting = np.flatnonzero(size)
+    scaled = phi[:, acting] / size[acting]
+    squares, directions = np.linalg.eigh(scaled.T @ scaled)
+    for direction in directions.T[squares < ALIKE**2]:
+        group = tuple(names[acting[j]] for j in np.flatnonzero(np.abs(direction) > 0.1))
+        listed = f"{', '.join(group[:-1])} and {group[-1]}"
+        doubts.append(Doubt(f"{listed} cannot be told apart: they act alike in these recordings", group))
+    return doubts

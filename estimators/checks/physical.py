@@ -1,0 +1,97 @@
+"""What speaks against an effect: held-out errors that do not fall, and parameters that no body has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.selection.data import Step
+from pendulum_env._typing import Array
+from pendulum_env.physics import Column, Model, Samples, Term
+from pendulum_env.words import listing
+
+SELDOM = 0.1  # share of the samples at which friction may come out as negative
+CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where friction has to be that of a body, seen or not
+
+
+def impossible(model: Model, x: Samples) -> list[str]:
+    """What no body has of a model fitted to samples `x`: phrases such as "negative inertia"; empty if all is well.
+
+    One kind of friction alone may come out negative where the others outweigh it at every speed that was seen.
+    """
+    found = [f"{column.name} = {value:.3g} {column.unit}" for column, value in beyond(model.terms, model.theta)]
+    if "inertia" in model.estimates and model.estimates["inertia"].value <= 0:
+        found.append("negative inertia")
+    rubbing = [(term, column, value) for term, column, value in _parts(model) if term.kind == "dissipative"]
+    power = sum(
+        (value * column.power(x) for term, column, value in rubbing if not term.remembers), np.zeros_like(x.time)
+    )
+    if np.mean(power < 0) > SELDOM:
+        found.append("friction that drives")
+    limit = float(np.abs(x.torque).max())
+    dry = _dry_over_a_turn([(column, value) for term, column, value in rubbing if not column.of_torque], x)
+    if dry.max() > limit:
+        found.append(f"dry friction of {dry.max():.2g} N m, more than the {limit:.2g} N m that moved the joint")
+    return found
+
+
+def _parts(model: Model) -> list[tuple[Term, Column, float]]:
+    columns = [(term, column) for term in model.terms for column in term.columns]
+    return [(*own, float(value)) for own, value in zip(columns, model.theta, strict=True)]
+
+
+def _dry_over_a_turn(parts: Sequence[tuple[Column, float]], x: Samples) -> Array:
+    """Dry friction at angles all around, at usual speed, in the middle of the recording [N m]."""
+    still = np.zeros_like(CIRCLE)
+    speed, middle = float(np.median(np.abs(x.velocity))), float(np.median(x.time))
+    turn = Samples(still + middle, CIRCLE, still + speed, still)
+    return sum((value * (column.dry(turn) + still) for column, value in parts), still)
+
+
+def beyond(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
+    """Linear parameters theta (P,) that no body has so, whatever else it has."""
+    columns = [column for term in terms for column in term.columns]
+    return [(column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.allows(value)]
+
+
+def wrong_signs(model: Model) -> list[str]:
+    """A word on parameters whose sign says that a column of the recording has another sign, or another zero."""
+    inertia, gravity = (model.estimates.get(name) for name in ("inertia", "gravity"))
+    if inertia is not None and inertia.value < -3 * inertia.std:
+        return ["inertia came out negative: torque and position have opposite signs, turn one of them round"]
+    if gravity is not None and gravity.value < -3 * gravity.std:
+        return ["gravity came out negative: position 0 seems to be the upright position, it should hang down"]
+    return []
+
+
+def turned_round(model: Model) -> str | None:
+    """What to do if every parameter of the base model came out negative, as where the torque is logged turned round."""
+    values = [model.estimates[name] for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
+    clear = [estimate.value < -3 * estimate.std for estimate in values]
+    if len(values) < 3 or sum(clear) < 3 or not clear[0] or any(estimate.value > 0 for estimate in values):
+        return None
+    return wrong_signs(model)[0]
+
+
+def objection(after: Step, before: Step, x: Samples, torque: float = 1.0) -> str | None:
+    """What speaks against an added effect, None if nothing does.
+
+    Args:
+        after: the step with the effect.
+        before: the step without it.
+        x: samples of the training data.
+        torque: share of the held-out torque error to which it has to lower it.
+    """
+    new, old = after.errors["holdout"], before.errors["holdout"]
+    wrong = impossible(after.model, x)
+    if wrong:
+        return f"would mean {listing(wrong)}, which no body has"
+    if new.position_rms >= old.position_rms:
+        return (
+            f"does not lower the held-out error of free-running simulation "
+            f"({old.position_rms:.3g} -> {new.position_rms:.3g} rad)"
+        )
+    if new.torque_rms >= torque * old.torque_rms:
+        return f"does not lower the held-out torque error ({old.torque_rms:.3g} -> {new.torque_rms:.3g} N m)"
+    return None

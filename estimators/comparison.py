@@ -1,0 +1,189 @@
+"""Comparison: how far a model is from recordings, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.arguments import Recordings, chosen_recordings, model_that_moves
+from estimators.checks.homogeneity import Disagreement, disagreements_with, misfits
+from estimators.checks.residual import Profile, Region, profiles, stand_out
+from estimators.checks.torque_constant import Calibrated, unit_of
+from estimators.regression.equations import IdentificationError
+from estimators.selection.data import Errors, Evidence
+from estimators.simulation.free_running import growth, select
+from estimators.weak_form.dataset import dataset
+from pendulum_env._typing import JSON
+from pendulum_env.notebook import shown
+from pendulum_env.physics import Model, ModelError
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+from pendulum_env.words import json_per, percent
+
+SCHEMA = "pendulum-ident/comparison@1"
+GROWS = 10.0  # times, that an error of the initial position grows in a window of free run where the motion is unstable
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Errors of a model on one recording, or on all.
+
+    Attributes:
+        name: of the recording.
+        errors: in torque and in free-running position.
+        noise_floor: torque error that measurement noise alone gives [N m].
+        unstable: share of the one-second windows in which a small error grows tenfold, as with the arm balanced
+            upright; they are not counted in the error of position, unless there are no others.
+    """
+
+    name: str
+    errors: Errors
+    noise_floor: float
+    unstable: float = 0.0
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "name": self.name,
+            "errors": self.errors.json(),
+            "noise_floor": {"torque_rms": self.noise_floor},
+            "unstable": self.unstable,
+        }
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison:
+    """A model against recordings.
+
+    Attributes:
+        model: as it came; nothing is fitted.
+        distances: one a recording.
+        joint: all recordings together.
+        profiles: residual torque over position, velocity, torque, time and frequency, all recordings together.
+        regions: where it stands out of the noise, the most telling first.
+        disagreements: recordings that show another plant than the model is of, or than the others.
+        torque_constant: by which a current was turned into torque, if one was.
+    """
+
+    model: Model
+    distances: tuple[Distance, ...]
+    joint: Distance
+    profiles: tuple[Profile, ...]
+    regions: tuple[Region, ...]
+    disagreements: tuple[Disagreement, ...] = ()
+    torque_constant: TorqueConstant | None = None
+
+    @property
+    def torque_unit(self) -> str:
+        """`N m`, or that of a current that the model is of."""
+        return self.model.torque_unit
+
+    @property
+    def caveat(self) -> str | None:
+        """What is not counted in the error of free runs, in a sentence; None if all is."""
+        share = self.joint.unstable
+        if share == 0:
+            return None
+        told = f"in {percent(share)} of the one-second windows a small error grows tenfold, as with the arm upright"
+        return f"{told}: they {'are all there are' if share == 1 else 'are not counted in free run'}"
+
+    @property
+    def headline(self) -> str:
+        """The result in one sentence."""
+        torque, position = self.joint.errors.torque_rms, self.joint.errors.position_rms
+        times = torque / max(self.joint.noise_floor, 1e-300)
+        return (
+            f"the model is off by {torque:.3g} {self.torque_unit}, {times:.2g} times what noise leaves, and by "
+            f"{position:.3g} rad in free run"
+        )
+
+    def __repr__(self) -> str:
+        return f"<Comparison: {self.headline}>"
+
+    def _repr_html_(self) -> str:
+        return shown(self)
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        data = {
+            "schema": SCHEMA,
+            "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
+            "model": self.model.json(),
+            "recordings": [distance.json() for distance in self.distances],
+            "joint": self.joint.json(),
+            "profiles": [
+                {
+                    "axis": item.axis,
+                    "unit": item.unit,
+                    "edges": item.edges.tolist(),
+                    "mean": item.mean.tolist(),
+                    "error": item.error.tolist(),
+                }
+                for item in self.profiles
+            ],
+            "regions": [region.json() for region in self.regions],
+            "disagreements": [disagreement.json() for disagreement in self.disagreements],
+        }
+        return data | json_per({key: data[key] for key in ("profiles", "regions", "disagreements")}, self.torque_unit)
+
+
+def distance(name: str, evidence: Evidence, model: Model) -> Distance:
+    """Errors of a model with inertia on a body of evidence, as it is."""
+    steady = [growth(flights, model.terms, model.theta) < GROWS for flights in evidence.flights]
+    kept = tuple(select(*pair) for pair in zip(evidence.flights, steady, strict=True) if pair[1].any())
+    errors = (replace(evidence, flights=kept) if kept else evidence).errors(model)
+    unstable = 1.0 - float(np.mean(np.concatenate(steady)))
+    return Distance(name, errors, evidence.data.noise(abs(model.estimates["inertia"].value)), unstable)
+
+
+def joined(parts: Sequence[Evidence]) -> Evidence:
+    """Evidence of several recordings, with what is watched in each."""
+    data = dataset([window for part in parts for window in part.data.windows])
+    watched = {id: [x for part in parts for x in part.data.watched[id]] for id in parts[0].data.watched}
+    return Evidence(replace(data, watched=watched), tuple(flight for part in parts for flight in part.flights))
+
+
+def compare(model: Model, recordings: Recordings) -> Comparison:
+    """Compare a model with recordings, as it is: torque residual and free-running simulation.
+
+    Where a current was logged, the model's own torque constant turns it into torque, or else their known loads do.
+
+    Raises:
+        IdentificationError: if one of the recordings holds too little motion.
+        ModelError: if the model has no inertia, or is of a current and the recordings are not.
+        TypeError: if something else is given than a model and recordings.
+    """
+    model, recordings = model_that_moves(model), chosen_recordings(recordings)
+    recordings = in_units_of(model, recordings)
+    parts = [Evidence.of([recording]).watching(model) for recording in recordings]
+    together = joined(parts)
+    joint = distance("all", together, model)
+    maps = profiles(together.samples, together.residual(model.terms, model.theta), joint.noise_floor)
+    distances = [distance(recording.name, part, model) for recording, part in zip(recordings, parts, strict=True)]
+    odd = (*disagreements_with(model, together.data), *misfits(together.data, model.terms))
+    return Comparison(
+        model, tuple(distances), joint, tuple(maps), tuple(stand_out(maps)), odd, recordings[0].torque_constant
+    )
+
+
+def in_units_of(model: Model, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """Recordings with the torque in the unit that a model has it in.
+
+    Raises:
+        IdentificationError: if a current is to be turned into torque, and nothing tells the torque constant.
+        ModelError: if the model is of a current and the recordings are not.
+    """
+    unit = unit_of(recordings)
+    if unit == model.torque_unit:
+        return tuple(recordings)
+    if model.torque_unit != NEWTON_METRE:
+        raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
+    known = model.torque_constant
+    if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
+        return Calibrated.by(TorqueConstant(known.value, known.std, unit), recordings).recordings
+    calibrated = Calibrated.of(recordings)
+    if calibrated.doubt is not None:
+        raise IdentificationError(f"the model is in N m, but {calibrated.doubt}")
+    return calibrated.recordings

@@ -1,0 +1,162 @@
+"""The result of a diagnosis: what is missing in the model, how sure that is, and what the errors were on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from estimators.checks.alignment import Alignment
+from estimators.checks.homogeneity import Disagreement
+from estimators.checks.residual import Region
+from estimators.diagnosis.suggestion import Suggestion
+from estimators.selection.data import Step
+from estimators.selection.score import Gain
+from pendulum_env._typing import JSON
+from pendulum_env.notebook import shown
+from pendulum_env.physics import Model
+from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+from pendulum_env.words import json_per, listing, name, opening
+
+SCHEMA = "pendulum-ident/diagnosis@1"
+
+
+class Verdict(StrEnum):
+    """What became of a candidate effect."""
+
+    SELECTED = "selected"
+    AMBIGUOUS = "ambiguous"
+    REJECTED = "rejected"
+    NOT_EXCITED = "not_excited"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect of the library as the data judge it.
+
+    Attributes:
+        effect: its id.
+        score: probability, between 0 and 1, that it is what the data call for at its place among the alternatives.
+        verdict: what became of it.
+        error_ratio: torque error on held-out data with the effect, over the error without it.
+        reason: why, in words.
+        gain: what it predicts better than its absence beside the other effects of the final model, where that is known.
+        variants: number of forms of the effect, of the best of which that is: one of many gains something by chance.
+    """
+
+    effect: str
+    score: float
+    verdict: Verdict
+    error_ratio: float
+    reason: str
+    gain: Gain | None = None
+    variants: int = 1
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "effect": self.effect,
+            "score": self.score,
+            "verdict": str(self.verdict),
+            "error_ratio": self.error_ratio,
+            "reason": self.reason,
+            "gain": self.gain.json() | {"variants": self.variants} if self.gain is not None else None,
+        }
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis:
+    """What a diagnosis found.
+
+    Attributes:
+        steps: the base model, then one entry for each effect added.
+        candidates: every effect of the library, selected ones first.
+        ambiguous: groups of effects that these data cannot tell apart.
+        unexplained: regions whose residual no candidate explains, empty when the noise floor is reached.
+        noise_floor: torque error that measurement noise alone gives [N m].
+        advice: experiments that would settle what is open, in words.
+        suggestion: the experiment that would settle most of what is open, None if nothing is, or none would.
+        forbidden: what the limits of the rig keep any experiment from settling, in words; None if nothing.
+        inseparable: groups that no torque would tell apart, whatever it was.
+        window_share: length of the windows used, relative to the length that the noise asks for.
+        disagreements: recordings that show another plant than the others; fitted ones among them are set apart.
+        alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
+            filtered was corrected by it.
+        torque_unit: `N m`, or that of a current in whose stead parameters and errors are per unit of it.
+        torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
+    """
+
+    steps: tuple[Step, ...]
+    candidates: tuple[Candidate, ...]
+    ambiguous: tuple[tuple[str, ...], ...]
+    unexplained: tuple[Region, ...]
+    noise_floor: float
+    advice: tuple[str, ...]
+    suggestion: Suggestion | None = None
+    forbidden: str | None = None
+    inseparable: tuple[tuple[str, ...], ...] = ()
+    window_share: float = 1.0
+    disagreements: tuple[Disagreement, ...] = ()
+    alignments: tuple[Alignment, ...] = ()
+    torque_unit: str = NEWTON_METRE
+    torque_constant: TorqueConstant | None = None
+
+    @property
+    def model(self) -> Model:
+        """The final model."""
+        return self.steps[-1].model
+
+    @property
+    def selected(self) -> tuple[str, ...]:
+        """Ids of the effects found to be missing, in the order in which they were added."""
+        return tuple(step.added for step in self.steps if step.added is not None)
+
+    @property
+    def headline(self) -> str:
+        """The result in one sentence: `Stribeck friction is missing`."""
+        rivals = {group[0]: group for group in self.ambiguous}
+        found = [listing([name(id) for id in rivals.get(effect, (effect,))], "or") for effect in self.selected]
+        if found:
+            rest = ", and more that no known effect explains" if self.unexplained else ""
+            return f"{opening(listing(found))} {'is' if len(found) == 1 else 'are'} missing{rest}"
+        if not self.candidates:  # nobody has looked yet
+            return "Something is missing in this model" if self.unexplained else "The model explains what was measured"
+        if self.unexplained:
+            return "Something is missing, and no known effect explains it"
+        return "Nothing is missing"
+
+    def __repr__(self) -> str:
+        return f"<Diagnosis: {self.headline}>"
+
+    def _repr_html_(self) -> str:
+        return shown(self)
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON, as the design of the command line fixes it."""
+        base = self.steps[0].model
+        data = {
+            "schema": SCHEMA,
+            "torque_unit": self.torque_unit,
+            "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
+            "base": {
+                "terms": [term.id for term in base.terms],
+                "theta": {name: estimate.json() for name, estimate in base.estimates.items()},
+            },
+            "selected": list(self.selected),
+            "steps": [step.json() for step in self.steps],
+            "candidates": [candidate.json() for candidate in self.candidates],
+            "ambiguous": [list(group) for group in self.ambiguous],
+            "unexplained": {
+                "present": bool(self.unexplained),
+                "where": "; ".join(region.text for region in self.unexplained) or None,
+            },
+            "regions": [region.json() for region in self.unexplained],
+            "noise_floor": {"torque_rms": self.noise_floor},
+            "advice": list(self.advice),
+            "suggestion": self.suggestion.json() if self.suggestion is not None else None,
+            "forbidden": self.forbidden,
+            "inseparable": [list(group) for group in self.inseparable],
+            "disagreements": [disagreement.json() for disagreement in self.disagreements],
+            "alignments": [alignment.json() for alignment in self.alignments],
+        }
+        worded = ("candidates", "unexplained", "regions", "advice", "forbidden", "disagreements")
+        return data | json_per({key: data[key] for key in worded}, self.torque_unit)

@@ -1,0 +1,352 @@
+"""Diagnosis: which physical effects does the model lack?"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.arguments import Recordings, Terms, chosen_effects, chosen_recordings, chosen_terms, within_limits
+from estimators.checks.alignment import Aligned
+from estimators.checks.closed_loop import feedback
+from estimators.checks.homogeneity import disagreements
+from estimators.checks.identifiability import identifiability
+from estimators.checks.physical import impossible, turned_round, wrong_signs
+from estimators.checks.residual import Region, profiles, stand_out
+from estimators.checks.torque_constant import Calibrated, told
+from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
+from estimators.diagnosis.judge import judge
+from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.sensitivity import in_words
+from estimators.progress import Progress, forward, no_progress
+from estimators.regression.equations import IdentificationError
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import Evidence, Step, fit_terms
+from estimators.selection.foils import words
+from estimators.selection.motion import is_astray, refine, relink, sharpen
+from estimators.selection.search import Search, held_out_cost, ids
+from estimators.signals.measurements import measure_segments
+from estimators.weak_form.dataset import choose_half_width
+from estimators.weak_form.windows import SLOWEST
+from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.words import listing
+
+CLOSER = 0.5  # share of the windows' length at a second look
+BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
+HOLDOUT_SHARE = 0.3  # end of each recording that is held out when no recording is
+
+
+def gather(
+    recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0
+) -> tuple[Evidence, Evidence]:
+    """Training and held-out evidence; without held-out recordings, the end of each recording is held out.
+
+    Args:
+        recordings: to fit.
+        holdout: to check on.
+        shorter: factor on the lengths of the windows.
+
+    Raises:
+        IdentificationError: if a part holds too little motion, or torque is never applied.
+    """
+    if not any(recording.torque.any() for recording in recordings):
+        names = ", ".join(recording.name for recording in recordings)
+        raise IdentificationError(
+            f"{names}: torque is never applied, so that only ratios of parameters are known: record with torque"
+        )
+    widths = [shorter * choose_half_width(recording) for recording in recordings]
+    if not holdout:
+        share = 1 - HOLDOUT_SHARE
+        return Evidence.of(recordings, widths, (0.0, share)), Evidence.of(recordings, widths, (share, 1.0))
+    return Evidence.of(recordings, widths), Evidence.of(holdout, [shorter * choose_half_width(r) for r in holdout])
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a diagnosis is told besides the recordings.
+
+    Attributes:
+        base: terms of the model to start from.
+        library: effects that may be named, by id.
+        criterion: what they have to achieve.
+        rng: of the bootstrap.
+        progress: told what is being done and the share that is done.
+        limits: of the rig, for the experiment that is suggested.
+        usual: torque that is trusted without limits [N m].
+    """
+
+    base: Sequence[Term]
+    library: Mapping[str, type[Term]]
+    criterion: Criterion
+    rng: np.random.Generator
+    progress: Progress
+    limits: Limits
+    usual: float
+
+    def search(self, evidence: tuple[Evidence, Evidence]) -> Search:
+        """The search on some data."""
+        return Search(*evidence, self.progress, self.library, self.criterion, self.rng)
+
+
+def diagnose(
+    recordings: Recordings,
+    holdout: Recordings = (),
+    base: Terms = BASE,
+    progress: Progress = no_progress,
+    *,
+    max_torque: float | None = None,
+    max_angle: float = np.inf,
+    max_speed: float = np.inf,
+    library: Mapping[str, type[Term]] | None = None,
+    only: Sequence[str] | None = None,
+    without: Sequence[str] = (),
+    fixed: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    criterion: Criterion | None = None,
+    rng: np.random.Generator | None = None,
+) -> Diagnosis:
+    """Find the effects that the base model lacks.
+
+    Torque that is logged late or filtered is corrected first: no effect acts before its cause. Recordings that disagree
+    with the others are named and not fitted: no effect of one plant explains two plants. Known loads are no part of the
+    model; where a current was logged, they tell the torque constant, and without them all is per ampere.
+
+    Args:
+        recordings: fitted jointly.
+        holdout: recordings to confirm on; without them the last 30 % of each recording is held out.
+        base: terms of the model to start from, at least one, as they are or by id; a loaded model's terms will do.
+        progress: called with what is being done and the share that is done.
+        max_torque: bound of the torque in the experiment that is suggested [N m]; without it the paper's 6 N m, but no
+            more than ten times the largest recorded, and no less than that.
+        max_angle: bound of its angle to either side of hanging down [rad].
+        max_speed: bound of its speed [rad/s].
+        library: effects that may be named, by id; all that are known if it is not given.
+        only: ids of the effects of the library that are looked for; all if it is not given.
+        without: ids of effects that the joint cannot have.
+        fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
+        bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, 14)}`.
+        criterion: what they have to achieve.
+        rng: of the bootstrap; the same seed gives the same result, and so does none.
+
+    Raises:
+        IdentificationError: if the recordings hold too little motion.
+        ValueError: if a name is unknown.
+        TypeError: if something else is given than recordings and terms.
+    """
+    chosen = chosen_effects(library, only, without)
+    terms, chosen = within_limits(chosen_terms(base), chosen, fixed, bounds)
+    progress = forward(progress)
+    given = Prepared.of(chosen_recordings(recordings), chosen_recordings(holdout, empty=True), progress)
+    setting = Setting(
+        terms,
+        chosen,
+        criterion or Criterion(),
+        rng or np.random.default_rng(0),
+        progress,
+        Limits(max_torque or given.usual_torque, max_angle, max_speed),
+        given.usual_torque,
+    )
+    found = _of_one_plant(given, setting)
+    progress("done", 1.0)
+    return given.told(found)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Recordings whose torque is calibrated and timed, and the evidence that they hold, fitted and held out."""
+
+    recordings: list[Recording]
+    holdout: list[Recording]
+    evidence: tuple[Evidence, Evidence]
+    calibrated: Calibrated
+    aligned: Aligned
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording], progress: Progress) -> Prepared:
+        """Calibrate and time the torque of recordings."""
+        progress("reading the motion", 0.0)
+        calibrated = Calibrated.of(recordings, holdout)
+        evidence = gather(calibrated.recordings, calibrated.holdout)
+        progress("timing the torque", 0.0)
+        aligned = Aligned.of(calibrated.recordings, calibrated.holdout)
+        if aligned.has_moved:
+            evidence = gather(aligned.recordings, aligned.holdout)
+        return cls(list(aligned.recordings), list(aligned.holdout), evidence, calibrated, aligned)
+
+    @property
+    def usual_torque(self) -> float:
+        """Torque that an experiment may ask of the motor where no bound is given, in the unit of the recordings."""
+        largest = max(float(np.abs(recording.torque).max()) for recording in self.recordings)
+        trusted = min(USUAL, BOLDER * largest) if self.calibrated.unit == NEWTON_METRE else 0.0
+        return max(trusted, largest)
+
+    def told(self, found: Diagnosis) -> Diagnosis:
+        """A diagnosis with what was found of the torque channel."""
+        return replace(
+            found,
+            torque_unit=self.calibrated.unit,
+            torque_constant=self.calibrated.constant,
+            alignments=self.aligned.alignments,
+            advice=(
+                *filter(None, [self.calibrated.doubt]),
+                *_of_timing(self.aligned, found),
+                *(loop.text for loop in feedback(self.recordings)),
+                *found.advice,
+            ),
+        )
+
+
+def _of_one_plant(given: Prepared, setting: Setting) -> Diagnosis:
+    """Find the effects that the recordings of one plant call for, and which recordings are another plant's."""
+    recordings, holdout, everything = given.recordings, given.holdout, given.evidence
+    datasets = [part.data for part in (everything if holdout else everything[:1])]
+    odd = {one.recording: one for one in disagreements(datasets, setting.base, only_if_all_fit=True)}
+    while True:
+        kept = agreeing(recordings, odd)
+        evidence = everything if len(kept) == len(recordings) else gather(kept, holdout)
+        found = _examine(kept, holdout, evidence, setting)
+        named = odd | {one.recording: one for one in disagreements(datasets, found.model.terms)}
+        left = agreeing(recordings, named)
+        odd = named if left else odd  # where every recording would be another plant's, what was said before stands
+        if len(left) in (0, len(kept)):
+            break
+    return replace(
+        found,
+        steps=tuple(replace(step, model=calibrated_model(step.model, kept, holdout)) for step in found.steps),
+        disagreements=tuple(odd[number] for number in sorted(odd)),
+    )
+
+
+def calibrated_model(model: Model, recordings: Sequence[Recording], holdout: Sequence[Recording]) -> Model:
+    """A model that was found in recordings, with the torque constant and what it errs by for it; see `told`."""
+    return told(model, recordings, lambda own: fit_terms(gather(own, holdout)[0], model.terms)[0])
+
+
+def _of_timing(aligned: Aligned, found: Diagnosis) -> list[str]:
+    """What is said of the time between torque and motion: what was corrected, and what the drive may have done."""
+    mended = "this diagnosis has corrected it, the other commands do with --align"
+    corrected = [f"{text}: {mended}" for text in aligned.texts(True)]
+    named = {*found.selected, *(id for group in found.ambiguous for id in group)}
+    return corrected + (list(aligned.texts(False)) if named & {"dead_time", "actuator_lag"} else [])
+
+
+def agreeing(recordings: Sequence[Recording], odd: Container[int]) -> list[Recording]:
+    """Fitted recordings without those of the given numbers."""
+    return [recording for number, recording in enumerate(recordings, 1) if number not in odd]
+
+
+def _examine(
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording],
+    evidence: tuple[Evidence, Evidence],
+    setting: Setting,
+) -> Diagnosis:
+    """Find the effects that recordings of one plant call for."""
+    search = setting.search(evidence)
+    wrong = turned_round(fit_terms(evidence[0], setting.base)[0])
+    if wrong is not None:
+        return _mislogged(search, setting.base, wrong)
+    rough, window_share = refine(search, search.find(setting.base)), 1.0
+    if search.fits(rough[-1].model.terms) and is_astray(search, rough[-1]):
+        # What happens near reversals shows in windows that come closer to them, if through more noise.
+        closer = setting.search(gather(recordings, holdout, CLOSER))
+        found = refine(closer, closer.find(setting.base))
+        if len(found) > 1 and held_out_cost(found[-1]) < held_out_cost(rough[-1]):
+            search, rough, window_share = closer, found, CLOSER
+    setting.progress("sharpening", 0.93)
+    steps = relink(search, sharpen(search, rough))
+    final = (rough if ids(rough[-1].model.terms) == ids(steps[-1].model.terms) else steps)[-1].model.terms
+    candidates, groups = judge(search, final, steps)
+    measured = [m for recording in recordings for m in measure_segments(recording)]
+    doubts = identifiability(measured, steps[-1].model.terms)
+    setting.progress("looking for the next experiment", 0.95)
+    left = unexplained(search, steps[-1])
+    asked = questions(search, steps[-1].model.terms, groups, candidates, doubts, bool(left))
+    if impossible(steps[-1].model, search.train.samples):
+        asked = []  # nobody knows what motion to expect
+    suggestion, hopeless, forbidden = suggest(search, steps[-1].model, asked, setting.limits, setting.usual)
+    look_alike = [
+        f"{' and '.join(group)} look the same in these data; to tell them apart: {search.library[group[-1]].reveal}"
+        for group in groups
+    ]
+    return Diagnosis(
+        steps=tuple(steps),
+        candidates=tuple(candidates),
+        ambiguous=tuple(groups),
+        unexplained=tuple(left),
+        noise_floor=search.floor,
+        advice=(
+            *look_alike,
+            *_of_nothing(search, final, left),
+            *(doubt.text for doubt in doubts),
+            *wrong_signs(steps[-1].model),
+            *filter(None, (term.beyond(*evidence[0].reach) for term in steps[-1].model.terms)),
+            *([suggestion.text] if suggestion else []),
+            *([forbidden] if forbidden else []),
+        ),
+        suggestion=suggestion,
+        forbidden=forbidden,
+        inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
+        window_share=window_share,
+    )
+
+
+def _of_nothing(search: Search, final: Sequence[Term], left: Sequence[Region]) -> list[str]:
+    """What is said where no effect is named: what would have shown, and whether held-out data show more."""
+    if not left:
+        told = in_words(search, tuple(final), search.library) if len(final) == len(BASE) else None
+        return [told] if told else []
+    fitted, unseen = search.screen.residual(final), search.unseen(tuple(final))
+    if search.is_noise(search.train, fitted) and not search.is_noise(search.holdout, unseen):
+        names = listing(list(dict.fromkeys(recording.name for recording in search.holdout.recordings)))
+        return [f"what was fitted is explained, and what was held out ({names}) is not: fit that, too"]
+    return []
+
+
+def _mislogged(search: Search, base: Sequence[Term], text: str) -> Diagnosis:
+    """What is said of torque that is logged turned round: no effect is named before that is mended."""
+    step = search.report(None, search.settle(tuple(base)))
+    region = Region("time", 0.0, float(search.train.samples.time.max()), 0.0, 0.0, text)
+    return Diagnosis((step,), (), (), (region,), search.floor, (text,))
+
+
+def unexplained(search: Search, last: Step) -> list[Region]:
+    """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
+    wrong = impossible(last.model, search.train.samples)
+    if wrong:
+        text = (
+            f"the best fit has {listing(wrong)}, which no body has: check the signs of torque and position, "
+            "or record a motion of more than one frequency"
+        )
+        return [Region("velocity", -np.inf, np.inf, 0.0, 0.0, text)]
+    left = search.train.watching(last.model).residual(last.model.terms, last.model.theta)
+    regions = stand_out(profiles(search.train.samples, left, search.floor))
+    if search.unnamed is not None:
+        fast = float(np.abs(search.train.samples.velocity).max())
+        text = f"{words(search.unnamed)} would explain most of it, and no effect of the library is such a law"
+        return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
+    if not search.is_noise(search.train, left):
+        return regions
+    unseen = search.unseen(last.model.terms)
+    if not search.is_noise(search.holdout, unseen):
+        names = listing(list(dict.fromkeys(recording.name for recording in search.holdout.recordings)))
+        found = stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout)))
+        return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in found]
+    if is_astray(search, last):
+        error = last.errors["train"].position_rms
+        text = (
+            f"the torque fits where the joint moves freely, but free-running simulation errs by {error:.2g} rad: "
+            "something acts near reversals or at rest, where velocity is close to zero"
+        )
+        return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
+    size, fast = float(np.sqrt(np.mean(left**2))), float(np.abs(search.train.samples.velocity).max())
+    if size > search.criterion.astray * search.floor:
+        text = (
+            f"{size:.2g} N m of torque are left, {size / search.floor:.2g} times what the sensors' noise gives, which "
+            "neighbouring moments do not share: something faster than can be resolved here, or now and then"
+        )
+        return [Region("velocity", -fast, fast, size, size / search.floor, text)]
+    return []

@@ -1,0 +1,50 @@
+"""What a verdict of "nothing" could have seen: the smallest effects that the data would have shown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimators.diagnosis.experiment import of_typical_size
+from estimators.selection.search import Search, Terms
+from pendulum_env.physics import Term
+from pendulum_env.words import listing, name
+
+TOLD = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")  # as long as they are known
+CLEAR = 2.0  # times what counts as structure: windows next to each other share about half of it
+DOUBT = 3.0  # times the gain that chance may give, which is then found nearly always
+
+
+def smallest(search: Search, terms: Terms, kind: type[Term]) -> float | None:
+    """Smallest size of an effect that would have shown beside the terms, in the unit of its first parameter.
+
+    An effect whose torque has a root mean square r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats
+    over N windows whose noise is s; and r has to be structure, not noise. None if the data do not depend on it.
+    """
+    term, theta = of_typical_size(kind)
+    if not len(theta):
+        return None
+    (columns,) = search.screen.columns([term])
+    torque, phi = columns.linear @ theta, search.screen.balance(terms).phi
+    left = torque - phi @ np.linalg.lstsq(phi, torque, rcond=1e-10)[0]
+    shown = float(np.sqrt(np.mean(left**2)))
+    if shown < 1e-9 * float(np.sqrt(np.mean(torque**2))) or shown == 0.0:
+        return None
+    noise = max(search.floor, float(np.sqrt(np.mean(search.screen.residual(terms) ** 2))))
+    nats = DOUBT * search.penalty((*terms, term), terms)
+    least = max(noise * float(np.sqrt(np.expm1(2 * nats / len(left)))), CLEAR * search.criterion.noise * search.floor)
+    return float(np.linalg.norm(theta)) * least / shown
+
+
+def in_words(search: Search, terms: Terms, library: Mapping[str, type[Term]]) -> str | None:
+    """One sentence: what would have shown, and from which size on; None if nothing would."""
+    told = []
+    for id in TOLD:
+        size = smallest(search, terms, library[id]) if id in library else None
+        if size is not None:
+            unit = of_typical_size(library[id])[0].columns[0].unit
+            told.append(f"{name(id)} above {size:.2g}{'' if unit == '1' else ' ' + unit}")
+    low, high = search.train.reach
+    told.append(f"a stop between {low:.3g} and {high:.3g} rad")
+    return f"{listing(told)} would have shown"

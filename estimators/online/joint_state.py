@@ -1,0 +1,265 @@
+"""A seventh estimator, beyond the paper: position, velocity and parameters in one state, by an unscented Kalman filter.
+
+What is measured is the position and nothing else: it is not differentiated, so there is no smoothing to wait for, and
+the model's own step knows that a joint sticks and when it turns, so there is no guard around stick. Each sigma point
+is a pendulum of its own, with its position, velocity and parameters, stepped under the torque that was held.
+
+The encoder's noise is known; how far the torque that acts differs from the measured one is not, and is learnt on the
+way from the filter's surprises: they are to be as large as it expects, and not alike from one sample to the next.
+
+It needs somewhere to start: until a regression knows the inertia to a tenth, its estimates stand here as well. From
+then on it takes in what comes after, so that nothing is counted twice.
+
+Source: Julier and Uhlmann, Proceedings of the IEEE 92(3), 2004; the weights are those of Arasaratnam and Haykin,
+Cubature Kalman Filters, IEEE Transactions on Automatic Control 54(6), 2009; for the noise, Mehra, On the Identification
+of Variances and Adaptive Kalman Filtering, IEEE Transactions on Automatic Control 15(2), 1970.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from estimators.online.confidence import Wandering
+from estimators.online.estimates import Estimates
+from pendulum_env._typing import Array, Mask
+from pendulum_env.physics import Samples, Term
+from pendulum_env.physics.simulation import Balance, CommandLine, step, substeps
+from pendulum_env.physics.term import zero
+
+KNOWN = 0.1  # of the inertia, the standard error at which the filter takes over
+MOTION = 1.0  # [s], that the regression has to have seen until then
+DOUBT = 0.1  # of each parameter, that is added to its standard error then
+SPEED = 5.0  # [rad/s], standard deviation of the velocity before it is known
+SHAKEN = 0.1  # [N m], standard deviation of the torque that acts about the measured one, before it is known
+LEARN = 0.5  # [s], in which its logarithm follows
+OUTLIER = 3.0  # standard deviations, beyond which a surprise counts no more for the noise
+FINEST = 1e-7  # [rad], below which position is not said to be known: the step itself errs
+
+
+@dataclass(frozen=True)
+class JointState:
+    """Position, velocity and parameters in one state, by filterpy's unscented Kalman filter; the error is in radians.
+
+    Runs online only, beside any of the six.
+
+    Attributes:
+        torque_noise: standard deviation of the torque that acts about the measured one, white [N m]; None learns it.
+    """
+
+    torque_noise: float | None = None
+    id: ClassVar[str] = "joint_state_ukf"
+    unit: ClassVar[str] = "rad"
+
+    def __post_init__(self) -> None:
+        if self.torque_noise is not None and not 0 < self.torque_noise < np.inf:
+            raise ValueError(f"torque_noise cannot be {self.torque_noise}: give a positive number, or None to learn it")
+
+
+class JointFilters:
+    """One filter for each of B pendulums; those that have not started yet are None."""
+
+    def __init__(
+        self,
+        scheme: JointState,
+        terms: Sequence[Term],
+        period: float,
+        batch: int,
+        position_noise: float,
+        forgetting: float,
+        walk: Array,
+    ) -> None:
+        """Take the model's terms, the time between samples [s], the number of pendulums B and the encoder's noise.
+
+        Args:
+            scheme: with its options.
+            terms: of the model.
+            period: between samples [s].
+            batch: number of pendulums.
+            position_noise: standard deviation of the measured position [rad].
+            forgetting: factor for every sample.
+            walk: by which parameters may wander, as a share, or for each in its unit [1/sqrt(s)].
+        """
+        self._scheme, self._terms, self._period, self._batch = scheme, tuple(terms), period, batch
+        self._noise, self._forgetting, self._walk = max(position_noise, FINEST), forgetting, walk
+        columns = [column for term in terms for column in term.columns]
+        self._inertia = next((k for k, column in enumerate(columns) if column.mass is not zero), None)
+        self.filters: list[_Filter | None] = [None] * batch
+        self.theta, self.P = np.zeros((batch, len(columns))), np.zeros((batch, len(columns), len(columns)))
+        self.error = np.zeros((batch, 1))  # what was new in the last sample [rad]
+        self._surprise = Wandering((batch, 1), period)
+
+    def reset(self, which: Mask) -> None:
+        """Those of the B start anew, from a regression."""
+        self.filters = [None if anew else one for one, anew in zip(self.filters, which, strict=True)]
+        self._surprise.reset(which)
+
+    def interrupt(self, which: Mask) -> None:
+        """Those of the B go on elsewhere: parameters are kept, position and velocity are not."""
+        for one, lost in zip(self.filters, which, strict=True):
+            if one is not None and lost:
+                one.lost = True
+
+    @property
+    def running(self) -> Mask:
+        """Which have started (B,)."""
+        return np.array([one is not None for one in self.filters])
+
+    def take(self, time: Array, position: Array, torque: Array, lent: Estimates, lender: int) -> None:
+        """Take in a sample of every pendulum, and start where the regression `lender` knows enough."""
+        self.theta, self.P, self.error = self.theta.copy(), self.P.copy(), np.zeros((self._batch, 1))
+        new = np.zeros((self._batch, 1))
+        for b, one in enumerate(self.filters):
+            if one is None:
+                if lent.usable[b, lender]:
+                    self.filters[b] = self._started(lent, b, lender)
+                continue
+            if not np.isfinite(position[b] + torque[b]):
+                one.lost = True
+                continue
+            try:
+                self.error[b, 0], new[b, 0] = one.take(time[b], position[b], torque[b])
+            except np.linalg.LinAlgError:  # no longer positive definite: another start
+                self.filters[b] = None
+                continue
+            self.theta[b], self.P[b] = one.theta, one.P
+        if self._surprise.take(new, self.running[:, None]):
+            self._surprise.close()
+
+    def _started(self, lent: Estimates, b: int, lender: int) -> _Filter | None:
+        theta, covariance = lent.theta[b, lender], lent.covariance[b, lender]
+        if self._inertia is None or lent.index[b] * self._period < MOTION:
+            return None
+        if not 0 < np.sqrt(covariance[self._inertia, self._inertia]) < KNOWN * theta[self._inertia]:
+            return None
+        P = covariance + np.diag((DOUBT * theta) ** 2)
+        scheme, terms = self._scheme, self._terms
+        return _Filter(scheme, terms, self._period, self._noise, self._forgetting, self._walk, theta, P)
+
+    def beside(self, now: Estimates, shown: Sequence[int], lender: int) -> Estimates:
+        """Estimates of the schemes `shown`, and of this one after them."""
+        running, shown = self.running, list(shown)
+        noise = np.maximum(self._surprise.noise, 1.0)[:, :, None]
+        both = _Both(now, shown, lender, running[:, None, None], self.P, noise * self.P)
+        theta = np.where(running[:, None], self.theta, now.theta[:, lender])
+        return replace(
+            now,
+            theta=np.concatenate([now.theta[:, shown], theta[:, None]], axis=1),
+            error=np.concatenate([now.error[:, shown], self.error], axis=1),
+            usable=np.concatenate([now.usable[:, shown], running[:, None]], axis=1),
+            spread=both.spread,
+            judge=both.judge,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Both:
+    """Covariances of regressions and, after them, of the joint state, which borrows until it runs."""
+
+    now: Estimates
+    shown: list[int]
+    lender: int
+    running: Mask  # (B, 1, 1)
+    P: Array  # (B, P, P)
+    covariance: Array  # (B, P, P)
+
+    def spread(self) -> Array:
+        return self._joined(self.now.P, self.P)
+
+    def judge(self, _: Array) -> Array:
+        return self._joined(self.now.covariance, self.covariance)
+
+    def _joined(self, lent: Array, own: Array) -> Array:
+        last = np.where(self.running, own, lent[:, self.lender])
+        return np.concatenate([lent[:, self.shown], last[:, None]], axis=1)
+
+
+class _Filter:
+    """The filter of one pendulum: state [q, q', theta]."""
+
+    def __init__(
+        self,
+        scheme: JointState,
+        terms: Sequence[Term],
+        period: float,
+        position_noise: float,
+        forgetting: float,
+        walk: Array,
+        theta: Array,
+        P: Array,
+    ) -> None:
+        from estimators.online.unscented import Unscented  # loads scipy.stats
+
+        self._period, self._walk = period, walk
+        self._learns = scheme.torque_noise is None
+        self.log_variance = 2 * np.log(SHAKEN if scheme.torque_noise is None else scheme.torque_noise)
+        self._substeps = substeps(period)
+        self._commands = CommandLine([term for term in terms if term.delay], period, self._substeps)
+        self._moving = [term for term in terms if not term.delay]
+        self._memory: dict[str, Any] | None = None
+        size = 2 + len(theta)
+        self._ukf = Unscented(size, period, self._forward)
+        self._ukf.x, self._ukf.P = np.r_[0.0, 0.0, theta], np.zeros((size, size))
+        self._ukf.P[2:, 2:] = P
+        self._ukf.R[:] = position_noise**2
+        self._fade = np.r_[1.0, 1.0, np.full(len(theta), forgetting**-0.5)]
+        self._last = 0.0  # of what was new, as far as it is remembered, of unit variance
+        self.lost = True
+
+    @property
+    def theta(self) -> Array:
+        return self._ukf.x[2:]
+
+    @property
+    def P(self) -> Array:
+        return self._ukf.P[2:, 2:]
+
+    def take(self, time: float, position: float, torque: float) -> tuple[float, float]:
+        """Take in a sample; returns what was new in it [rad], and as a share of its standard deviation."""
+        ukf = self._ukf
+        command = self._commands.push(np.asarray(torque))
+        if self.lost:
+            ukf.x[:2], ukf.P[:2], ukf.P[:, :2] = (position, 0.0), 0.0, 0.0
+            ukf.P[0, 0], ukf.P[1, 1] = ukf.R[0, 0], SPEED**2
+            self.lost, self._memory = False, None
+            return 0.0, 0.0
+        ukf.P *= np.outer(self._fade, self._fade)
+        ukf.Q = self._shaken()
+        ukf.predict(time=time - self._period, command=command)
+        ukf.update(position)
+        gain, new = float(ukf.K[0, 0]), float(ukf.y[0] / np.sqrt(ukf.S[0, 0]))
+        if self._learns:
+            bounded = min(max(new, -OUTLIER), OUTLIER)
+            # the more the torque's noise moves the joint against the encoder's, the more a surprise tells of it
+            told = gain * (bounded**2 - 1.0 + 2.0 * bounded * self._last)
+            self.log_variance += self._period / LEARN * told
+            kept = 1.0 - gain
+            self._last = kept * self._last + np.sqrt(max(1.0 - kept**2, 0.0)) * bounded
+        return float(ukf.y[0]), new
+
+    def _shaken(self) -> Array:
+        """Covariance that a period adds: torque noise that is held over it, and parameters that wander."""
+        ukf, period = self._ukf, self._period
+        x = Samples(np.zeros(1), ukf.x[:1], ukf.x[1:2], np.zeros(1), self._memory or {})
+        balance = Balance(self._moving, ukf.x[2:])
+        inertia = float(np.ravel(balance.mass(replace(x, memory=self._memory or balance.start(x))))[0])
+        speed = np.exp(self.log_variance) * (period / inertia) ** 2
+        added = np.zeros_like(ukf.P)
+        added[:2, :2] = speed * np.array([[period**2 / 3, period / 2], [period / 2, 1.0]])
+        walk = self._walk if self._walk.ndim else self._walk * ukf.x[2:]
+        added[2:, 2:] = np.diag(walk**2 * period)
+        return added
+
+    def _forward(self, sigmas: Array, time: float, command: Any) -> Array:
+        """Sigma points (K, 2 + P) a period later; state variables of terms follow the first, which is the mean."""
+        theta = sigmas[:, 2:].T
+        balance = Balance(self._moving, theta)
+        x = Samples(np.full(len(sigmas), time), sigmas[:, 0], sigmas[:, 1], np.zeros(()))
+        x = replace(x, memory=self._memory if self._memory is not None else balance.start(x))
+        for _, torque in zip(range(self._substeps), command, strict=False):
+            x = step(balance, replace(x, torque=torque), self._period / self._substeps)
+        self._memory = {id: tuple(np.ravel(part)[:1] for part in parts) for id, parts in x.memory.items()}
+        return np.column_stack([x.position, x.velocity, sigmas[:, 2:]])

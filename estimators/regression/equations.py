@@ -1,0 +1,20 @@
+"""What every scheme ends in and every solver takes: a linear regression."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pendulum_env._typing import Array
+from pendulum_env.mistake import Mistake
+
+
+class IdentificationError(Mistake):
+    """Data from which nothing can be identified; the message says why and what to record instead."""
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Linear regression y = phi theta + error in N m: phi (R, P), y (R,)."""
+
+    phi: Array
+    y: Array

@@ -1,0 +1,238 @@
+"""Least squares with block cross-validation and standard errors that hold under correlated residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from estimators.regression.equations import Equations
+from pendulum_env._typing import Array, Index, Mask
+
+RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
+SHARES = (1.0, 0.5, 0.25, 0.1)  # of its step that are tried
+LEAST_SLOPE = 0.05  # of an equation by the torque, so that an error stays finite
+TURNS, ENOUGH = 30, 1e-12  # of Gauss-Newton, and relative fall of the squared error at which it ends
+CONVERGED = 0.01  # standard errors that a Gauss-Newton step may still take
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Solution of a regression.
+
+    Attributes:
+        theta: parameters (P,).
+        covariance: of theta (P, P), from clusters of residuals.
+        residual: y - phi theta (R,) [N m].
+        worst_direction: unit vector (P,) in scaled parameters that the data say least about.
+        condition: condition number of the regressor with columns scaled to equal length.
+    """
+
+    theta: Array
+    covariance: Array
+    residual: Array
+    worst_direction: Array
+    condition: float
+
+    @property
+    def std(self) -> Array:
+        """Standard errors (P,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square residual, the paper's norm (10) [N m]."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+
+def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array | None = None) -> Fit:
+    """Weighted least squares; standard errors from the spread between clusters of equations.
+
+    Args:
+        equations: R equations in P unknowns.
+        weights: relative weight of each equation (R,).
+        clusters: stretch of time of each equation (R,); residuals may be correlated within one.
+        jacobian: further columns (R, S), derivatives with respect to shape parameters that were searched for: they
+            widen the standard errors (and appear after theta in the covariance), but are not solved for.
+    """
+    phi, y = equations.phi * weights[:, None], equations.y * weights
+    scale = np.linalg.norm(phi, axis=0)
+    scale[scale == 0] = 1.0
+    q, triangle = np.linalg.qr(phi / scale)
+    left, singular, directions = np.linalg.svd(triangle)
+    inverse = np.where(singular > 1e-10 * singular.max(initial=0.0), 1.0 / np.maximum(singular, 1e-300), 0.0)
+    theta = directions.T @ (inverse * (left.T @ (q.T @ y))) / scale
+    residual = equations.y - equations.phi @ theta
+    full = phi if jacobian is None else np.column_stack([phi, jacobian * weights[:, None]])
+    covariance = robust_covariance(full, residual * weights, clusters)
+    condition = float(singular[0] / max(singular[-1], 1e-300)) if len(singular) else 1.0
+    return Fit(theta, covariance, residual, directions[-1], condition)
+
+
+def is_converged(residual: Array, change: Array) -> bool:
+    """Whether a Gauss-Newton step, which changes the residual (R,) by `change` (R,), is short against standard errors.
+
+    It is if `change` is small beside what the residual has in any one direction. What is fitted then no longer depends
+    on where the search began, nor on the order in which a computer adds.
+
+    Source: Bates and Watts, Technometrics 23(2), 1981 (the relative offset).
+    """
+    return bool(np.linalg.norm(change) * np.sqrt(len(residual)) <= CONVERGED * np.linalg.norm(residual))
+
+
+def robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
+    """Covariance (P, P) of least squares whose R residuals may be correlated within clusters.
+
+    It is the jackknife's. What only few clusters tell of a parameter scatters as Student's t does: then it is widened,
+    until 1.96 standard errors cover 95 % all the same.
+
+    Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (CR3, and degrees of freedom after Satterthwaite).
+    """
+    covariance, told = jackknife(phi, residual, clusters)
+    freedom = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
+    wider = stdtrit(np.maximum(freedom, 2.0), 0.975) / ndtri(0.975)
+    return np.asarray(covariance * np.outer(wider, wider))
+
+
+def jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Array]:
+    """Covariance (P, P) from leaving out each of C clusters, and what each tells of every parameter (C, P).
+
+    A fit follows the clusters that tell it most, whose residuals then look too small. Each cluster's score is what it
+    is without its own pull, (I - X'X B)^-1 X'e with B = (phi' phi)^-1, so that few clusters do not feign certainty.
+    """
+    size = np.linalg.norm(phi, axis=0)
+    size[size == 0] = 1.0
+    phi = phi / size
+    bread = np.linalg.pinv(phi.T @ phi, rcond=1e-12, hermitian=True)
+    count = int(clusters.max()) + 1
+    scores, meat = np.zeros((count, phi.shape[1])), np.zeros_like(bread)
+    told = np.zeros_like(scores)
+    np.add.at(scores, clusters, phi * residual[:, None])
+    for cluster, score in enumerate(scores):
+        own = phi[clusters == cluster]
+        alone = np.linalg.pinv(np.eye(len(bread)) - own.T @ own @ bread, rcond=1e-6) @ score
+        meat += np.outer(alone, alone)
+        told[cluster] = np.sum((own @ bread) ** 2, axis=0)
+    covariance = (count - 1) / count * bread @ meat @ bread
+    return np.asarray(covariance / np.outer(size, size)), told
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Equations y = phi theta in which the torque that they explain may stand on both sides, as where friction grows
+    with the load.
+
+    Least squares would then explain torque by torque rather than by motion. What counts is the error of the torque that
+    a model predicts from the motion: to first order the error of the equation over its slope by the torque.
+
+    Attributes:
+        phi: regressor (R, P).
+        y: left-hand side (R,) [N m].
+        by_torque: slopes of the regressor by the torque (R, P) [1/(N m)].
+        passed: slope of the left-hand side by the torque (R,).
+        least, most: bounds of the parameters (P,); one that would leave them stays at the bound.
+        weights: of the equations in a fit (R,).
+    """
+
+    phi: Array
+    y: Array
+    by_torque: Array
+    passed: Array
+    least: Array
+    most: Array
+    weights: Array
+
+    def __getitem__(self, rows: Mask) -> Balance:
+        phi, y, by_torque, passed = (values[rows] for values in (self.phi, self.y, self.by_torque, self.passed))
+        return Balance(phi, y, by_torque, passed, self.least, self.most, self.weights[rows])
+
+    def error(self, theta: Array) -> Array:
+        """Measured minus predicted torque (R,) [N m] at parameters (P,)."""
+        return np.asarray((self.y - self.phi @ theta) / self._slope(theta))
+
+    @property
+    def of_torque(self) -> Mask:
+        """Which parameters' columns depend on the torque (P,)."""
+        return np.any(self.by_torque, axis=0)
+
+    def _slope(self, theta: Array) -> Array:
+        return np.maximum(self.passed - self.by_torque @ theta, LEAST_SLOPE)
+
+    def solve(self, start: Array | None = None) -> Array:
+        """Parameters (P,) of least squared error within the bounds, looked for from those of torque (P,) near them."""
+        free = np.ones(self.phi.shape[1], dtype=bool)
+        theta = np.zeros(len(free)) if start is None else start * self.of_torque
+        while True:
+            theta = self._solve(theta, free)
+            bounded = np.clip(theta, self.least, self.most)
+            leaves = free & (bounded != theta)
+            if not leaves.any():
+                return theta
+            theta, free = np.where(leaves, bounded, theta), free & ~leaves
+
+    def fit(self, clusters: Index, jacobian: Array | None = None) -> Fit:
+        """The solution with its covariance, see `solve`, linear in the errors of the predicted torque around it.
+
+        A parameter at its bound is known there: it has no error of its own, and the others' are those beside it.
+        """
+        theta = self.solve()
+        error, slope = self.error(theta), self._slope(theta)
+        rows = self._rows(error, slope)
+        free = (theta > self.least) & (theta < self.most)
+        extra = np.zeros((len(error), 0)) if jacobian is None else jacobian / slope[:, None]
+        own = rows[:, free]
+        fit = solve(Equations(own, own @ theta[free] + error), self.weights, clusters, extra)
+        kept = np.flatnonzero(np.append(free, np.ones(extra.shape[1], dtype=bool)))
+        covariance = np.zeros((len(theta) + extra.shape[1],) * 2)
+        covariance[np.ix_(kept, kept)] = fit.covariance
+        direction = np.zeros(len(theta))
+        direction[free] = fit.worst_direction
+        return Fit(theta, covariance, error, direction, fit.condition)
+
+    def _rows(self, error: Array, slope: Array) -> Array:
+        """Derivatives (R, P) of the predicted torque with respect to the parameters."""
+        return np.asarray((self.phi - error[:, None] * self.by_torque) / slope[:, None])
+
+    def _solve(self, theta: Array, free: Mask) -> Array:
+        """The parameters with the free ones moved to where the squared error is least (Gauss-Newton)."""
+        of_torque, plain = free & self.of_torque, free & ~self.of_torque
+        theta = np.where(plain, 0.0, theta)
+        slope, w = self._slope(theta), self.weights
+        theta[plain] = least_squares(self.phi[:, plain] * (w / slope)[:, None], w * self.error(theta))
+        if not of_torque.any():
+            return theta
+        error = w * self.error(theta)
+        for _ in range(TURNS):
+            slopes = w[:, None] * self._rows(self.error(theta), self._slope(theta))
+            step = np.zeros(len(theta))
+            step[free] = least_squares(slopes[:, free], error)
+            for share in SHARES:
+                tried = w * self.error(theta + share * step)
+                if tried @ tried < error @ error:
+                    break
+            else:
+                break
+            fell = 1.0 - float(tried @ tried) / float(error @ error)
+            theta, error = theta + share * step, tried
+            if fell < ENOUGH:
+                break
+        return theta
+
+
+def information(covariance: Array) -> Array:
+    """Inverse of a covariance (P, P); nothing is known of what has no variance, or in a direction that has none.
+
+    A regression that cannot tell two parameters apart says nothing of their difference.
+    """
+    size = np.sqrt(np.diag(covariance))
+    size[size == 0] = np.inf
+    scale = np.outer(size, size)
+    return np.asarray(np.linalg.pinv(covariance / scale, rcond=1e-10, hermitian=True) / scale)
+
+
+def least_squares(phi: Array, y: Array) -> Array:
+    """Parameters (P,) of least squared error, columns scaled to equal length first; zero for a column of zeros."""
+    scale = np.linalg.norm(phi, axis=0)
+    scale[scale == 0] = np.inf
+    return np.asarray(np.linalg.lstsq(phi / scale, y, rcond=1e-10)[0] / scale)

@@ -1,0 +1,79 @@
+"""Recursive least squares, and its whole history at once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.regression.equations import Equations
+from pendulum_env._typing import Array, Index, Mask
+
+PRIOR = 1e7  # P(0) on the diagonal, the paper's "10E6"
+
+
+class State(NamedTuple):
+    """What the recursion remembers: theta (P,), covariance for unit noise P (P, P), last a-priori error."""
+
+    theta: Array
+    P: Array
+    error: float = 0.0
+
+
+def start(parameters: int, prior: float = PRIOR) -> State:
+    """State before the first equation: theta(0) = 0, P(0) = prior I."""
+    return State(np.zeros(parameters), prior * np.eye(parameters))
+
+
+def step(state: State, phi: Array, y: float) -> State:
+    """Take in one equation y = phi' theta, phi (P,). Source: the paper's (6), where P is p x p."""
+    theta, P, _ = state
+    # e = y - phi' theta, the a-priori error
+    error = y - phi @ theta
+    # K = P phi / (1 + phi' P phi)
+    K = P @ phi / (1.0 + phi @ P @ phi)
+    # P = (I - K phi') P, in Joseph's form (I - K phi') P (I - K phi')' + K K', which stays symmetric and positive
+    shrink = np.eye(len(theta)) - np.outer(K, phi)
+    return State(theta + K * error, shrink @ P @ shrink.T + np.outer(K, K), float(error))
+
+
+class History(NamedTuple):
+    """The recursion after the equations at `points`: theta (K, P), covariance for unit noise P (K, P, P)."""
+
+    points: Index  # (K,)
+    theta: Array
+    P: Array
+
+
+def evenly(count: int, points: int) -> Index:
+    """About `points` indices into `count` equations, evenly spaced, the last one included."""
+    return np.unique(np.linspace(0, count - 1, min(points, count) + 1).round().astype(np.intp)[1:])
+
+
+def history(equations: Equations, mask: Mask, points: Index, prior: float = PRIOR) -> History:
+    """What the recursion reaches at `points`, without running it.
+
+    The recursion minimises |theta|^2 / prior plus the squared errors so far. Its square root of information R,
+    R'R = 1 / P, follows from orthogonal triangularisation (QR), which loses half as many digits as sums of squares do:
+    each stretch between points is reduced to a triangle, then added to the one before.
+
+    Args:
+        equations: R equations in P unknowns.
+        mask: equations that are used (R,).
+        points: increasing indices of equations (K,) after which theta and P are wanted.
+        prior: P(0) on the diagonal.
+
+    Source: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, chapter IV.
+    """
+    parameters = equations.phi.shape[1]
+    rows = np.column_stack([equations.phi, equations.y]) * mask[:, None]  # (R, P + 1), an unused equation is 0 = 0
+    ends = np.asarray(points, dtype=np.intp) + 1
+    triangle = np.eye(parameters + 1) / np.sqrt(prior)
+    triangle[-1, -1] = 0.0
+    triangles = np.empty((len(ends), parameters + 1, parameters + 1))
+    for k, (begin, end) in enumerate(zip(np.r_[0, ends[:-1]], ends, strict=True)):
+        triangle = np.linalg.qr(np.vstack([triangle, rows[begin:end]]), mode="r")
+        triangles[k] = triangle
+    inverse = np.linalg.inv(triangles[:, :-1, :-1])  # R^-1
+    theta = inverse @ triangles[:, :-1, -1:]
+    return History(np.asarray(points), theta[..., 0], inverse @ np.swapaxes(inverse, 1, 2))

@@ -1,0 +1,401 @@
+"""Identification: the parameters of a model from recordings, by each of the six schemes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.arguments import (
+    Recordings,
+    Schemes,
+    Terms,
+    chosen_recordings,
+    chosen_schemes,
+    chosen_terms,
+    within_limits,
+)
+from estimators.checks.alignment import Aligned
+from estimators.checks.closed_loop import feedback
+from estimators.checks.homogeneity import disagreements, misfits
+from estimators.checks.identifiability import Doubt, identifiability, is_driven
+from estimators.checks.physical import wrong_signs
+from estimators.checks.torque_constant import Calibrated, further, widened
+from estimators.regression.equations import Equations, IdentificationError
+from estimators.regression.least_squares import Fit, solve
+from estimators.regression.recursive import evenly, history
+from estimators.schemes.six import SCHEMES, FilteredDynamic, FilteredHamiltonian, FilteredPower, Scheme, give
+from estimators.signals.measurements import Measurements, measure_segments, remember
+from estimators.weak_form.dataset import prepare
+from pendulum_env._typing import JSON, Array, Index, Mask
+from pendulum_env.lookup import find
+from pendulum_env.notebook import shown
+from pendulum_env.physics import BASE, Estimate, Model, Term
+from pendulum_env.physics.term import zero
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
+from pendulum_env.words import json_per, listing, per, plus_minus
+
+SCHEMA = "pendulum-ident/identification@1"
+POINTS = 200  # of the history
+CLUSTER = 0.5  # [s], longer than residuals stay correlated, except those that drift; shorter in short recordings
+CLUSTERS = 30  # at least, in all recordings together
+FEWEST = 10  # that hold motion, below which standard errors mean little
+
+
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """How the estimates settle: the paper's recursion at K moments.
+
+    Attributes:
+        time: seconds of recording taken in, one recording after the other (K,) [s].
+        theta: (K, P), in the order of the model's columns; what was given stays as it is.
+        std: standard errors (K, P), in the proportions of the recursion's P and ending at those of the model.
+    """
+
+    time: Array
+    theta: Array
+    std: Array
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {"time": self.time.tolist(), "theta": self.theta.tolist(), "std": self.std.tolist()}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified:
+    """What one scheme finds.
+
+    Attributes:
+        scheme: its id.
+        model: terms with estimates and standard errors that hold under correlated residuals.
+        convergence: the recursive estimate on its way; it ends at the model up to P(0).
+        residual_rms: the paper's norm (10) of the scheme's own residual, in `unit`.
+        unit: of y and the residual.
+        condition: condition number of the regressor, columns scaled to equal length.
+        used: equations that were used, of all there are.
+        withheld: parameters whose estimates are no numbers, see the identification's doubts.
+    """
+
+    scheme: str
+    model: Model
+    convergence: Convergence
+    residual_rms: float
+    unit: str
+    condition: float
+    used: tuple[int, int]
+    withheld: frozenset[str] = frozenset()
+
+    def __repr__(self) -> str:
+        told = {
+            name: "unknown" if name in self.withheld else plus_minus(e.value, e.std)
+            for name, e in self.model.estimates.items()
+        }
+        return f"<Identified by {self.scheme}: {', '.join(f'{name} {value}' for name, value in told.items())}>"
+
+    def _repr_html_(self) -> str:
+        return shown(self)
+
+    def per(self, torque_unit: str) -> Identified:
+        """The same numbers, said of a torque that is in another unit."""
+        return replace(self, model=self.model.per(torque_unit), unit=per(self.unit, torque_unit))
+
+    def calibrated(self, constant: TorqueConstant, there: Model) -> Identified:
+        """The same with the error of the torque constant, one of which more moves the parameters `there`."""
+        model = widened(self.model, constant, self.model, there)
+        old, new = (np.array([e.std for e in m.estimates.values()])[: len(m.theta)] for m in (self.model, model))
+        course = replace(self.convergence, std=self.convergence.std * (new / np.maximum(old, 1e-300)))
+        return replace(self, model=model, convergence=course)
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON; withheld estimates are null."""
+        theta = {
+            name: estimate.json() | ({"value": None, "std": None} if name in self.withheld else {})
+            for name, estimate in self.model.estimates.items()
+        }
+        return {
+            "theta": theta,
+            "residual": {"rms": self.residual_rms, "unit": self.unit},
+            "condition": self.condition,
+            "used": list(self.used),
+            "convergence": self.convergence.json(),
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification:
+    """What all schemes find in the same recordings.
+
+    Attributes:
+        schemes: results by id of the scheme.
+        doubts: what the recordings cannot tell, and what was changed because of them.
+        recordings: names.
+        ends: seconds of recording taken in at the end of each recording; empty where nobody has counted [s].
+        torque_unit: `N m`, or that of a current in whose stead parameters are per unit of it.
+        torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
+    """
+
+    schemes: Mapping[str, Identified]
+    doubts: tuple[Doubt, ...]
+    recordings: tuple[str, ...]
+    ends: tuple[float, ...] = ()
+    torque_unit: str = NEWTON_METRE
+    torque_constant: TorqueConstant | None = None
+
+    def __getitem__(self, scheme: str) -> Identified:
+        return find("scheme", scheme, self.schemes)
+
+    def __repr__(self) -> str:
+        return f"<Identification of {listing(self.recordings)} by {listing(list(self.schemes))}>"
+
+    def _repr_html_(self) -> str:
+        return shown(self)
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "schema": SCHEMA,
+            "recordings": list(self.recordings),
+            "torque_unit": self.torque_unit,
+            "torque_constant": self.torque_constant.json() if self.torque_constant is not None else None,
+            "doubts": json_per([doubt.json() for doubt in self.doubts], self.torque_unit),
+            "schemes": {id: result.json() for id, result in self.schemes.items()},
+        }
+
+
+def identify(
+    recordings: Recordings,
+    terms: Terms = BASE,
+    schemes: Schemes = SCHEMES,
+    *,
+    fixed: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    points: int = POINTS,
+    measured: Callable[[Recording], Sequence[Measurements]] = measure_segments,
+) -> Identification:
+    """Fit the linear parameters of the terms to recordings, one set for all, by each scheme.
+
+    Parameters are those of the joint without the known loads of the recordings. Where a current was logged, these tell
+    the torque constant; where they do not, parameters are per ampere, and a doubt says why.
+
+    Args:
+        recordings: one or more; filters start anew with each, and noisier ones count less.
+        terms: of the model, with their shape parameters set, or by id.
+        schemes: which to use, as they are or by id; one that borrows its inertia comes after the scheme that lends it.
+        fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
+        bounds: of other parameters: `{"viscous": (0.0, 0.5)}`; an estimate that would leave them stays at the bound.
+        points: moments at which the convergence is recorded.
+        measured: how motion and torque are taken from the segments of a recording.
+
+    Raises:
+        IdentificationError: if there is too little motion, or no torque at all.
+        ValueError: if a name is unknown, or a scheme borrows from one that was not used before.
+        TypeError: if something else is given than recordings, terms and schemes.
+    """
+    recordings, terms, chosen = chosen_recordings(recordings), chosen_terms(terms), chosen_schemes(schemes)
+    terms, _ = within_limits(terms, {}, fixed, bounds)
+    calibrated = Calibrated.of(recordings)
+    recordings = calibrated.recordings
+    segments = [[remember(m, terms) for m in measured(recording)] for recording in recordings]
+    measurements = [m for own in segments for m in own]
+    names = ", ".join(recording.name for recording in recordings)
+    if not any(is_driven(m) for m in measurements):
+        raise IdentificationError(
+            f"{names}: torque is never applied: only ratios of parameters are known, record with torque"
+        )
+    doubts = identifiability(measurements, terms)
+    withheld = frozenset(name for doubt in doubts for name in doubt.withheld)
+    rate = min(m.rate for m in measurements)
+    if any(_slowed(scheme, rate) != scheme for scheme in chosen):
+        text = f"at {rate:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate:.4g} rad/s"
+        doubts, chosen = (*doubts, Doubt(text)), tuple(_slowed(scheme, rate) for scheme in chosen)
+    results = _by_schemes(chosen, segments, terms, points, withheld, names)
+    first = next(iter(results.values())).model
+    if calibrated.constant is not None:
+        moved = [[remember(m, terms) for m in measured(recording)] for recording in further(recordings)]
+        there = _by_schemes(chosen, moved, terms, points, withheld, names)
+        results = {id: own.calibrated(calibrated.constant, there[id].model) for id, own in results.items()}
+    else:
+        results = {id: own.per(calibrated.unit) for id, own in results.items()}
+    unknown = [calibrated.doubt] if calibrated.doubt is not None else []
+    mistakes = [Doubt(text) for text in (*unknown, *wrong_signs(first), *_mistakes(recordings, terms))]
+    ends = tuple(np.cumsum([sum(len(m) * m.period for m in own) for own in segments]).tolist())
+    return Identification(
+        results,
+        (*doubts, *mistakes),
+        tuple(recording.name for recording in recordings),
+        ends,
+        calibrated.unit,
+        calibrated.constant,
+    )
+
+
+def _by_schemes(
+    schemes: Sequence[Scheme],
+    segments: Sequence[Sequence[Measurements]],
+    terms: Sequence[Term],
+    points: int,
+    withheld: frozenset[str],
+    names: str,
+) -> dict[str, Identified]:
+    """What each scheme finds in the segments of recordings, by its id."""
+    results: dict[str, Identified] = {}
+    for scheme in schemes:
+        data = _stack(scheme, segments, terms)
+        if len(np.unique(data.clusters[data.usable])) < FEWEST:
+            raise IdentificationError(
+                f"{names}: too little of the motion is clear of stick and reversals: record longer, faster or wider "
+                "motion"
+            )
+        if scheme.borrows is not None and scheme.borrows not in results:
+            raise ValueError(f"{scheme.id} borrows the inertia of {scheme.borrows}: put {scheme.borrows} before it")
+        lender = results[scheme.borrows].model if scheme.borrows is not None else None
+        results[scheme.id] = _fit(scheme, data, terms, lender, points, withheld)
+    return results
+
+
+def _mistakes(recordings: Sequence[Recording], terms: Sequence[Term]) -> list[str]:
+    """What seems to be wrong with the recordings themselves: torque out of time, another plant."""
+    try:
+        data = prepare(recordings)
+        aligned = Aligned.of(recordings)
+        odd = disagreements([data], terms, only_if_all_fit=True)
+        poor = [one.text for one in misfits(data, terms)]
+    except IdentificationError:  # windows need more motion than some schemes
+        return []
+    return [
+        *(f"{text}: correct it with --align (`Aligned.of` in Python)" for text in aligned.texts(True)),
+        *(loop.text for loop in feedback(recordings)),
+        *(aligned.texts(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
+        *(f"{one.text}: leave it out, or find out what was changed" for one in odd),
+        *poor,
+    ]
+
+
+def _slowed(scheme: Scheme, rate: float) -> Scheme:
+    """The scheme, its filter at one radian per sample if it is beyond the Nyquist frequency."""
+    if isinstance(scheme, FilteredDynamic | FilteredPower | FilteredHamiltonian) and scheme.cutoff >= np.pi * rate:
+        return replace(scheme, cutoff=rate)
+    return scheme
+
+
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """Equations of all recordings in a row (R,), and where each of their segments starts."""
+
+    equations: Equations
+    usable: Mask
+    weights: Array
+    clusters: Index  # short stretches of time, never across recordings
+    time: Array  # seconds of recording taken in [s]
+    starts: tuple[int, ...]
+
+
+def _stack(scheme: Scheme, segments: Sequence[Sequence[Measurements]], terms: Sequence[Term]) -> _Stack:
+    """Equations of every segment of each recording, recordings weighted by what they leave unexplained."""
+    measurements = [m for own in segments for m in own]
+    parts = [scheme.regression(m, terms) for m in measurements]
+    length = min(CLUSTER, sum(len(m) * m.period for m in measurements) / CLUSTERS)
+    clusters, times, seconds, count = [], [], 0.0, 0
+    for m in measurements:
+        elapsed = np.arange(1, len(m) + 1) * m.period
+        cluster = np.minimum((elapsed / length).astype(np.intp), max(0, round(elapsed[-1] / length) - 1))
+        clusters.append(count + cluster)
+        times.append(seconds + elapsed)
+        seconds, count = seconds + float(elapsed[-1]), count + int(cluster[-1]) + 1
+    equations = Equations(
+        np.concatenate([part.equations.phi for part in parts]), np.concatenate([part.equations.y for part in parts])
+    )
+    usable = np.concatenate([part.usable for part in parts])
+    weights = np.ones(len(usable))
+    if len(segments) > 1:
+        theta = np.linalg.lstsq(equations.phi[usable], equations.y[usable], rcond=None)[0]
+        residual = (equations.y - equations.phi @ theta) * usable
+        owner = np.repeat(np.arange(len(segments)), [sum(len(m) for m in own) for own in segments])
+        levels = np.sqrt(np.bincount(owner, residual**2) / np.maximum(np.bincount(owner, usable), 1))
+        least = float(min(levels[levels > 0], default=1.0))
+        weights = (least / np.maximum(levels, least))[owner]
+    starts = tuple(np.cumsum([0, *(len(m) for m in measurements[:-1])]).tolist())
+    return _Stack(equations, usable, weights, np.concatenate(clusters), np.concatenate(times), starts)
+
+
+def _fit(
+    scheme: Scheme, data: _Stack, terms: Sequence[Term], lender: Model | None, points: int, withheld: frozenset[str]
+) -> Identified:
+    """Batch estimate with honest standard errors, and the recursion on its way there."""
+    columns = [column for term in terms for column in term.columns]
+    loans = {
+        j: lender.estimates[column.name]
+        for j, column in enumerate(columns)
+        if lender is not None and column.mass is not zero
+    }
+    known = {j: Estimate(column.least, 0.0, column.unit) for j, column in enumerate(columns) if column.is_known}
+    loans = {j: loan for j, loan in loans.items() if j not in known}
+    use = data.usable
+    clusters = np.unique(data.clusters[use], return_inverse=True)[1]
+    while True:
+        given = loans | known
+        free = [j for j in range(len(columns)) if j not in given]
+        lent = np.array([estimate.value for estimate in given.values()])
+        equations = give(data.equations, list(given), lent)
+        # What was lent comes from the same data: its uncertainty widens that of the others
+        jacobian = data.equations.phi[use][:, list(loans)] if loans else None
+        fit = solve(Equations(equations.phi[use], equations.y[use]), data.weights[use], clusters, jacobian)
+        values = dict(zip(free, fit.theta.tolist(), strict=True))
+        left = [j for j, value in values.items() if not columns[j].allows(value)]
+        if not left:
+            break
+        known |= {j: Estimate(columns[j].nearest(values[j]), 0.0, columns[j].unit) for j in left}  # stays at its bound
+    if scheme.drifts:
+        fit = replace(fit, covariance=_random_walk_covariance(equations, data, fit.theta))
+
+    theta, std = np.empty(len(columns)), np.empty(len(columns))
+    count = len(free)
+    theta[free], theta[list(given)] = fit.theta, lent
+    std[free], std[list(given)] = fit.std[: len(free)], [estimate.std for estimate in given.values()]
+    return Identified(
+        scheme=scheme.id,
+        model=Model.build(terms, theta, std).correlated(
+            [columns[j].name for j in free], fit.covariance[:count, :count]
+        ),
+        convergence=_converge(data, equations, fit, free, theta, std, points),
+        residual_rms=fit.rms,
+        unit=scheme.unit,
+        condition=fit.condition,
+        used=(int(use.sum()), len(use)),
+        withheld=withheld,
+    )
+
+
+def _random_walk_covariance(equations: Equations, data: _Stack, theta: Array) -> Array:
+    """Covariance (F, F) of a least-squares fit whose errors are running sums of independent increments.
+
+    theta - truth = (phi' phi)^-1 sum_k phi_k e_k with e_k = sum_{j <= k} d_j, and so = (phi' phi)^-1 sum_j d_j S_j with
+    S_j the sum of phi from j to the end of the recording: one score for each cluster of increments.
+    """
+    weights = (data.weights * data.usable)[:, None]
+    phi, error = equations.phi * weights, (equations.y - equations.phi @ theta) * data.usable
+    ends = [*data.starts[1:], len(error)]
+    rest, increment = np.empty_like(phi), np.empty_like(error)
+    for begin, end in zip(data.starts, ends, strict=True):
+        rest[begin:end] = np.cumsum((phi * weights)[begin:end][::-1], axis=0)[::-1]
+        increment[begin:end] = np.diff(error[begin:end], prepend=0.0)
+    scores = np.zeros((int(data.clusters.max()) + 1, phi.shape[1]))
+    np.add.at(scores, data.clusters, rest * increment[:, None])
+    bread = np.linalg.pinv(phi.T @ phi, hermitian=True)
+    covariance: Array = bread @ (scores.T @ scores) @ bread * (len(scores) / max(1, len(scores) - phi.shape[1]))
+    return covariance
+
+
+def _converge(
+    data: _Stack, equations: Equations, fit: Fit, free: Sequence[int], theta: Array, std: Array, points: int
+) -> Convergence:
+    """The recursion's history, with P scaled so that its standard errors end at the batch estimate's."""
+    weighted = Equations(equations.phi * data.weights[:, None], equations.y * data.weights)
+    course = history(weighted, data.usable, evenly(len(data.time), points))
+    spread = np.sqrt(np.diagonal(course.P, axis1=1, axis2=2))  # (K, F)
+    thetas, stds = np.tile(theta, (len(spread), 1)), np.tile(std, (len(spread), 1))
+    thetas[:, free] = course.theta
+    stds[:, free] = spread * fit.std[: len(free)] / spread[-1]
+    return Convergence(data.time[course.points], thetas, stds)

@@ -1,0 +1,1 @@
+"""Which effects does the model lack?"""

@@ -1,0 +1,41 @@
+"""Every number that decides what is named, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """What an effect has to achieve, and when what is left counts as noise.
+
+    Attributes:
+        chance: probability that an effect predicts no better than its absence, up to which it may be added.
+        share: of the structure left so far, that an effect has to explain: less is of no use to anybody,
+        needed: and once all others are in: what explains less than is left unexplained may be a part of that.
+        noise: times the noise floor: residuals that neighbouring windows share to that size are structure,
+        sure: if they surely share them, by so many standard errors.
+        rival: probability from which an effect counts as possible in the place of another.
+        doubling: times the gain of the named effects, from which a law without a name shows that they only imitate it.
+        astray: times what noise gives, from which a free-running simulation goes astray, and a torque error is more.
+        certain: hit rate of the surest verdicts: then what is wrong is no rival, but something else.
+        most: effects in one model.
+        beam: first effects from which a search starts where the most promising one leads to no end.
+    """
+
+    chance: float = 0.05
+    share: float = 0.2
+    needed: float = 0.5
+    noise: float = 0.5
+    sure: float = 5.0
+    rival: float = 0.05
+    doubling: float = 2.0
+    astray: float = 2.5
+    certain: float = 0.98
+    most: int = 6
+    beam: int = 3
+
+    def is_noise(self, structure: tuple[float, float], floor: float) -> bool:
+        """Whether what is left may as well be noise: not correlated, or by less than matters (`Dataset.structure`)."""
+        size, sure = structure
+        return size < self.noise * floor or sure < self.sure

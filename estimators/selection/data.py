@@ -1,0 +1,186 @@
+"""One body of evidence: recordings as windowed equations for fitting and as flights for simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from estimators.regression.least_squares import Fit
+from estimators.selection.candidates import Screen
+from estimators.simulation.free_running import Flights, deviation, position_rms, take_off
+from estimators.simulation.link_segments import has_link, hidden_state, link_of, watch
+from estimators.weak_form.dataset import Dataset, prepare
+from estimators.weak_form.shapes import continuous
+from estimators.weak_form.windows import WHOLE, Part
+from pendulum_env._typing import JSON, Array
+from pendulum_env.physics import Model, Samples, Term
+from pendulum_env.recording import Recording
+
+PLACES = (1e-3, 10.0)  # [s], distances that an instant is moved by to see who notices
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far a model is from a recording.
+
+    Attributes:
+        torque_rms: the paper's norm (10) of measured minus modelled torque over the windows used [N m].
+        position_rms: free-running simulation against measured position over one-second windows [rad].
+        torque_fit: 100 % less the torque error relative to the torque's own deviation from its mean; 100 is perfect, at
+            0 a constant would do as well [%]. NaN where nobody has counted.
+        position_fit: the same of position in free run, relative to the deviation in each one-second window [%].
+    """
+
+    torque_rms: float
+    position_rms: float
+    torque_fit: float = np.nan
+    position_fit: float = np.nan
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {name: value for name, value in asdict(self).items() if np.isfinite(value)}
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the ladder: the effect that was added (None: the base model) and the errors after the refit."""
+
+    added: str | None
+    model: Model
+    errors: Mapping[str, Errors]  # "train", "holdout"
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return {
+            "added": self.added,
+            "theta": {name: estimate.json() for name, estimate in self.model.estimates.items()},
+            "errors": {part: errors.json() for part, errors in self.errors.items()},
+        }
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Recordings, ready to be compared with models."""
+
+    data: Dataset
+    flights: tuple[Flights, ...]
+
+    @classmethod
+    def of(
+        cls, recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
+    ) -> Evidence:
+        """Prepare recordings, or a part of each; raises IdentificationError if they hold too little motion."""
+        data = prepare(recordings, half_widths, part)
+        return cls(data, tuple(take_off(w) for w in data.windows))
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """The recordings that it is of, or parts of."""
+        return tuple(w.recording for w in self.data.windows)
+
+    @property
+    def samples(self) -> Samples:
+        """Samples at the windows' centres, (R,) each."""
+        return self.data.samples
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Least and largest position that was recorded [rad]."""
+        positions = [windows.recording.position for windows in self.data.windows]
+        return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
+
+    def watching(self, model: Model) -> Evidence:
+        """The same with the link of the model's transmission, if it has one, as the motion around each instant tells.
+
+        Carried along the measured motion from the start, its state is lost after a few bounces. Takes a second or two.
+        """
+        if not has_link(model.terms):
+            return self
+        term = link_of(model.terms)
+        watched = [watch(windows, model) for windows in self.data.windows]
+        flights = [
+            replace(flight, hidden={term.id: hidden_state(flight, x, term)})
+            for flight, x in zip(self.flights, watched, strict=True)
+        ]
+        return replace(self, data=replace(self.data, watched={term.id: watched}), flights=tuple(flights))
+
+    def residual(self, terms: Sequence[Term], theta: Array) -> Array:
+        """Measured minus modelled torque in every window (R,) [N m]."""
+        equations = self.data.equations(terms)
+        return equations.y - equations.phi @ theta
+
+    def errors(self, model: Model) -> Errors:
+        """Errors of a model, in torque and in free-running position."""
+        residual = self.residual(model.terms, model.theta)
+        torque, position = float(np.sqrt(np.mean(residual**2))), position_rms(self.flights, model.terms, model.theta)
+        return Errors(
+            torque, position, _fit(torque, float(np.std(self.data.torque()))), _fit(position, deviation(self.flights))
+        )
+
+
+def _fit(error: float, deviation: float) -> float:
+    """Error relative to what there was to explain, as a fit in percent (NRMSE); 0 where there was nothing."""
+    return 100.0 * (1.0 - error / deviation) if deviation > 0 else 0.0
+
+
+def fit_terms(evidence: Evidence, terms: Sequence[Term], screen: Screen | None = None) -> tuple[Model, Fit]:
+    """Fit the linear parameters of the terms; standard errors count the search over shape parameters too.
+
+    Args:
+        evidence: to fit.
+        terms: of the model.
+        screen: of the same data, if there is one that may know some of the columns already.
+    """
+    data, balance = evidence.data, (screen or Screen(evidence.data)).balance(terms)
+    first = balance.fit(data.clusters)
+    jacobian, names = _shape_jacobian(data, terms, first.theta)
+    fit = balance.fit(data.clusters, jacobian) if names else first
+    count = len(fit.theta)
+    shape_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
+    first_column = 0
+    for term in terms:
+        own = fit.theta[first_column : first_column + len(term.columns)]
+        first_column += len(term.columns)
+        for shape in term.shapes:
+            if shape.instant:
+                noise = fit.residual * balance.weights
+                shape_std[f"{term.id}.{shape.name}"] = _placement(data, term, shape.name, own, noise)
+    columns = [column.name for term in terms for column in term.columns]
+    model = Model.build(terms, fit.theta, fit.std[:count], **shape_std)
+    return model.correlated([*columns, *names], fit.covariance), fit
+
+
+def _placement(data: Dataset, term: Term, name: str, own: Array, noise: Array) -> float:
+    """Standard error of an instant [s]: how far it may be moved before the windows that notice speak against it.
+
+    Few windows tell when something happened, none if the joint is at rest then, so that the fit has no slope there to
+    judge by. One standard error away, the likelihood has fallen by half: the torque changes by one standard deviation.
+    """
+    instant = term.shape[name]
+    steps = np.geomspace(*PLACES, 30)
+    variants = [replace(term, **{name: instant + sign * step}) for sign in (0, 1, -1) for step in steps]
+    torque = np.array([(linear @ own + fixed) * data.weights for linear, fixed in data.columns(variants)])
+    noticed = np.linalg.norm(torque[len(steps) :] - torque[0], axis=1) > np.std(noise)  # (2 x 30,)
+    sides = [steps[np.argmax(side)] if side.any() else steps[-1] for side in noticed.reshape(2, -1)]
+    return float(max(sides))
+
+
+def _shape_jacobian(data: Dataset, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
+    """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names."""
+    derivatives, names, first = [np.empty((len(data.weights), 0))], [], 0
+    for term in terms:
+        own = theta[first : first + len(term.columns)]
+        first += len(term.columns)
+        for shape in continuous(term):
+            value = term.shape[shape.name]
+            # symmetric difference over a step that is small against the value and safe against rounding
+            step = 1e-3 * max(abs(value), 1e-6)
+            ends = [
+                linear @ own + fixed
+                for linear, fixed in data.columns([replace(term, **{shape.name: value + d}) for d in (step, -step)])
+            ]
+            derivatives.append(((ends[0] - ends[1]) / (2 * step))[:, None])
+            names.append(f"{term.id}.{shape.name}")
+    return np.column_stack(derivatives), names

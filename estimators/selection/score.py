@@ -1,0 +1,153 @@
+"""The one score: log predictive density of stretches of time that a model was not fitted to.
+
+A model is fitted to all stretches but a tenth, which it then has to predict; held-out recordings are predicted from the
+fit to all others. Errors are taken as Student's t, since real ones have tails. What one model gains over another is
+the sum of the differences, and how sure that is, their scatter tells: on a real machine no model is complete, residuals
+are correlated for seconds, and only what repeats from stretch to stretch and from recording to recording is sure.
+
+The scatter enters by the Bayesian bootstrap: stretches, and recordings, are given random weights, many times over. The
+share of draws in which nothing is gained is the chance that an effect is none; the mean of the softmax over rivals is
+the probability of each (pseudo-BMA+).
+
+Source: Vehtari, Gelman and Gabry, Statistics and Computing 27, 2017; Yao, Vehtari, Simpson and Gelman, Bayesian
+Analysis 13(3), 2018; Rubin, Annals of Statistics 9(1), 1981; for the online form Dawid, JRSS A 147(2), 1984.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln
+
+from estimators.regression.least_squares import Balance
+from pendulum_env._typing import JSON, Array, Index
+
+NU = 4.0  # degrees of freedom of Student's t
+FOLDS = 10  # of cross-validation
+STRETCH = 1.0  # [s]
+DRAWS = 4000  # of the Bayesian bootstrap
+TURNS = 20  # of the fixed point for a scale
+DIVERGED = 1e60  # [N m], a prediction as far off is as bad as any
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Which stretch and which recording every equation lies in (R,), and the recording of every stretch (S,).
+
+    Folds of cross-validation are whole stretches, or pieces of them where the torque of one moment may tell that of the
+    next: `piece` numbers these (R,).
+    """
+
+    stretch: Index
+    recording: Index
+    of_stretch: Index
+    piece: Index
+
+    @property
+    def fold(self) -> Index:
+        """Fold of every equation (R,)."""
+        return np.asarray(self.piece % FOLDS)
+
+
+def cross_validated(balance: Balance, hidden: float, where: Stretches) -> Array:
+    """Log density of each stretch (S,), predicted by the fit to the others [nat].
+
+    Args:
+        balance: equations of the model.
+        hidden: variance of torque noise that the model takes out of the equations; it counts as error all the same.
+        where: stretch and recording of each equation.
+    """
+    errors, whole = np.empty((FOLDS, len(balance.y))), balance.solve()
+    for k in range(FOLDS):
+        errors[k] = balance.error(balance[where.fold != k].solve(whole))
+    return _density(errors, hidden, where)
+
+
+def predicted(theta: Array, balance: Balance, hidden: float, where: Stretches) -> Array:
+    """Log density of each held-out stretch (S,) under parameters (P,) fitted elsewhere [nat]."""
+    return _density(np.broadcast_to(balance.error(theta), (FOLDS, len(balance.y))), hidden, where)
+
+
+def _density(errors: Array, hidden: float, where: Stretches) -> Array:
+    """Log density of each stretch, from the errors (FOLDS, R) under the fit without each fold.
+
+    The scale is that of the other folds of the same recording: recordings differ in what no model explains of them.
+    """
+    fold, errors = where.fold, np.clip(errors, -DIVERGED, DIVERGED)
+    errors = errors * np.sqrt(1 + hidden / np.maximum(np.mean(errors**2), 1e-300))
+    total = np.zeros(len(where.of_stretch))
+    for recording in np.unique(where.recording):
+        own = where.recording == recording
+        for k in np.unique(fold[own]):
+            test = own & (fold == k)
+            known = own & (fold != k)
+            square = _scale(errors[k, known] if known.any() else errors[k, test]) ** 2
+            log = gammaln((NU + 1) / 2) - gammaln(NU / 2) - 0.5 * np.log(NU * np.pi * square)
+            density = log - (NU + 1) / 2 * np.log1p(errors[k, test] ** 2 / (NU * square))
+            np.add.at(total, where.stretch[test], density)
+    return total
+
+
+def _scale(errors: Array) -> float:
+    """Maximum-likelihood scale of Student's t."""
+    squares = errors**2
+    square = max(float(np.mean(squares)), 1e-300)
+    for _ in range(TURNS):
+        square = max(float(np.mean((NU + 1) * squares / (NU + squares / square))), 1e-300)
+    return float(np.sqrt(square))
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What one model predicts better than another.
+
+    Attributes:
+        total: log density gained [nat].
+        error: its standard error, from the scatter between stretches [nat].
+        chance: probability that nothing is gained.
+    """
+
+    total: float
+    error: float
+    chance: float
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON; no error where there is a single stretch."""
+        error = self.error if np.isfinite(self.error) else None
+        return {"total": self.total, "error": error, "chance": self.chance}
+
+
+class Bootstrap:
+    """Random weights of stretches (DRAWS, S), of mean one: those of a recording vary together, and each by itself."""
+
+    def __init__(self, of_stretch: Index, rng: np.random.Generator) -> None:
+        self.of_stretch = of_stretch
+        recordings, own = np.unique(of_stretch, return_inverse=True)
+        weights = rng.exponential(size=(DRAWS, len(of_stretch)))
+        for k in range(len(recordings)):
+            weights[:, own == k] /= weights[:, own == k].mean(axis=1, keepdims=True)
+        if len(recordings) > 1:
+            between = rng.exponential(size=(DRAWS, len(recordings)))
+            weights *= (between / between.mean(axis=1, keepdims=True))[:, own]
+        self.weights = weights
+
+    def gain(self, after: Array, before: Array, penalty: float = 0.0) -> Gain:
+        """Gain of one model over another from their log densities (S,).
+
+        Args:
+            after: of the one.
+            before: of the other.
+            penalty: what has to be gained for having chosen among many [nat].
+        """
+        difference = after - before
+        draws = self.weights @ difference
+        error = float(np.sqrt(len(difference)) * difference.std(ddof=1)) if len(difference) > 1 else np.inf
+        return Gain(float(difference.sum()), error, float(np.mean(draws <= penalty)))
+
+    def probabilities(self, densities: Sequence[Array]) -> Array:
+        """Probability of each of several models (M,) from their log densities (S,) (pseudo-BMA+)."""
+        totals = self.weights @ np.column_stack(densities)
+        odds = np.exp(totals - totals.max(axis=1, keepdims=True))
+        return np.asarray(np.mean(odds / odds.sum(axis=1, keepdims=True), axis=0))

@@ -1,0 +1,186 @@
+"""Results as they show themselves in a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.comparison import Comparison
+from estimators.diagnosis.addition import Addition
+from estimators.diagnosis.result import Diagnosis
+from estimators.schemes.identification import Identification, Identified
+from estimators.show.tables import candidates_table, distances_table, errors_table, kin, noise_text, schemes_table
+from pendulum_env.notebook import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    Curve,
+    Html,
+    bullets,
+    card,
+    folded,
+    heading,
+    legend,
+    note,
+    plot,
+    shown,
+    table,
+)
+from pendulum_env.physics import effects
+from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.words import Table, listing, opening, parameters_table, per, plus_minus, unit
+
+if TYPE_CHECKING:
+    from estimators.online.estimates import SchemeEstimate
+
+SETTLED = 0.25  # share of a recording after which estimates are in the picture
+COLORS = (BLUE, ORANGE, GREEN)
+
+
+@shown.register
+def show_identification(found: Identification) -> str:
+    """Estimates of the schemes side by side, how they settle, and what the recordings cannot tell."""
+    results = list(found.schemes.values())
+    shown = card(
+        f"Estimates from {listing(found.recordings)}",
+        *_constant(found.torque_constant),
+        table(schemes_table(found)),
+        note("± is one standard error of noise: where schemes differ by more, the model lacks something."),
+        bullets(f"warning: {doubt.text}" for doubt in found.doubts),
+        folded(
+            "how the estimates settle",
+            legend((r.scheme, _curve(r, 0, k)) for k, r in enumerate(results)),
+            *_settling(results),
+        ),
+    )
+    return per(shown, found.torque_unit)
+
+
+@shown.register
+def show_identified(found: Identified) -> str:
+    """Estimates of one scheme and how they settle."""
+    rows = [
+        (name, "unknown" if name in found.withheld else plus_minus(e.value, e.std), e.unit)
+        for name, e in found.model.estimates.items()
+    ]
+    used, all_of_them = found.used
+    shown = card(
+        f"Estimates by the scheme {found.scheme}",
+        table(Table(("parameter", "estimate", "unit"), rows, left=("unit",))),
+        note(f"residual {found.residual_rms:.3g} {found.unit}, {used} of {all_of_them} samples used"),
+        *_settling([found]),
+    )
+    return per(shown, found.model.torque_unit)
+
+
+def _settling(results: Sequence[Identified]) -> list[Html]:
+    """Estimates over time, one plot a parameter; the wild start is out of the picture."""
+    plots = []
+    for k, column in enumerate(results[0].model.columns):
+        curves = [_curve(result, k, place) for place, result in enumerate(results)]
+        time = results[0].convergence.time
+        late = time >= time[0] + SETTLED * (time[-1] - time[0])
+        middle = float(np.median([curve.values[-1] for curve in curves]))
+        settled = np.concatenate([curve.values[late] for curve in curves])
+        reach = 1.6 * max(float(np.abs(settled - middle).max()), 0.005 * abs(middle), 1e-12)
+        label = f"{column.name} [{unit(column.unit) or '1'}] over {time[-1]:.3g} s"
+        plots.append(plot(label, time, curves, span=(middle - reach, middle + reach)))
+    return plots
+
+
+def _curve(result: Identified, column: int, place: int) -> Curve:
+    """Course of one estimate: one colour for a plain scheme and its filtered sister, which is dashed."""
+    family, is_filtered = kin(result.scheme, place)
+    return Curve(result.convergence.theta[:, column], COLORS[family], is_filtered)
+
+
+@shown.register
+def show_comparison(found: Comparison) -> str:
+    """Errors of a model, and where it fails."""
+    plots = [
+        plot(
+            f"{'amplitude of the' if item.axis == 'frequency' else 'mean'} residual torque [N m] "
+            f"over {item.axis}, {item.edges[0]:.3g} to {item.edges[-1]:.3g} {item.unit}",
+            0.5 * (item.edges[1:] + item.edges[:-1]),
+            [Curve(item.mean, ORANGE)],
+            noise=2 * item.error,
+        )
+        for item in found.profiles
+    ]
+    where = [region.text for region in found.regions] or [
+        "nothing stands out of the noise: the model explains these recordings"
+    ]
+    shown = card(
+        opening(found.headline),
+        *_constant(found.torque_constant),
+        table(distances_table(found)),
+        *_list("Recordings that disagree", [one.text for one in found.disagreements]),
+        heading("Where"),
+        bullets(where),
+        *plots,
+        note("The band is two standard errors of noise."),
+    )
+    return per(shown, found.torque_unit)
+
+
+@shown.register
+def show_diagnosis(found: Diagnosis) -> str:
+    """The story of a diagnosis: what is missing, how far the errors fall, parameters, ranking, what stays open."""
+    library = effects()
+    laws = [f"{id}: {library[id].law}" for id in found.selected if id in library]
+    ranking, more = candidates_table(found)
+    parts = [
+        bullets(laws),
+        *_list("Recordings that disagree", [one.text for one in found.disagreements]),
+        heading("Errors"),
+        table(errors_table(found.steps)),
+        note(f"{opening(noise_text(found.noise_floor))}."),
+        heading("Parameters"),
+        table(parameters_table(found.model)),
+        *_list("Left unexplained", [region.text for region in found.unexplained]),
+        *_list("What to do next", found.advice),
+        folded("candidates", table(ranking), note(f"and {more}" if more else "")),
+    ]
+    return per(card(found.headline, *_constant(found.torque_constant), *parts), found.torque_unit)
+
+
+@shown.register
+def show_addition(found: Addition) -> str:
+    """Errors before and after, what follows from them, and the parameters."""
+    shown = card(
+        found.text,
+        table(errors_table((found.before, found.after))),
+        note(f"{opening(noise_text(found.noise_floor))}."),
+        heading("Parameters"),
+        table(parameters_table(found.after.model)),
+    )
+    return per(shown, found.after.model.torque_unit)
+
+
+def show_estimates(found: Mapping[str, SchemeEstimate]) -> str:
+    """Estimates of several schemes as they are now; of a batch, those of its first pendulum."""
+    units = {name: of for told in found.values() for name, of in told.units.items()}
+    rows = []
+    for id, told in found.items():
+        theta = np.atleast_2d(told["theta"])[0]
+        variance = np.diagonal(told["covariance"], axis1=-2, axis2=-1).reshape(-1, len(theta))[0]
+        std = np.sqrt(np.maximum(variance, 0.0))
+        known = {name: plus_minus(*pair) for name, *pair in zip(told.units, theta, std, strict=True)}
+        rows.append((id, *(known.get(name, "") for name in units)))
+    batch = [len(told["theta"]) for told in found.values() if np.ndim(told["theta"]) > 1]
+    return card(
+        "Online estimates",
+        table(Table(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows)),
+        note(f"of the first of {batch[0]} pendulums" if batch else ""),
+    )
+
+
+def _constant(constant: TorqueConstant | None) -> tuple[Html, ...]:
+    """By which a current was turned into torque."""
+    return () if constant is None else (note(f"{opening(constant.text)}; standard errors include that of it."),)
+
+
+def _list(title: str, lines: list[str] | tuple[str, ...]) -> tuple[Html, ...]:
+    return (heading(title), bullets(opening(line) for line in lines)) if lines else ()

@@ -1,0 +1,67 @@
+"""The torque channel: what acts, from what is logged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from pendulum_env._typing import Array
+from pendulum_env.physics import Samples
+from pendulum_env.physics.actuation import ActuatorLag, DeadTime
+
+ECHO = 0.8  # of a half-sample mixture that is undone: all of it would raise noise without bounds
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A law of the torque channel, which gives what acts from what is logged.
+
+    Attributes:
+        delay: [s] by which torque is logged late; below zero, by which it acts late.
+        lag: time constant [s] of a filter that the logged torque has passed, its output at the end of each period
+            being logged; below zero, of one that the acting torque passes.
+    """
+
+    delay: float = 0.0
+    lag: float = 0.0
+
+    @property
+    def is_late(self) -> bool:
+        """Whether torque is logged late or filtered, which no physical effect can do."""
+        return self.delay + self.lag > 0
+
+    def unfiltered(self, torque: Array, period: float) -> Array:
+        """Torque (N,) before the logger's filter y[k] = a y[k-1] + (1 - a) u[k], a = exp(-period / lag)."""
+        if self.lag <= 0:
+            return torque
+        return torque + np.diff(torque, prepend=torque[0]) / np.expm1(period / self.lag)
+
+    def held(self, torque: Array, period: float) -> Array:
+        """The acting torque (N,) from each sample to the next, where it is logged late or filtered.
+
+        A log that is late by n + f samples saw (1 - f) u[k - n] + f u[k - n - 1] of a torque that was held; averaging
+        once more would blunt every step, so that this is undone, forwards or backwards in time, whichever is stable.
+        """
+        torque = self.unfiltered(torque, period)
+        whole, share = divmod(self.delay / period, 1.0)
+        if share <= 0.5:
+            acting = _unmixed(torque, share)
+        else:
+            whole, acting = whole + 1, _unmixed(torque[::-1], 1 - share)[::-1]
+        return acting[np.clip(np.arange(len(torque)) + int(whole), 0, len(torque) - 1)]
+
+    def around(self, x: Samples, torque: Array, period: float) -> Array:
+        """The acting torque (N,) as windows see it: its average under a triangle over both sides of each sample."""
+        if self.lag < 0:
+            return ActuatorLag(-self.lag).trace(x, torque, period)[0]
+        return DeadTime(-self.delay).trace(x, self.unfiltered(torque, period), period)[0]
+
+
+def _unmixed(mixed: Array, share: float) -> Array:
+    """Series u (N,) whose mixture (1 - share) u[k] + share u[k - 1] was logged, share at most a half."""
+    echo = min(share / (1 - share), ECHO)
+    clear = np.asarray(lfilter([1 + echo], [1, echo], mixed, zi=[-echo * mixed[0]])[0])
+    rest = share - echo / (1 + echo)  # of a sample, by which slow torque would still be late
+    return (1 - rest) * clear + rest * np.append(clear[1:], clear[-1])

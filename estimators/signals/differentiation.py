@@ -1,0 +1,91 @@
+"""Position, velocity and acceleration from what was recorded, without delay, and how noisy they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import comb
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.filters import savitzky_golay
+from pendulum_env.recording import Recording
+
+
+def white_noise(series: Array) -> float:
+    """Standard deviation of the white part of a smooth signal, from its fourth differences; robust against steps."""
+    differences = np.diff(series, 4)
+    spread = float(np.median(np.abs(differences))) / 0.6745 / np.sqrt(comb(8, 4))
+    steps = np.abs(np.diff(series))
+    quantum = float(steps[steps > 1e-12].min(initial=np.inf))
+    return max(spread, quantum / np.sqrt(12)) if np.isfinite(quantum) else spread
+
+
+def shared(weights: Array, lag: int) -> float:
+    """Correlation of two averages of white noise under the same weights (K,), a lag apart."""
+    return float(weights[lag:] @ weights[: len(weights) - lag]) / float(weights @ weights)
+
+
+def smooth_motion(recording: Recording, series: Array, half_width: int) -> tuple[Array, Array]:
+    """Zero-phase values and slope of a series (N,) of a recording: local cubics over 2 half_width + 1 samples.
+
+    Each segment is smoothed on its own: nothing is known of what happens in a gap.
+    """
+    parts = []
+    for first, stop in pairwise((*recording.starts, len(recording))):
+        part = series[first:stop]
+        length = min(2 * half_width + 1, len(part) - 1 + len(part) % 2)
+        order = min(3, length - 1)
+        slope = savitzky_golay(part, length, order, 1, 1.0 / recording.rate)
+        parts.append((savitzky_golay(part, length, order), slope))
+    smoothed, slopes = zip(*parts, strict=True)
+    return np.concatenate(smoothed), np.concatenate(slopes)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Position, velocity and acceleration (N,), with the noise of the latter two after smoothing and windowing.
+
+    What of the acceleration's is noise comes from white noise of an encoder under weights (K,) of zero mean, so that
+    windows beside each other share it with the opposite sign.
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    velocity_noise: float
+    acceleration_noise: float
+    noise_weights: Array
+
+
+def from_position(recording: Recording, window: Array, half_width: int) -> Motion:
+    """Motion by differentiating the position; the acceleration will be averaged over `window`."""
+    period = 1.0 / recording.rate
+    q, v = smooth_motion(recording, recording.position, half_width)
+    a = np.zeros_like(q)
+    a[1:-1] = np.diff(recording.position, 2) / period**2
+    noise = white_noise(recording.position)
+    # slope of the cubic fit: variance 28.1 / (2 s)^3 per unit of position noise, for large s
+    slope = noise * np.sqrt(28.1 / (2 * half_width) ** 3) / period
+    curvature = np.convolve(window, [1.0, -2.0, 1.0]) / period**2
+    return Motion(q, v, a, slope, noise * float(np.linalg.norm(curvature)), curvature)
+
+
+def from_velocity(recording: Recording, window: Array, half_width: int) -> Motion | None:
+    """Motion from a measured velocity, None where that disagrees with the position."""
+    if recording.velocity is None:
+        return None
+    period = 1.0 / recording.rate
+    q, slope = smooth_motion(recording, recording.position, half_width)
+    v, a_smooth = smooth_motion(recording, recording.velocity, half_width)
+    # v = scale (q' - delay q''): a velocity in other units, or filtered, must not replace the encoder
+    scale, lag = np.linalg.lstsq(np.column_stack([slope, -a_smooth]), v, rcond=None)[0]
+    if abs(scale - 1) > 0.03 or abs(lag) > 0.5 * period:
+        return None
+    a = np.zeros_like(q)
+    a[1:-1] = (recording.velocity[2:] - recording.velocity[:-2]) / (2 * period)
+    noise = white_noise(recording.velocity)
+    slope_of_window = np.convolve(window, [0.5, 0.0, -0.5]) / period
+    of_acceleration = noise * float(np.linalg.norm(slope_of_window))
+    return Motion(q, v, a, noise * 1.5 / np.sqrt(2 * half_width), of_acceleration, slope_of_window)

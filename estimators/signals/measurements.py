@@ -1,0 +1,259 @@
+"""Measurements: motion and torque of a recording at the same instants, through one zero-phase filter.
+
+The torque balance stays true if every part of it passes the same linear filter. All quantities here pass one symmetric
+window w without a second moment, so that it is transparent to cubics: linear terms suffer nothing from it, and sin q
+or |q'| of smoothed motion are off by a fourth power of its length only.
+
+The command is held: between samples k - 1 and k acts command k - 1. The second difference of the position at k is the
+average acceleration under a triangle over k - 1 to k + 1, and the torque under that triangle is exactly the mean of
+commands k - 1 and k. Central differences average velocity likewise. Whatever differentiation averages, command and
+motion are averaged alike, and a correction by second differences d^2 undoes it for both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import comb
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from estimators.regression.equations import IdentificationError
+from estimators.signals.differentiation import white_noise
+from estimators.weak_form.dataset import HALF_WIDTHS
+from estimators.weak_form.windows import LEAD_IN, SLOWEST, known_load
+from pendulum_env._typing import Array, Mask
+from pendulum_env.physics import KnownLoad, Samples, Term
+from pendulum_env.physics.term import UNLOADED, Memory
+from pendulum_env.recording import Recording
+
+SPARE = 30  # samples that a recording is longer than the filter
+TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS, of a run under the paper's excitation
+CLEAN = 0.01  # of the RMS acceleration: more noise than this biases inertia by more than 1e-4
+# Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
+VALUE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+# (q[k+1] - q[k-1]) / 2 averages velocity, if it is linear between samples, by 1/4, 1/2, 1/4; 1 - d^2/4 undoes it.
+UNDO = np.array([-1.0, 6.0, -1.0]) / 4
+SLOPE = np.pad(np.convolve([0.5, 0.0, -0.5], UNDO), 1)
+BEFORE = np.pad(np.convolve([0.25, 0.5, 0.25], UNDO), (2, 0))  # of the command: k - 1, which acts until instant k
+# q[k+1] - 2 q[k] + q[k-1] averages acceleration by a triangle over both sides of k; 1 - d^2/12 undoes it.
+SHARPEN = np.array([-1.0, 14.0, -1.0]) / 12
+CURVATURE = np.pad(np.convolve([1.0, -2.0, 1.0], SHARPEN), 1)
+AT_INSTANT = np.pad(np.convolve([0.0, 0.5, 0.5], SHARPEN), 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """N samples of one recording, away from its ends by the reach of the filter; build them with `measure`.
+
+    Attributes:
+        time: (N,) [s].
+        position, velocity, acceleration: smoothed, at the instants (N,) [rad], [rad/s], [rad/s^2].
+        torque: at the instants, between two commands (N,) [N m].
+        held: mean torque between the sample before and this one (N,) [N m].
+        moving: samples whose velocity has a sign beyond its noise (N,).
+        period: between samples [s].
+        torque_noise: standard deviation of the white noise in `held` [N m].
+        reach: samples on either side that a value depends on.
+        memory: state variables of terms that have any, by term id, see `remember`.
+        load: what is known to hang on the joint.
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    held: Array
+    moving: Mask
+    period: float
+    torque_noise: float
+    reach: int
+    memory: Mapping[str, Memory] = field(default_factory=dict)
+    load: KnownLoad = UNLOADED
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def rate(self) -> float:
+        """Samples per second [Hz]."""
+        return 1.0 / self.period
+
+    @property
+    def samples(self) -> Samples:
+        """What a column depends on, (N,) each."""
+        return Samples(self.time, self.position, self.velocity, self.torque, self.memory, self.load)
+
+    def clear(self, guard: float | None) -> Mask:
+        """Samples at least `guard` [s], and the filter's reach, away from stick and reversals; None keeps both, (N,).
+
+        Terms with memory do not know their start: with them, the first moments are left out too.
+        """
+        clear = np.ones(len(self), dtype=bool)
+        if guard is not None:
+            sign = np.sign(self.velocity)
+            halted = ~self.moving
+            halted[1:] |= sign[1:] != sign[:-1]
+            distance = max(self.reach, round(guard / self.period))
+            clear = maximum_filter1d(halted.view(np.uint8), 2 * distance + 1, mode="nearest") == 0
+        if self.memory:
+            clear[: round(LEAD_IN / self.period)] = False
+        return clear
+
+
+def window(half_width: int) -> Array:
+    """Smooth weights over 2 half_width + 1 samples that sum to one and have no second moment."""
+    s = np.arange(-half_width, half_width + 1) / (half_width + 1)
+    bump = (1.0 - s**2) ** 3
+    fourth = bump @ s**4
+    weights = bump * (1.0 - s**2 * (bump @ s**2 / fourth)) if fourth > 0 else bump
+    total: float = weights.sum()
+    return weights / total
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """The one filter that a recording's motion and torque pass.
+
+    Attributes:
+        half_width: of its window [samples].
+        slowest: velocity below which its sign is not trusted [rad/s].
+    """
+
+    half_width: int
+    slowest: float = SLOWEST
+
+    @classmethod
+    def of_encoder(cls, counts: int, rate: float) -> Smoothing:
+        """Shortest window, of two samples or more, through which an encoder's steps are negligible in the acceleration.
+
+        For online use, where the motion to come is not known: it is taken to be as lively as `TYPICAL_ACCELERATION`.
+        """
+        noise = of_steps(counts)
+        widths = [m for m in range(2, max(3, round(HALF_WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
+        for m in widths:
+            if noise * rate**2 * _length(np.convolve(window(m), CURVATURE)) <= CLEAN * TYPICAL_ACCELERATION:
+                break
+        return cls(m, max(SLOWEST, 5 * noise * rate * _length(np.convolve(window(m), SLOPE))))
+
+    def of_position(self) -> Array:
+        """Weights (2 reach + 1,) of positions, newest first, that give the position."""
+        return np.convolve(window(self.half_width), VALUE)
+
+    def of_steps(self, period: float) -> Array:
+        """Weights (2, 2 reach) of position steps, newest first, that give velocity and acceleration.
+
+        Steps rather than positions: while the encoder stands still, velocity is then 0 and not what rounding leaves.
+        """
+        w = window(self.half_width)
+        kernels = np.array([np.convolve(w, SLOPE) / period, np.convolve(w, CURVATURE) / period**2])
+        return np.cumsum(kernels, axis=1)[:, :-1]
+
+    def of_torque(self) -> Array:
+        """Weights (2, 2 reach + 1), newest sample first, that give torque at the instant and over the sample before."""
+        w = window(self.half_width)
+        return np.array([np.convolve(w, AT_INSTANT), np.convolve(w, BEFORE)])
+
+    @property
+    def reach(self) -> int:
+        """Samples on either side that a value depends on; of the torque, one less of those to come."""
+        return self.half_width + 3
+
+
+def of_steps(counts: int) -> float:
+    """Standard deviation of the position noise of an encoder's steps [rad]; 0 counts measure exactly."""
+    return float(2 * np.pi / counts / np.sqrt(12)) if counts else 0.0
+
+
+def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measurements:
+    """Measurements of a recording; what it reports as velocity is not used, as its delay is not known.
+
+    Args:
+        recording: at least 30 samples longer than the window.
+        smoothing: chosen by `choose_smoothing` if it is not given.
+
+    Raises:
+        IdentificationError: if the recording is too short.
+    """
+    period = 1.0 / recording.rate
+    fewest = SPARE if smoothing is None else 2 * smoothing.half_width + SPARE
+    if len(recording) < fewest:
+        raise IdentificationError(
+            f"{recording.name}: {len(recording)} samples are too few to differentiate, at least {fewest} are needed: "
+            "record longer"
+        )
+    smoothing = smoothing or choose_smoothing(recording)
+    slope, curvature = smoothing.of_steps(period)
+    at_instant, before = smoothing.of_torque()
+    steps = np.diff(recording.position)
+    velocity = np.convolve(steps, slope, "valid")
+    return Measurements(
+        time=recording.time[smoothing.reach : -smoothing.reach],
+        position=np.convolve(recording.position, smoothing.of_position(), "valid"),
+        velocity=velocity,
+        acceleration=np.convolve(steps, curvature, "valid"),
+        torque=np.convolve(recording.torque, at_instant, "valid"),
+        held=np.convolve(recording.torque, before, "valid"),
+        moving=np.abs(velocity) > smoothing.slowest,
+        period=period,
+        torque_noise=_spread(recording.torque) * _length(before),
+        reach=smoothing.reach + 1,
+        load=known_load(recording),
+    )
+
+
+def measure_segments(recording: Recording) -> list[Measurements]:
+    """Measurements of each segment of a recording, all smoothed alike; those too short to differentiate are left out.
+
+    Raises:
+        IdentificationError: if all of them are too short.
+    """
+    if len(recording.starts) == 1:
+        return [measure(recording)]
+    segments = recording.segments
+    longest = max(segments, key=len)
+    if len(longest) < SPARE:
+        return [measure(longest)]  # says so
+    smoothing = choose_smoothing(longest)
+    return [measure(segment, smoothing) for segment in segments if len(segment) >= 2 * smoothing.half_width + SPARE]
+
+
+def remember(m: Measurements, terms: Sequence[Term]) -> Measurements:
+    """The same measurements with the states of the terms along them, driven by the torque that all parts see."""
+    command = np.append(m.held[1:], m.held[-1])  # from each sample to the next
+    states = {
+        term.id: term.trace(m.samples, command, m.period)
+        for term in terms
+        if (type(term).trace is not Term.trace or type(term).advance is not Term.advance) and term.id not in m.memory
+    }
+    return replace(m, memory={**m.memory, **states}) if states else m
+
+
+def choose_smoothing(recording: Recording) -> Smoothing:
+    """Shortest window, of two samples or more, through which encoder noise is negligible in the acceleration.
+
+    Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
+    is all noise, which falls with the window's length to the power -2.5.
+    """
+    noise = white_noise(recording.position)
+    longest = (len(recording) - SPARE) // 2
+    widths = sorted({min(longest, max(2, round(width * recording.rate))) for width in HALF_WIDTHS})
+    for m in widths:
+        curvature = np.convolve(window(m), CURVATURE)
+        total = float(np.mean(np.convolve(recording.position, curvature, "valid") ** 2))
+        encoder = (noise * _length(curvature)) ** 2
+        if encoder <= CLEAN**2 * max(0.0, total - encoder):
+            break
+    return Smoothing(m, max(SLOWEST, 5 * noise * recording.rate * _length(np.convolve(window(m), SLOPE))))
+
+
+def _length(kernel: Array) -> float:
+    """Gain of a kernel for white noise."""
+    return float(np.sqrt(kernel @ kernel))
+
+
+def _spread(series: Array) -> float:
+    """Standard deviation of white noise on a signal that is smooth, or constant between steps, most of the time."""
+    return float(np.median(np.abs(np.diff(series, 4))) / 0.6745 / np.sqrt(comb(8, 4)))

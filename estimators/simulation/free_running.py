@@ -1,0 +1,252 @@
+"""Free-running simulation against the measured position, in many short windows at once.
+
+A one-second window started from the measured state is long enough for a wrong torque to show as a wrong motion, and
+short enough that the errors of an unstable upright pendulum do not swamp everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.ndimage import distance_transform_cdt
+
+from estimators.weak_form.windows import Windows, trace_all
+from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.physics import KnownLoad, Term, simulate
+from pendulum_env.physics.simulation import delayed, substeps
+from pendulum_env.physics.term import Memory
+
+SECONDS = 1.0  # length of a window
+NUDGE = 1e-6  # [rad], an error of the initial position that is followed
+
+
+@dataclass(frozen=True)
+class Flights:
+    """Windows of one recording that a simulation has to follow: N periods, B windows.
+
+    Attributes:
+        windows: the recording they are cut from.
+        first: index of the first sample of each window (B,).
+        torque: held command in each period (N, B) [N m].
+        position: measured (N + 1, B) [rad].
+        velocity: measured at the start (B,) [rad/s].
+        hidden: state variables of terms at the start (B,) each, by term; where they are not given, the measured motion
+            up to then tells.
+    """
+
+    windows: Windows
+    first: Index
+    torque: Array
+    position: Array
+    velocity: Array
+    hidden: Mapping[str, Memory] = field(default_factory=dict)
+
+    def command(self, delay: float) -> Array:
+        """Held command in every flight, (N, B) [N m], `delay` [s] late; zero before a segment began."""
+        if delay == 0:
+            return self.torque
+        recording = self.windows.recording
+        reach = np.arange(-int(np.ceil(delay * recording.rate)) - 1, 0)[:, None] + self.first
+        begins = np.array(recording.starts)[np.searchsorted(recording.starts, self.first, side="right") - 1]
+        before = np.where(reach >= begins, recording.torque[np.maximum(reach, 0)], 0.0)
+        return delayed(self.torque, before, delay * recording.rate)
+
+
+def take_off(windows: Windows, seconds: float = SECONDS) -> Flights:
+    """Cut a recording into flights that start where the velocity is known best, away from reversals."""
+    recording = windows.recording
+    length = periods(windows, seconds)
+    clear = distance_transform_cdt(np.r_[False, np.diff(np.sign(windows.samples.velocity)) == 0] & windows.moving)
+    clear = np.minimum(clear, len(windows.kernel))
+    reach = round(0.2 * seconds * recording.rate)
+    first = []
+    for earliest, stop in stretches(windows):
+        latest = stop - length - 1
+        for nominal in range(earliest, latest + 1, length):
+            low, high = max(earliest, nominal - reach // 2), min(latest, nominal + reach)
+            first.append(low + int(np.argmax(clear[low : high + 1])))
+    return cut_flights(windows, np.array(first), length)
+
+
+def stretches(windows: Windows) -> list[tuple[int, int]]:
+    """First sample and end of every segment, as far as it lies in the part of the recording that windows cover."""
+    bounds = pairwise((*windows.recording.starts, len(windows.recording)))
+    cut_off = ((max(begin, windows.first), min(end, windows.stop)) for begin, end in bounds)
+    return [(begin, end) for begin, end in cut_off if end - begin > 1]
+
+
+def periods(windows: Windows, seconds: float) -> int:
+    """Periods in a flight of some length [s], or in the usual segment if that is shorter."""
+    usual = int(np.median([end - begin for begin, end in stretches(windows)])) - 1
+    return min(max(1, round(seconds * windows.recording.rate)), usual)
+
+
+def cut_flights(windows: Windows, first: Index, length: int) -> Flights:
+    """Flights of `length` periods from given samples (B,) on, which start from the smoothed motion."""
+    recording = windows.recording
+    index = first + np.arange(length + 1)[:, None]
+    return Flights(
+        windows=windows,
+        first=first,
+        torque=recording.torque[index[:-1]],
+        position=np.vstack([windows.samples.position[first], recording.position[index[1:]]]),
+        velocity=windows.samples.velocity[first],
+    )
+
+
+def follow(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
+    """Simulated minus measured position in every flight, (N + 1, B) [rad]."""
+    return fly(flights, terms, theta) - flights.position
+
+
+def fly(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
+    """Simulated position in every flight, (N + 1, B) [rad]."""
+    return fly_all([flights], [(terms, theta)])[0][:, 0]
+
+
+Parametrised = tuple[Sequence[Term], Array]  # terms and their linear parameters (P,)
+
+
+def fly_all(flights: Sequence[Flights], models: Sequence[Parametrised], nudges: Array | None = None) -> list[Array]:
+    """Simulated positions of V models, for each recording (N + 1, V, B) [rad]; the models' terms are of equal classes.
+
+    Recordings whose flights take as many periods are simulated together: a step of many costs little more.
+
+    Args:
+        flights: of each recording.
+        models: terms and linear parameters of each model.
+        nudges: added to the initial position [rad] and velocity [rad/s], for each model (V, 2).
+    """
+    nudges = np.zeros((len(models), 2)) if nudges is None else nudges
+    results: dict[int, Array] = {}
+    for together in _in_step(flights):
+        paths = _simulate([flights[k] for k in together], models, nudges)
+        results.update(zip(together, paths, strict=True))
+    return [results[k] for k in range(len(flights))]
+
+
+def _in_step(flights: Sequence[Flights]) -> list[list[int]]:
+    """Numbers of the recordings whose flights a simulation can step through together."""
+    groups: dict[tuple[int, int], list[int]] = {}
+    for k, flight in enumerate(flights):
+        key = len(flight.torque), substeps(1.0 / flight.windows.recording.rate)
+        groups.setdefault(key, []).append(k)
+    return list(groups.values())
+
+
+def _simulate(flights: Sequence[Flights], models: Sequence[Parametrised], nudges: Array) -> list[Array]:
+    """Simulated positions of V models in flights of as many periods, as `fly_all` gives them."""
+    counts = [len(flight.first) for flight in flights]
+
+    def each(series: Sequence[Array]) -> Array:
+        """One value a flight (B,) of each recording for every model, (V B,)."""
+        return np.tile(np.concatenate(series), len(models))
+
+    terms, theta = stacked(models, sum(counts))
+    memory: dict[str, Memory] = {}
+    for variants in zip(*(own for own, _ in models), strict=True):
+        memory.update(start_memory(flights, variants))
+    delays = [sum(term.delay for term in own) for own, _ in models]
+    path = simulate(
+        terms,
+        theta,
+        each([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in flights]),
+        np.concatenate([flight.command(delay) for delay in delays for flight in flights], axis=1),
+        each([flight.position[0] for flight in flights]) + np.repeat(nudges[:, 0], sum(counts)),
+        each([flight.velocity for flight in flights]) + np.repeat(nudges[:, 1], sum(counts)),
+        each([flight.windows.recording.time[flight.first] for flight in flights]),
+        memory=memory,
+        load=KnownLoad(
+            *(
+                each([np.full(len(f.first), part) for f, part in zip(flights, of_each, strict=True)])
+                for of_each in zip(*(f.windows.samples.load for f in flights), strict=True)
+            )
+        ),
+    )
+    positions = path.position.reshape(len(path.position), len(models), -1)
+    return np.split(positions, np.cumsum(counts)[:-1], axis=2)
+
+
+def stacked(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Array]:
+    """Terms and theta (P, V count) that simulate `count` pendulums of each of V models, all of them in a row.
+
+    Terms that delay the command are left out: `Flights.command` does that.
+    """
+    terms = []
+    for variants in zip(*(own for own, _ in models), strict=True):
+        if not variants[0].delay:
+            shapes = {name: np.repeat([v.shape[name] for v in variants], count) for name in variants[0].shape}
+            terms.append(replace(variants[0], **shapes))
+    return terms, np.repeat(np.column_stack([theta for _, theta in models]), count, axis=1)
+
+
+def start_memory(flights: Sequence[Flights], variants: Sequence[Term]) -> dict[str, Memory]:
+    """State at the start of every flight of V variants of a term: as given, or as the measured motion has left it."""
+    id = variants[0].id
+    if all(id in flight.hidden for flight in flights):
+        known = [np.concatenate(series) for series in zip(*(flight.hidden[id] for flight in flights), strict=True)]
+        return {id: tuple(np.tile(series, len(variants)) for series in known)}
+    distinct = list(dict.fromkeys(variants))
+    traced = trace_all([flight.windows for flight in flights], distinct)
+    traces = [dict(zip(distinct, own, strict=True)) for own in traced]
+    states = {}
+    for id in traces[0][distinct[0]].memory:
+        rows = [
+            [series[flight.first] for series in trace[variant].memory[id]]
+            for variant in variants
+            for flight, trace in zip(flights, traces, strict=True)
+        ]
+        states[id] = tuple(np.concatenate(variable) for variable in zip(*rows, strict=True))
+    return states
+
+
+def position_noise(flights: Sequence[Flights], terms: Sequence[Term], theta: Array) -> float:
+    """Root mean square position error that the noise of the torque channel and of the initial state gives [rad]."""
+    rng = np.random.default_rng(0)
+    shaken = [
+        replace(
+            flight,
+            torque=flight.torque + flight.windows.raw_torque_noise * rng.standard_normal(flight.torque.shape),
+            velocity=flight.velocity + flight.windows.velocity_noise * rng.standard_normal(flight.velocity.shape),
+        )
+        for flight in flights
+    ]
+    model = [(terms, theta)]
+    pairs = zip(fly_all(shaken, model), fly_all(flights, model), strict=True)
+    return float(np.sqrt(np.mean(np.concatenate([(one - other)[1:].ravel() for one, other in pairs]) ** 2)))
+
+
+def position_rms(flights: Sequence[Flights], terms: Sequence[Term], theta: Array) -> float:
+    """Root mean square of the position error over all flights [rad]."""
+    paths = fly_all(flights, [(terms, theta)])
+    errors = [(path[:, 0] - flight.position)[1:].ravel() for path, flight in zip(paths, flights, strict=True)]
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+
+
+def deviation(flights: Sequence[Flights]) -> float:
+    """Root mean square deviation of the measured position from its mean, window by window [rad]."""
+    return float(np.sqrt(np.mean(np.concatenate([flight.position.var(axis=0) for flight in flights]))))
+
+
+def growth(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
+    """By how much a small error of the initial position grows at most in each flight (B,), as the model has it.
+
+    Where the arm is balanced upright it grows without end, and the error of a free run says nothing of the model.
+    """
+    paths = fly_all([flights], [(terms, theta)] * 2, np.array([[0.0, 0.0], [NUDGE, 0.0]]))[0]
+    return np.asarray(np.abs(paths[:, 1] - paths[:, 0]).max(axis=0) / NUDGE)
+
+
+def select(flights: Flights, which: Mask) -> Flights:
+    """Some of the flights, as `which` (B,) says."""
+    return replace(
+        flights,
+        first=flights.first[which],
+        torque=flights.torque[:, which],
+        position=flights.position[:, which],
+        velocity=flights.velocity[which],
+        hidden={id: tuple(value[..., which] for value in memory) for id, memory in flights.hidden.items()},
+    )

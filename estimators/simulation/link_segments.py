@@ -1,0 +1,200 @@
+"""Short flights from states that are fitted: what the motor does in them tells where the link behind it is.
+
+Nobody measures the link of a loose transmission. Carried along the measured motion from the start of a recording, its
+state is lost after a few bounces, each of which magnifies what the one before was wrong by. Flights of a quarter of a
+second forgive that (Levenberg-Marquardt, with a damping for each flight); starts that got stuck on the wrong side of
+the play are tried anew from the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.simulation.free_running import Flights, cut_flights, periods, stacked, start_memory, stretches
+from estimators.simulation.output_error import Point, grain_of
+from estimators.weak_form.windows import Windows
+from pendulum_env._typing import Array, ArrayLike, Index
+from pendulum_env.physics import Model, Samples, Term, Trajectory, simulate
+from pendulum_env.physics.term import Memory
+
+HOP = 0.25  # [s], length of a flight
+COARSE = 1e-3  # [s], step of the integrator
+NUDGE = np.array([3e-4, 3e-3, 1e-3, 1e-2])  # of position and velocity of motor and link, for derivatives [rad], [rad/s]
+DAMPING = np.array([0.01, 1.0, 100.0])  # factors on the damping of a state that are tried
+LAUNCHES = 2  # turns for every start, and as many for the best
+
+
+@dataclass(frozen=True)
+class Shots:
+    """Flights of one recording with the states (S, B) that they start from: q, q', then the hidden ones."""
+
+    flights: Flights
+    states: Array
+    damping: Array  # (B,)
+    step: float = COARSE  # [s], longest of the integrator
+
+    @property
+    def measured(self) -> Array:
+        """Positions to compare with (N, B) [rad]."""
+        grain = grain_of(self.flights)
+        return self.flights.position[grain::grain]
+
+    def fly(
+        self, points: Sequence[Point], states: Array, observe: Callable[[Samples], None] | None = None
+    ) -> Trajectory:
+        """Flights of V points from V sets of states (V, S, B), each (N + 1, V B); `observe` as in `simulate`."""
+        flights, count = self.flights, states.shape[2]
+        terms, theta = stacked([(point.terms, point.theta) for point in points], count)
+        memory: dict[str, Memory] = {}
+        for variants in zip(*(point.terms for point in points), strict=True):
+            if not (variants[0].link or variants[0].delay):
+                memory.update(start_memory([flights], variants))
+        q, v, *hidden = (row.ravel() for row in np.swapaxes(states, 0, 1))
+        memory[link_of(points[0].terms).id] = tuple(hidden)
+        recording = flights.windows.recording
+        return simulate(
+            terms,
+            theta,
+            1.0 / recording.rate,
+            np.concatenate([flights.command(sum(term.delay for term in point.terms)) for point in points], axis=1),
+            q,
+            v,
+            np.tile(recording.time[flights.first], len(points)),
+            memory=memory,
+            longest_step=self.step,
+            load=flights.windows.samples.load,
+            observe=observe,
+        )
+
+    def errors(self, points: Sequence[Point], states: Array) -> Array:
+        """Errors of position of V points from V sets of states (V, S, B), each (V, B, N) [rad]."""
+        grain = grain_of(self.flights)
+        path = self.fly(points, states).position[grain::grain]
+        return np.moveaxis(path.reshape(len(path), len(points), -1) - self.measured[:, None], 0, 2)
+
+
+def each(points: Sequence[Point], times: int) -> list[Point]:
+    """Every point several times in a row."""
+    return [point for point in points for _ in range(times)]
+
+
+def has_link(terms: Sequence[Term]) -> bool:
+    """Whether one of the terms has a link behind the motor, whose motion nobody measures."""
+    return any(term.link for term in terms)
+
+
+def link_of(terms: Sequence[Term]) -> Term:
+    """The first term that has a link."""
+    return next(term for term in terms if term.link)
+
+
+def cut(windows: Windows, point: Point, first: Index) -> Shots:
+    """Flights from given samples on, started as the measured motion suggests."""
+    flights, link = cut_flights(windows, first, periods(windows, HOP)), link_of(point.terms)
+    hidden = start_memory([flights], [link])[link.id]
+    return Shots(flights, np.array([flights.position[0], flights.velocity, *hidden]), np.full(len(first), DAMPING[0]))
+
+
+def tiles(windows: Windows) -> Index:
+    """First samples of flights that follow each other all along a part of a recording."""
+    length = periods(windows, HOP)
+    ends = [(begin, end - length - 1) for begin, end in stretches(windows)]
+    return np.concatenate([np.unique(np.append(np.arange(b, last, length), last)) for b, last in ends if last >= b])
+
+
+def slopes_by_state(shots: Shots, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
+    """Errors (V, B, N) of V points from V sets of states (V, S, B), and derivatives by the states (V, B, N, S)."""
+    count, size, flights = states.shape
+    nudged = states[:, None] + np.vstack([np.zeros(size), np.diag(NUDGE)])[None, :, :, None]
+    errors = shots.errors(each(points, size + 1), nudged.reshape(-1, size, flights))
+    errors = errors.reshape(count, size + 1, flights, -1)
+    return errors[:, 0], np.moveaxis((errors[:, 1:] - errors[:, :1]) / NUDGE[:, None, None], 1, 3)
+
+
+def moves(error: Array, slopes: Array, damping: Array) -> Array:
+    """Steps of the states (F, S, B) that lower the errors (B, N) of B flights, for each of F factors on the damping."""
+    square = np.swapaxes(slopes, 1, 2) @ slopes
+    own = np.einsum("bss->bs", square)[:, :, None] * np.eye(slopes.shape[2])
+    pull = np.einsum("bns,bn->bs", slopes, error)[:, :, None]
+    steps = [
+        -np.linalg.solve(square + (d * damping)[:, None, None] * own + 1e-16 * np.eye(own.shape[1]), pull)
+        for d in DAMPING
+    ]
+    return np.array([step[:, :, 0].T for step in steps])
+
+
+def settle(
+    shots: Shots, points: Sequence[Point], states: Array, damping: Array, turns: int
+) -> tuple[Array, Array, Array]:
+    """States (V, S, B), their damping (V, B) and squared errors (V, B) after some turns, for each of V points."""
+    for _ in range(turns):
+        error, slopes = slopes_by_state(shots, points, states)
+        before = np.sum(error**2, axis=2)
+        tried = np.array(
+            [s + moves(*one) for s, *one in zip(states, error, slopes, damping, strict=True)]
+        )  # (V, F, S, B)
+        flat = tried.reshape(-1, *states.shape[1:])
+        after = np.sum(shots.errors(each(points, len(DAMPING)), flat) ** 2, axis=2)
+        states, damping, squares = _best(tried, after.reshape(*tried.shape[:2], -1), states, before, damping)
+    return states, damping, squares
+
+
+def _best(tried: Array, after: Array, states: Array, before: Array, damping: Array) -> tuple[Array, Array, Array]:
+    """The best of F states tried for each flight (V, F, S, B), or the old ones where none is better."""
+    best = np.argmin(after, axis=1)[:, None]  # (V, 1, B)
+    squares = np.take_along_axis(after, best, 1)[:, 0]
+    better = squares < before
+    moved = np.take_along_axis(tried, best[:, :, None], 1)[:, 0]
+    bolder = np.clip(damping * DAMPING[best[:, 0]], 1e-6, 1e3)
+    return (
+        np.where(better[:, None], moved, states),
+        np.where(better, bolder, np.minimum(30 * damping, 1e3)),
+        np.minimum(squares, before),
+    )
+
+
+def launch(shots: Shots, point: Point) -> tuple[Shots, Array]:
+    """The flights from the best states there are for a point, and their squared errors (B,).
+
+    Tried are the states they have, those that the measured motion suggests, and a link on either side of the play.
+    """
+    traced = cut(shots.flights.windows, point, shots.flights.first).states
+    gap = link_of(point.terms).shape.get("gap", 0.0)
+    candidates = [shots.states, traced]
+    for side in (-1, 0, 1) if gap else ():
+        candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
+    start = np.full((len(candidates), traced.shape[1]), DAMPING[0])
+    states, damping, squares = settle(shots, [point] * len(candidates), np.array(candidates), start, LAUNCHES)
+    best, flight = np.argmin(squares, axis=0), np.arange(len(start[0]))
+    states, _, squares = settle(shots, [point], states[best, :, flight].T[None], damping[best, flight][None], LAUNCHES)
+    return replace(shots, states=states[0], damping=start[0]), squares[0]
+
+
+def watch(windows: Windows, model: Model) -> Samples:
+    """Samples of a recording with the motion of motor and link as flights that follow each other have it."""
+    point, term = Point(model.terms, model.theta), link_of(model.terms)
+    x = windows.trace([term])[0]
+    shots, _ = launch(cut(windows, point, tiles(windows)), point)
+    seen: list[Memory] = []
+    path = shots.fly([point], shots.states[None], lambda state: seen.append(state.memory[term.id]))
+    index = shots.flights.first + np.arange(len(path.position))[:, None]
+
+    def filled(measured: ArrayLike, simulated: Array) -> Array:
+        series = np.array(measured, dtype=float)
+        series[index] = simulated
+        return series
+
+    moved = (np.array(series) for series in zip(*seen, strict=True))
+    link = tuple(filled(old, new) for old, new in zip(x.memory[term.id], moved, strict=True))
+    q, v = filled(x.position, path.position), filled(x.velocity, path.velocity)
+    return replace(x, position=q, velocity=v, memory={term.id: link})
+
+
+def hidden_state(flights: Flights, x: Samples, term: Term) -> Memory:
+    """State of a link at the start of flights, as far from the measured motor as it is from the one that is watched."""
+    position, velocity = (series[flights.first] for series in x.memory[term.id])
+    q, v = np.asarray(x.position)[flights.first], np.asarray(x.velocity)[flights.first]
+    return flights.position[0] + position - q, flights.velocity + velocity - v

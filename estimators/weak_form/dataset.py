@@ -1,0 +1,260 @@
+"""Windowed equations of several recordings that share one set of parameters, with windows as long as noise asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from estimators.regression.equations import Equations, IdentificationError
+from estimators.weak_form.windows import WHOLE, Part, Windows, cut, trace_all
+from pendulum_env._typing import Array, Index
+from pendulum_env.physics import BASE, KnownLoad, Samples, Term
+from pendulum_env.physics.actuation import TorqueOffset
+from pendulum_env.physics.friction import PositionDependentFriction, QuadraticDrag, Stribeck, ViscousAsymmetry
+from pendulum_env.physics.potential import Cogging, GravityTilt
+from pendulum_env.recording import Recording
+
+HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
+FOLDS, RUN = 10, 4  # of cross-validation: how many, and windows in a row in one
+LEAST_NOISE = 5e-4  # of the torque
+TRIFLE = 0.01  # share of the torque; encoder noise below it hides nothing worth finding
+FEWEST = 100  # windows that a length has to leave clear of stick,
+CLEAR = 0.3  # or share of the recording
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Windows of one or several recordings that share one set of parameters.
+
+    Attributes:
+        windows: one entry a recording.
+        weights: relative weight of each equation, (R,): recordings with more noise count less.
+        blocks: fold of each equation in cross-validation, (R,). Folds take turns along the recording, a few windows
+            each, so that an event that happens once (a stop that is hit, a payload that is lost) is in most of them.
+        clusters: the same with shorter stretches, for standard errors under correlated residuals.
+        watched: samples with the state variables of a term, by its id, one entry a recording; where they are not given,
+            the measured motion from the start on tells.
+    """
+
+    windows: tuple[Windows, ...]
+    weights: Array
+    blocks: Index
+    clusters: Index
+    watched: Mapping[str, Sequence[Samples]] = field(default_factory=dict)
+
+    @property
+    def samples(self) -> Samples:
+        """Samples at the windows' centres, all recordings in a row, (R,) each."""
+        parts = [w.at_centers() for w in self.windows]
+        loads = [
+            np.concatenate([np.broadcast_to(own, x.time.shape) for own, x in zip(of_each, parts, strict=True)])
+            for of_each in zip(*(x.load for x in parts), strict=True)
+        ]
+        return Samples(
+            np.concatenate([x.time for x in parts]),
+            np.concatenate([x.position for x in parts]),
+            np.concatenate([x.velocity for x in parts]),
+            np.concatenate([x.torque for x in parts]),
+            load=KnownLoad(*loads),
+        )
+
+    def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
+        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,)."""
+        known = self.watched.get(variants[0].id)
+        traced = [[x] * len(variants) for x in known] if known else trace_all(self.windows, variants)
+        per_window = [w.columns(variants, own) for w, own in zip(self.windows, traced, strict=True)]
+        return [
+            (np.concatenate([phi for phi, _ in parts]), np.concatenate([fixed for _, fixed in parts]))
+            for parts in zip(*per_window, strict=True)
+        ]
+
+    @property
+    def recording_of_window(self) -> Index:
+        """Recording that each equation is of (R,)."""
+        return np.repeat(np.arange(len(self.windows)), [len(w.centers) for w in self.windows])
+
+    def stretches(self, length: float) -> tuple[Index, Index, Index]:
+        """Stretch of about `length` seconds and recording of each equation (R,); recording of each stretch (S,)."""
+        stretch = _numbers(self.windows, length)
+        recording = self.recording_of_window
+        of_stretch = np.zeros(int(stretch.max()) + 1, dtype=np.intp)
+        of_stretch[stretch] = recording
+        return stretch, recording, of_stretch
+
+    def structure(self, residual: Array, inertia: float) -> tuple[float, float]:
+        """Root mean square of what neighbouring windows share of a residual (R,) [N m], and how sure it is.
+
+        Windows that follow each other overlap: what white noise of sensors makes them share is taken off. A residual
+        that is white beyond that is noise, whatever its size. How sure it is, in standard errors of white noise, tells
+        the correlation of neighbours, taken stretch by stretch: each counts alike, loud or quiet.
+        """
+        stretch, first = _numbers(self.windows, 1.0), 0
+        shared, powers, owners = [], [], []
+        for w in self.windows:
+            count, m = len(w.centers), len(w.kernel) // 2
+            own = residual[first : first + count]
+            beside = np.flatnonzero(np.diff(w.centers) == m)
+            shared.append(own[beside] * own[beside + 1] - w.shared_noise(inertia))
+            powers.append(0.5 * (own[beside] ** 2 + own[beside + 1] ** 2))
+            owners.append(stretch[first + beside])
+            first += count
+        product, power, owner = np.concatenate(shared), np.concatenate(powers), np.concatenate(owners)
+        if len(product) == 0:
+            return 0.0, 0.0
+        number = np.bincount(owner)
+        told = number > 0
+        correlation = np.bincount(owner, product)[told] / np.maximum(np.bincount(owner, power)[told], 1e-300)
+        sure = float(number[told] @ correlation) / float(np.sqrt(len(product)))
+        size = float(np.sqrt(max(product.mean(), 0.0)))
+        return size if size > self.precision() else 0.0, sure
+
+    def precision(self) -> float:
+        """Torque error that smoothing and integration leave, which are not exact either [N m]."""
+        return LEAST_NOISE * float(np.std(self.torque()))
+
+    def with_more_torque(self, more: float) -> Dataset:
+        """The same motion under a torque that is larger all along [N m]: tells how columns depend on it."""
+
+        def pushed(w: Windows) -> Windows:
+            recording = replace(w.recording, torque=w.recording.torque + more)
+            return replace(w, recording=recording, samples=replace(w.samples, torque=w.samples.torque + more))
+
+        return replace(self, windows=tuple(pushed(w) for w in self.windows))
+
+    def torque(self) -> Array:
+        """Windowed measured torque, (R,) [N m]."""
+        return np.concatenate([w.torque() for w in self.windows])
+
+    def net_torque(self) -> Array:
+        """The same less what known loads take: what the model is to explain, (R,) [N m]."""
+        return np.concatenate([w.net_torque() for w in self.windows])
+
+    def equations(self, terms: Sequence[Term]) -> Equations:
+        """Regression of the measured torque, less known loads and the terms' fixed columns, on their linear columns."""
+        parts = [self.columns([term])[0] for term in terms]
+        phi = np.column_stack([linear for linear, _ in parts])
+        return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
+
+    def muffled(self, term: Term) -> float:
+        """Variance of torque noise that the term takes out, mean over the equations [(N m)^2]."""
+        counts = [len(w.centers) for w in self.windows]
+        parts = [count * w.muffled(term) for count, w in zip(counts, self.windows, strict=True) if count]
+        return sum(parts) / max(1, sum(counts))
+
+    def noise(self, inertia: float) -> float:
+        """Root mean square over the windows of what measurement noise alone leaves [N m]."""
+        counts = np.array([len(w.centers) for w in self.windows])
+        levels = np.array([w.noise(inertia) for w in self.windows])
+        return max(self.precision(), float(np.sqrt(np.sum(counts * levels**2) / max(1, counts.sum()))))
+
+
+def _numbers(windows: Sequence[Windows], length: float) -> Index:
+    """Number the stretches of about `length` seconds that the equations lie in, never across recordings."""
+    numbers, offset = [], 0
+    for w in windows:
+        count = max(1, round(w.recording.duration / length))
+        which = np.minimum((w.centers * count) // len(w.recording), count - 1)
+        numbers.append(which + offset)
+        offset += count
+    return np.unique(np.concatenate(numbers), return_inverse=True)[1]
+
+
+def _widths(recording: Recording) -> tuple[float, ...]:
+    """Half widths that are at least two samples and that leave windows enough."""
+    shortest = 2.0 / recording.rate
+    return tuple(h for h in HALF_WIDTHS if h >= 0.99 * shortest) or (shortest,)
+
+
+def smooth_laws(w: Windows) -> tuple[Term, ...]:
+    """Terms that together follow nearly any smooth torque: what they leave is noise."""
+    fast = max(float(np.percentile(np.abs(w.samples.velocity), 95)), 0.1)
+    return (
+        *BASE,
+        TorqueOffset(),
+        GravityTilt(),
+        ViscousAsymmetry(),
+        QuadraticDrag(),
+        PositionDependentFriction(),
+        *(Stribeck(share * fast) for share in (0.05, 0.2)),
+        *(Cogging(order) for order in (2.0, 3.0)),
+    )
+
+
+def calibrate(w: Windows) -> Windows:
+    """Windows whose noise is no more than what is left of the torque when every smooth law is fitted to it.
+
+    Torque that changes from sample to sample, under fast control or a random binary signal, looks like noise by itself;
+    but real torque shows in the acceleration too, and cancels.
+    """
+    laws = smooth_laws(w)
+    phi = np.column_stack([w.columns([law])[0][0] for law in laws])
+    freedom = len(phi) - phi.shape[1]
+    if freedom < phi.shape[1]:
+        return w
+    scale = np.maximum(np.linalg.norm(phi, axis=0), 1e-300)
+    theta = np.linalg.lstsq(phi / scale, w.net_torque(), rcond=1e-10)[0] / scale
+    left = float(np.linalg.norm(w.net_torque() - phi @ theta)) / np.sqrt(freedom)
+    factor = min(1.0, left / max(w.noise(abs(float(theta[0]))), 1e-300))
+    return replace(w, torque_noise=factor * w.torque_noise, acceleration_noise=factor * w.acceleration_noise)
+
+
+def choose_half_width(recording: Recording) -> float:
+    """Shortest half width [s] at which encoder noise no longer dominates torque noise.
+
+    Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
+    is all noise, which falls with the window's length to the power -2.5.
+    """
+    widths = _widths(recording)
+    cuts = [cut(recording, width) for width in widths]
+    carried = float(np.max(cuts[0].samples.load.inertia))
+    inertia, real = carried, 1.0  # and share of the torque noise that is real
+    for w in reversed(cuts):  # the longest that leaves enough windows knows best
+        equations = dataset((w,)).equations(BASE)
+        if len(equations.y) >= 40:
+            inertia = carried + abs(float(np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]))
+            real = calibrate(w).torque_noise / max(w.torque_noise, 1e-300)
+            break
+    enough = TRIFLE * float(np.std(recording.torque))
+    covered = [len(w.centers) * width for w, width in zip(cuts, widths, strict=True)]  # [s], clear of stick
+    enough_windows = [
+        len(w.centers) >= FEWEST or time >= CLEAR * recording.duration for w, time in zip(cuts, covered, strict=True)
+    ]
+    feasible = [i for i, fine in enumerate(enough_windows) if fine] or [int(np.argmax(covered))]
+    quiet = [
+        i for i in feasible if inertia * cuts[i].acceleration_noise <= max(0.7 * real * cuts[i].torque_noise, enough)
+    ]
+    return widths[quiet[0] if quiet else feasible[-1]]
+
+
+def dataset(windows: Sequence[Windows]) -> Dataset:
+    """Put windows of several recordings together, weighted by their noise and split into folds."""
+    total = sum(w.recording.duration for w in windows)
+    reference = float(np.median([np.std(w.recording.torque) for w in windows]))
+    levels = [max(w.noise(0.05), 0.003 * reference, 1e-12) for w in windows]
+    weights = [np.full(len(w.centers), min(levels) / level) for w, level in zip(windows, levels, strict=True)]
+    return Dataset(
+        tuple(windows),
+        np.concatenate(weights),
+        np.arange(sum(len(w.centers) for w in windows)) // RUN % FOLDS,
+        _numbers(windows, min(0.5, total / 30)),
+    )
+
+
+def prepare(recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE) -> Dataset:
+    """Windowed equations of recordings or of a part of each, with window lengths fit to their noise unless given.
+
+    Raises:
+        IdentificationError: if too little of the motion is clear of stick to fit anything.
+    """
+    widths = half_widths or [choose_half_width(recording) for recording in recordings]
+    windows = [calibrate(cut(recording, width, part)) for recording, width in zip(recordings, widths, strict=True)]
+    usable = sum(len(w.centers) for w in windows)
+    if usable < 20:
+        names = ", ".join(recording.name for recording in recordings)
+        raise IdentificationError(
+            f"{names}: only {usable} stretches of motion are clear of stick and reversals, at least 20 are needed: "
+            "record longer, faster or wider motion"
+        )
+    return dataset(windows)

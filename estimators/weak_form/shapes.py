@@ -1,0 +1,115 @@
+"""Search over the shape parameters of one term, the linear parameters following along (variable projection).
+
+The searches meet the data only through functions that judge a whole batch of variants at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.regression.least_squares import is_converged
+from pendulum_env._typing import Array
+from pendulum_env.physics import Shape, Term
+
+TURNS = 20  # of Gauss-Newton at most
+SCANNED = 21  # instants at a time
+STEPS = (1.0, 0.4, 0.1, 0.02)  # shares of a Gauss-Newton step that are tried
+DIFFERENCE = 1e-3  # relative, for derivatives
+ROUNDS, DRAWS, ELITE = 6, 48, 8  # of the cross-entropy search
+
+Residuals = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
+
+
+def moved(term: Term, shapes: Sequence[Shape], values: Sequence[float] | Array) -> Term:
+    """The term with new values of some shape parameters, kept inside their limits."""
+    return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(shapes, values, strict=True)})
+
+
+def continuous(term: Term) -> list[Shape]:
+    """Shape parameters that a search may move: free ones that are no integers and follow no other parameter."""
+    return [shape for shape in term.free if not shape.integer and not shape.follows]
+
+
+def freed(term: Term) -> list[Term]:
+    """The term with one shape parameter that is at its usual value off it, for each that is."""
+    usual = [shape for shape in term.shapes if shape.unusual is not None and shape not in term.free]
+    return [moved(term, [shape], [shape.unusual]) for shape in usual if shape.unusual is not None]
+
+
+def bound(term: Term) -> list[Term]:
+    """The term with one shape parameter that is off its usual value back at it, for each that may be."""
+    unusual = [shape for shape in term.free if shape.unusual is not None]
+    return [moved(term, [shape], [shape.usual]) for shape in unusual if shape.usual is not None]
+
+
+def gauss_newton(term: Term, residuals: Residuals) -> Term:
+    """Variant with the least squared residual near `term`.
+
+    The derivative of the projected residual is taken by differences; all differences of a turn, as well as all step
+    lengths, are judged as one batch. Parameters with a positive lower limit move by factors.
+    Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
+    """
+    shapes = continuous(term)
+    if not shapes:
+        return term
+    factor = np.array([shape.low > 0 for shape in shapes])
+    (current,) = residuals([term])
+    for _ in range(TURNS):
+        values = np.array([term.shape[shape.name] for shape in shapes])
+        unit = np.where(factor, np.abs(values), np.maximum(np.abs(values), 0.1))
+        nearby = [moved(term, shapes, values + DIFFERENCE * unit * direction) for direction in np.eye(len(shapes))]
+        slopes = np.column_stack([(residual - current) / DIFFERENCE for residual in residuals(nearby)])  # (R, S)
+        # slopes step = -current, lightly damped, and no longer than a factor of two
+        damping = np.diag(1e-6 * np.linalg.norm(slopes, axis=0))
+        target = np.concatenate([-current, np.zeros(len(shapes))])
+        step = np.linalg.lstsq(np.vstack([slopes, damping]), target, rcond=None)[0]
+        if is_converged(current, slopes @ step):
+            break
+        step = step / max(1.0, float(np.abs(step).max()) / 0.7)
+        tried = [
+            moved(term, shapes, np.where(factor, values * np.exp(share * step), values + share * step * unit))
+            for share in STEPS
+        ]
+        outcomes = residuals(tried)
+        squares = [float(outcome @ outcome) for outcome in outcomes]
+        best = int(np.argmin(squares))
+        if not squares[best] < float(current @ current):
+            break
+        term, current = tried[best], outcomes[best]
+    return term
+
+
+def scan(term: Term, residuals: Residuals, reach: float) -> Term:
+    """Variant whose instants are the best within `reach` [s]: evenly spaced ones, and again around the best."""
+    for shape in (shape for shape in term.shapes if shape.instant):
+        for width in reach * np.array([1.0, 0.1, 0.01]):
+            values = term.shape[shape.name] + width * np.linspace(-1.0, 1.0, SCANNED)
+            tried = [moved(term, [shape], [value]) for value in values]
+            term = tried[int(np.argmin([float(residual @ residual) for residual in residuals(tried)]))]
+    return term
+
+
+def cross_entropy(variants: Sequence[Term], residuals: Residuals) -> Term:
+    """Best variant by repeated draws around the best ones so far; for errors with many local minima.
+
+    Works on the logarithms of the shape parameters, which have to be positive.
+    Source: Rubinstein and Kroese, The Cross-Entropy Method, 2004.
+    """
+    rng = np.random.default_rng(0)  # the same data give the same answer
+    shapes = variants[0].shapes
+
+    def errors(drawn: Sequence[Term]) -> list[float]:
+        return [float(np.linalg.norm(residual)) for residual in residuals(drawn)]
+
+    ranked = sorted(zip(errors(variants), variants, strict=True), key=lambda pair: pair[0])[:ELITE]
+    for _ in range(ROUNDS):
+        elite = np.log([[term.shape[shape.name] for shape in shapes] for _, term in ranked])
+        spread = 1.2 * elite.std(axis=0) + 0.02
+        draws = np.exp(elite.mean(axis=0) + spread * rng.standard_normal((DRAWS, len(shapes))))
+        drawn = [moved(variants[0], shapes, draw) for draw in draws]
+        ranked += zip(errors(drawn), drawn, strict=True)
+        ranked = sorted(ranked, key=lambda pair: pair[0])[:ELITE]
+    return ranked[0][1]

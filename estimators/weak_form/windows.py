@@ -1,0 +1,248 @@
+"""Weak form of the torque balance: averages over short smooth windows that stay clear of stick.
+
+Multiplying the balance by a smooth window w of compact support and integrating gives one equation per window,
+
+    <w tau> = sum_k theta_k <w (mass_k q'' + force_k + dry_k sgn q')>,
+
+in which both sides pass the same zero-phase low-pass filter. Windows that overlap little have nearly uncorrelated
+errors, so ordinary least squares on them is close to efficient, and a window either touches stick or it does not.
+
+Two facts about sampled data are built in. The command is held: the second difference of the position at sample k is
+the average acceleration under a triangle over samples k - 1 to k + 1, whose torque is exactly the mean of commands
+k - 1 and k. The same triangle acts on smooth functions as (f[k-1] + 10 f[k] + f[k+1]) / 12 (Numerov).
+
+Source: weak-form identification as in Messenger and Bortz, Multiscale Modeling and Simulation 19(3), 2021.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import binary_dilation
+
+from estimators.signals.differentiation import from_position, from_velocity, shared, white_noise
+from pendulum_env._typing import Array, ArrayLike, Index, Mask
+from pendulum_env.physics import Column, KnownLoad, Samples, Term
+from pendulum_env.physics.term import LOAD, UNLOADED, traces
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import NEWTON_METRE
+
+LEAD_IN = 0.3  # [s] at the start, in which effects with memory still know a start that was not recorded
+SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity has no sign
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windowed equations of one recording; build them with `cut`.
+
+    Attributes:
+        recording: the recording.
+        samples: time, smoothed position and velocity, and torque at the instants, each (N,).
+        acceleration: raw second difference of the position, or first difference of a measured velocity where that is
+            less noisy, (N,) [rad/s^2]; only its averages are meaningful.
+        kernel: window w, (2 m + 1,), summing to one.
+        centers: sample index of each window that is clear of stick, (R,).
+        moving: samples whose velocity has a sign, (N,).
+        torque_noise: standard deviation of a window's torque from white noise [N m].
+        acceleration_noise: the same for its acceleration [rad/s^2].
+        acceleration_shared: correlation of that noise between windows half a window apart.
+        velocity_noise: standard deviation of the smoothed velocity [rad/s].
+        first, stop: samples from which windows are taken, a part of the recording; the rest leads terms with memory in.
+    """
+
+    recording: Recording
+    samples: Samples
+    acceleration: Array
+    kernel: Array
+    centers: Index
+    moving: Mask
+    torque_noise: float
+    acceleration_noise: float
+    acceleration_shared: float
+    velocity_noise: float
+    first: int
+    stop: int
+
+    @property
+    def raw_torque_noise(self) -> float:
+        """Standard deviation of the white noise of the torque channel [N m]."""
+        return self.torque_noise / float(np.linalg.norm(np.convolve(self.kernel, [0.5, 0.5])))
+
+    def average(self, series: ArrayLike, kernel: Array | None = None) -> Array:
+        """Averages (R,) of a series (N,) over the windows."""
+        kernel = self.kernel if kernel is None else kernel
+        series = np.broadcast_to(np.asarray(series, dtype=float), self.acceleration.shape)
+        if len(self.centers) == 0:
+            return np.empty(0)
+        return sliding_window_view(series, len(kernel))[self.centers - len(kernel) // 2] @ kernel
+
+    def trace(self, variants: Sequence[Term]) -> list[Samples]:
+        """Samples with the state variables that each of several variants of one effect has along the recording."""
+        return trace_all([self], variants)[0]
+
+    def driving(self, kind: type[Term]) -> Samples:
+        """Samples that drive the state of an effect."""
+        if kind.kind != "transmission":
+            return self.samples
+        q = self.recording.position  # impacts are shorter than any smoothing
+        return replace(self.samples, position=q, velocity=np.gradient(q, 1.0 / self.recording.rate))
+
+    def column(self, column: Column, x: Samples) -> Array:
+        """Averages (R,) of a column of the regressor, `x` being the samples with the term's state variables."""
+        smooth = column.force(x) + column.dry(x) * np.sign(x.velocity)
+        # torque samples are averages over the triangle already
+        kernel = self.kernel if column.of_torque else np.convolve(self.kernel, [1 / 12, 10 / 12, 1 / 12])
+        averages = self.average(column.mass(x) * self.acceleration) + self.average(smooth, kernel)
+        return np.nan_to_num(averages, nan=0.0, posinf=0.0, neginf=0.0)  # a state that diverged explains nothing
+
+    def columns(self, variants: Sequence[Term], traced: Sequence[Samples] | None = None) -> list[tuple[Array, Array]]:
+        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,).
+
+        Args:
+            variants: of one effect.
+            traced: their samples with state variables, where these are known already.
+        """
+        parts = []
+        for variant, x in zip(variants, self.trace(variants) if traced is None else traced, strict=True):
+            linear = [self.column(c, x) for c in variant.columns]
+            # fixed columns are torques that hold like the command, and already averages over the triangle
+            fixed = sum((self.average(c.force(x)) for c in variant.fixed), np.zeros(len(self.centers)))
+            fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
+            parts.append((np.column_stack(linear) if linear else np.empty((len(self.centers), 0)), fixed))
+        return parts
+
+    def muffled(self, term: Term) -> float:
+        """Variance of white torque noise that the term's fixed columns take out of the windows [(N m)^2]."""
+        noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
+        held = noise.copy()
+        held[1:] = 0.5 * (noise[1:] + noise[:-1])
+        noisier = replace(
+            self,
+            recording=replace(self.recording, torque=self.recording.torque + noise),
+            samples=replace(self.samples, torque=self.samples.torque + held),
+        )
+        ((_, more),), ((_, taken),) = noisier.columns([term]), self.columns([term])
+        raw = self.average(held)
+        return float(np.var(raw) - np.var(raw - (more - taken)))
+
+    def torque(self) -> Array:
+        """Averages (R,) of the measured torque [N m]."""
+        return self.average(self.samples.torque)
+
+    def net_torque(self) -> Array:
+        """Averages (R,) of the measured torque less what the known load takes: what the model is to explain [N m]."""
+        return self.torque() - self.column(LOAD, self.samples) if self.samples.load else self.torque()
+
+    def at_centers(self) -> Samples:
+        """Samples at the windows' centres, (R,) each."""
+        x, c = self.samples, self.centers
+        return Samples(x.time[c], x.position[c], x.velocity[c], x.torque[c], load=x.load)
+
+    def noise(self, inertia: float) -> float:
+        """Standard deviation that measurement noise alone gives a window's residual [N m], a known load's included."""
+        return float(np.hypot(self.torque_noise, self._moved(inertia) * self.acceleration_noise))
+
+    def shared_noise(self, inertia: float) -> float:
+        """Covariance that measurement noise alone gives the residuals of windows that follow each other [(N m)^2]."""
+        of_torque = self.torque_noise**2 * shared(np.convolve(self.kernel, [0.5, 0.5]), len(self.kernel) // 2)
+        return of_torque + (self._moved(inertia) * self.acceleration_noise) ** 2 * self.acceleration_shared
+
+    def _moved(self, inertia: float) -> float:
+        """Inertia with that of the known load [kg m^2]."""
+        return inertia + float(np.max(self.samples.load.inertia))
+
+
+def known_load(recording: Recording) -> KnownLoad:
+    """The known load of a recording, for samples of it; none where torque is no torque, and cannot be compared."""
+    if recording.load is None or recording.torque_unit != NEWTON_METRE:
+        return UNLOADED
+    return KnownLoad(recording.load.inertia, recording.load.gravity)
+
+
+def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list[Samples]]:
+    """Samples with the state variables of each of several variants of one effect, along each of several recordings."""
+    kind = type(variants[0])
+    driving = [w.driving(kind) for w in windows]
+    if kind.trace is Term.trace and kind.advance is Term.advance:
+        return [[x] * len(variants) for x in driving]
+    runs, commands, periods = [], [], []  # one for each segment: nobody knows what happens in a gap
+    for w, x in zip(windows, driving, strict=True):
+        for begin, end in pairwise((*w.recording.starts, len(w.recording))):
+            part = slice(begin, end)
+            runs.append(Samples(x.time[part], x.position[part], x.velocity[part], x.torque[part]))
+            commands.append(w.recording.torque[begin:end])
+            periods.append(1.0 / w.recording.rate)
+    if kind.trace is not Term.trace:
+        every = zip(runs, commands, periods, strict=True)
+        memories = iter([[variant.trace(*run) for variant in variants] for run in every])
+    else:
+        memories = iter(traces(variants, runs, commands, periods))
+    traced = []
+    for w, x in zip(windows, driving, strict=True):
+        segments = [next(memories) for _ in w.recording.starts]
+        states = [
+            tuple(np.concatenate(series) for series in zip(*(own[v] for own in segments), strict=True))
+            for v in range(len(variants))
+        ]
+        traced.append([replace(x, memory={kind.id: memory}) for memory in states])
+    return traced
+
+
+def bump(half_width: int) -> Array:
+    """Window (1 - s^2)^3 over 2 half_width + 1 samples, summing to one."""
+    s = np.arange(-half_width, half_width + 1) / (half_width + 1)
+    weights = (1.0 - s**2) ** 3
+    return weights / weights.sum()
+
+
+Part = tuple[float, float]  # shares of a recording where a part begins and ends
+WHOLE: Part = (0.0, 1.0)
+
+
+def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
+    """Windows of a recording, or of a part of it.
+
+    Args:
+        recording: at least 0.1 s longer than a window.
+        half_width: of a window [s]; at least two samples are taken.
+        part: where windows are taken from.
+    """
+    m = max(2, round(half_width * recording.rate))
+    smoothing = max(2, round(0.75 * m))
+    window = bump(m)
+    motion = from_position(recording, window, smoothing)
+    measured = from_velocity(recording, window, smoothing)
+    if measured and measured.acceleration_noise < 0.7 * motion.acceleration_noise:
+        motion = measured
+    torque = recording.torque.copy()
+    torque[1:] = 0.5 * (recording.torque[1:] + recording.torque[:-1])
+    v = motion.velocity
+    moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
+    halted = ~moving
+    halted[1:] |= np.sign(v[1:]) != np.sign(v[:-1])
+    guard = m + 1 + smoothing // 3  # the smoothed velocity may cross zero a little off the true one
+    near = binary_dilation(halted, iterations=guard)
+    for begin, end in pairwise((*recording.starts, len(recording))):
+        lead_in = round(min(LEAD_IN * recording.rate, 0.1 * (end - begin)))
+        near[begin : begin + guard + 1 + lead_in] = near[end - guard - 1 : end] = True
+    first, stop = (round(share * len(v)) for share in part)
+    candidates = np.arange(first + m, stop - m, m)
+    held = np.convolve(window, [0.5, 0.5])
+    return Windows(
+        recording=recording,
+        samples=Samples(recording.time, motion.position, v, torque, load=known_load(recording)),
+        acceleration=motion.acceleration,
+        kernel=window,
+        centers=candidates[~near[candidates]],
+        moving=moving,
+        torque_noise=white_noise(recording.torque) * float(np.linalg.norm(held)),
+        acceleration_noise=motion.acceleration_noise,
+        acceleration_shared=shared(motion.noise_weights, m),
+        velocity_noise=motion.velocity_noise,
+        first=first,
+        stop=stop,
+    )

@@ -1,0 +1,52 @@
+"""Two effects are hidden in a pendulum; while it runs, a table says what its model lacks, and takes it in.
+
+python examples/online_diagnosis.py
+"""
+
+import gymnasium as gym
+import numpy as np
+from rich.live import Live
+from rich.table import Table
+
+from estimators.online import OnlineDiagnosis
+from estimators.wrappers import DiagnoseOnline
+from pendulum_env.excitation import excitation
+from pendulum_env.policy import OpenLoop, rollout
+
+HIDDEN = ["cogging:order=12,sin=0.2,cos=0.1", "quadratic_drag:quadratic_drag=0.03"]
+SHOWN = 6  # effects in the table
+
+
+def table(time: float, said: OnlineDiagnosis) -> Table:
+    """The likeliest effects, with what each gains over the running model."""
+    model = " + ".join(("base", *said.added))
+    title = f"{time:4.1f} s  {model}: {said.kind} {' or '.join(said.group)}, error {said.error:.4f} N m"
+    rows = Table("effect", "probability", "", "gain [nat]", title=title, title_justify="left", min_width=80)
+    for one in said.ranking[:SHOWN]:
+        bar = "█" * round(20 * one.probability)
+        rows.add_row(one.effect, f"{one.probability:.2f}", f"{bar:20}", f"{one.gain:z.0f} ± {one.error:.0f}")
+    return rows
+
+
+def main() -> None:
+    """Run for 25 s; what is likelier than 0.9 is added by itself."""
+    env = gym.make("pendulum_env/DirectDrivePendulum-v0", effects=HIDDEN, torque_noise=0.05, rate=500)
+    env = DiagnoseOnline(env, add_from=0.9)
+    signal = OpenLoop(excitation("paper", np.random.default_rng(0)), rate=500.0)
+    seen: list[OnlineDiagnosis] = []
+    with Live(auto_refresh=False) as live:
+
+        def show(info: dict) -> None:
+            said = info["diagnosis"]
+            if not seen or said is not seen[-1]:
+                if seen and said.added != seen[-1].added:
+                    live.console.print(f"{info['time']:4.1f} s  added {said.added[-1]}")
+                seen.append(said)
+                live.update(table(info["time"], said), refresh=True)
+
+        rollout(env, signal, steps=12_500, seed=0, watch=show)
+    print("found:", ", ".join(seen[-1].added), "| hidden:", ", ".join(effect.partition(":")[0] for effect in HIDDEN))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,23 @@
+"""Arms of n joints: bodies from files, terms at joints, recordings, and a planar arm as an environment."""
+
+from pendulum_env.arms.body import BaseParameter, Body, BodyError, read_body
+from pendulum_env.arms.joints import JointTerm, friction, joint_effects
+from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.planar import TWO_LINK, Link
+from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
+
+__all__ = [
+    "TWO_LINK",
+    "ArmModel",
+    "ArmRecording",
+    "BaseParameter",
+    "Body",
+    "BodyError",
+    "JointTerm",
+    "Link",
+    "friction",
+    "joint_effects",
+    "read_arm_recording",
+    "read_body",
+    "write_arm_recording",
+]

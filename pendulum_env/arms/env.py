@@ -1,0 +1,168 @@
+"""A planar arm as a Gymnasium environment, simulated by pymunk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from pendulum_env._typing import Array
+from pendulum_env.arms.planar import TWO_LINK, Link, PlanarBodies, joint_models, joint_names, urdf
+from pendulum_env.backends.sensing import COUNTS, Sensor
+from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive
+from pendulum_env.lookup import find
+from pendulum_env.rendering import MODES, Renderer
+
+RESET_OPTIONS = dict.fromkeys(("position", "velocity"))
+
+Observation = NDArray[np.float32]
+Action = NDArray[np.float32]
+
+
+class PlanarArm(gym.Env[Observation, Action]):
+    """An arm of n links in a vertical plane with a torque at each joint, seen through its encoders.
+
+    Joint angles are relative to the link before, and all zero where the arm hangs down. Action: torques [N m], held
+    for one period and limited to +-max_torque, shape (n,). Observation: cosines, sines and velocities [rad/s] of the
+    joints, shape (3 n,).
+
+    `info` carries the measurement, as of the pendulum but with arrays (n,): `time` [s], `position` [rad] unwrapped,
+    `velocity` [rad/s], `torque` [N m] as applied over the period that ends at `time`, and `follows`. The reward is 0.
+
+    Attributes:
+        joints: their names.
+        rate: samples per second [Hz].
+        counts: of the encoders per turn.
+    """
+
+    metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
+
+    def __init__(
+        self,
+        links: Sequence[Link] = TWO_LINK,
+        *,
+        effects: str | Sequence[str] = (),
+        rate: float = 1000.0,
+        substeps: int = 1,
+        max_torque: float = MAX_TORQUE,
+        counts: int = COUNTS,
+        torque_noise: float = 0.0,
+        velocity: str = "difference",
+        render_mode: str | None = None,
+    ) -> None:
+        """Make the arm.
+
+        Args:
+            links: from the base on, with friction at their joints.
+            effects: hidden at joints, as `stribeck@elbow=0.4`.
+            rate: samples, and actions, per second [Hz].
+            substeps: integration steps per sample.
+            max_torque: bound of each joint's action [N m].
+            counts: of the encoders per turn; 0 measures angles exactly.
+            torque_noise: standard deviation of the white noise on the measured torques [N m].
+            velocity: "difference", the backward difference of the encoder, or "ideal".
+            render_mode: "rgb_array" or "human".
+
+        Raises:
+            ValueError: if an argument is unknown or out of its range.
+        """
+        check_positive("an arm", rate=rate, substeps=substeps, max_torque=max_torque)
+        if render_mode is not None:
+            find("render_mode", render_mode, dict.fromkeys(MODES))
+        self.links, self.joints = tuple(links), joint_names(len(links))
+        self.sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
+        hidden = [effects] if isinstance(effects, str) else list(effects)
+        self.models = joint_models(self.links, self.joints, hidden)
+        self.rate, self.counts, self.max_torque = float(rate), counts, float(max_torque)
+        self.render_mode = render_mode
+        self.overlay: Callable[[], Sequence[str]] = tuple
+        self.metadata = {**self.metadata, "render_fps": max(1, round(rate))}
+        n = len(self.links)
+        high = np.repeat(np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32), n)
+        self.observation_space = gym.spaces.Box(-high, high, dtype=np.float32)
+        self.action_space = gym.spaces.Box(-self.max_torque, self.max_torque, (n,), dtype=np.float32)
+        self._bodies = PlanarBodies(self.links, self.models, 1.0 / rate, int(substeps))
+        self._renderer = Renderer(render_mode) if render_mode is not None else None
+        self._running = False
+
+    @property
+    def urdf(self) -> str:
+        """The arm's links as URDF, for `read_body`."""
+        return urdf(self.links)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode, at rest and hanging down unless `options` has `position` [rad] or `velocity` [rad/s], (n,).
+
+        Raises:
+            ValueError: if an option is unknown, or not n numbers.
+        """
+        super().reset(seed=seed)
+        given = dict(options or {})
+        for name in given:
+            find("option of reset", name, RESET_OPTIONS)
+        position, velocity = (self._numbers(name, given.get(name, np.zeros(len(self.links)))) for name in RESET_OPTIONS)
+        self._bodies.start(position, velocity)
+        self._count, self._running = 0, True
+        self._before = self.sensor.position(position - velocity / self.rate)
+        observation, info = self._show(np.zeros(len(self.links)))
+        if self.render_mode == "human":
+            self.render()
+        return observation, info
+
+    def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Hold torques for one period.
+
+        Raises:
+            ValueError: if the action is not n numbers.
+        """
+        if not self._running:
+            raise gym.error.ResetNeeded("the arm has not been started: call reset before step")
+        torque = np.clip(self._numbers("action", action), -self.max_torque, self.max_torque)
+        self._bodies.advance(torque)
+        self._count += 1
+        observation, info = self._show(self.sensor.torque(torque, self.np_random))
+        if self.render_mode == "human":
+            self.render()
+        return observation, 0.0, False, False, info
+
+    def _numbers(self, name: str, values: Any) -> Array:
+        array = np.asarray(values, dtype=float)
+        if array.shape != (len(self.links),) or not np.isfinite(array).all():
+            raise ValueError(f"{name} of an arm with {len(self.links)} joints needs as many numbers, got {values}")
+        return array
+
+    def _show(self, torque: Any) -> tuple[Observation, dict[str, Any]]:
+        position = self.sensor.position(self._bodies.position)
+        velocity = self.sensor.velocity(self._bodies.velocity)
+        if velocity is None:
+            velocity = (position - self._before) * self.rate
+        self._before = position
+        bounded = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
+        observation = np.concatenate([np.cos(position), np.sin(position), bounded]).astype(np.float32)
+        self._last = {
+            "time": self._count / self.rate,
+            "position": position,
+            "velocity": velocity,
+            "torque": torque,
+            "follows": True,
+        }
+        return observation, self._last
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Picture (H, W, 3) of the arm and the torques at its joints; None in mode human."""
+        if self._renderer is None:
+            gym.logger.warn("render was called without a render_mode: pass render_mode='rgb_array' to gym.make")
+            return None
+        lengths = [link.length for link in self.links]
+        return self._renderer.draw(self._last, self.max_torque, self.overlay(), lengths)
+
+    def close(self) -> None:
+        """Let go of the window."""
+        self._running = False
+        if self._renderer is not None:
+            self._renderer.close()

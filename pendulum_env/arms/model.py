@@ -1,0 +1,114 @@
+"""A model of an arm: a rigid body, terms at its joints, and the values of their parameters."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pendulum_env._typing import JSON, Array, ArrayLike
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import JointTerm
+from pendulum_env.files import write_whole
+from pendulum_env.physics import Estimate, ModelError, library
+from pendulum_env.reading import Unreadable, Value, read_json
+
+SCHEMA = "pendulum-ident/arm-model@1"
+HINT = "an arm's model is what `identify --robot` or `diagnose --robot` write with -o"
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModel:
+    """Base parameters of a body and terms at its joints.
+
+    Attributes:
+        body: the links.
+        terms: at joints, in the order of their parameters.
+        estimates: every parameter by name: base parameters first, then `viscous@elbow`, and shape parameters such as
+            `stribeck.stribeck_velocity@elbow`.
+    """
+
+    body: Body
+    terms: tuple[JointTerm, ...]
+    estimates: Mapping[str, Estimate] = field(default_factory=dict)
+
+    @classmethod
+    def build(cls, body: Body, terms: Sequence[JointTerm], theta: ArrayLike, std: ArrayLike = 0.0) -> ArmModel:
+        """Model from linear parameters theta (P,) and their standard errors, base parameters first."""
+        units = [parameter.unit for parameter in body.base]
+        units += [column.unit for own in terms for column in own.term.columns]
+        names = parameter_names(body, terms)
+        values, errors = (
+            np.broadcast_to(np.asarray(given, dtype=float), len(names)).tolist() for given in (theta, std)
+        )
+        pairs = zip(names, values, errors, units, strict=True)
+        estimates = {name: Estimate(value, error, unit) for name, value, error, unit in pairs}
+        for own in terms:
+            for shape in own.term.free:
+                value = float(own.term.shape[shape.name])
+                estimates[f"{own.term.id}.{shape.name}@{own.at}"] = Estimate(value, 0.0, shape.unit)
+        return cls(body, tuple(terms), estimates)
+
+    @property
+    def theta(self) -> Array:
+        """Linear parameters (P,), base parameters first."""
+        return np.array([self.estimates[name].value for name in parameter_names(self.body, self.terms)])
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON; base parameters also say what they combine."""
+        return {
+            "schema": SCHEMA,
+            "robot": self.body.name,
+            "joints": list(self.body.joints),
+            "rotors": self.body.rotors,
+            "base": {parameter.name: parameter.text for parameter in self.body.base},
+            "terms": [{"id": own.term.id, "joint": own.at, "shape": own.term.shape} for own in self.terms],
+            "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write JSON, whole or not at all."""
+        write_whole(path, json.dumps(self.json(), indent=1) + "\n")
+
+    @classmethod
+    def load(cls, path: str | Path, body: Body) -> ArmModel:
+        """Read a model of a body.
+
+        Raises:
+            ModelError: if the file is missing, is no model of an arm, or is one of another arm.
+        """
+        try:
+            data = Value("the model", "", read_json(path, HINT))
+            if data["schema"].text() != SCHEMA:
+                raise ModelError(f"is no model of an arm; {HINT}")
+            joints = [joint.text() for joint in data["joints"].items(1000)]
+            if tuple(joints) != body.joints:
+                raise ModelError(f"is of an arm with joints {', '.join(joints)}, not {', '.join(body.joints)}")
+            base = data["base"].content
+            if base != {parameter.name: parameter.text for parameter in body.base}:
+                raise ModelError("is of an arm with other links, or with --rotors where this has none, or without")
+            terms = tuple(_term(item, body.joints) for item in data["terms"].items(1000))
+            theta = data["theta"]
+            names = parameter_names(body, terms)
+            values = [theta[name]["value"].number() for name in names]
+            errors = [theta[name]["std"].number(0.0) for name in names]
+        except (Unreadable, ModelError) as error:
+            raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+        return cls.build(body, terms, np.array(values), np.array(errors))
+
+
+def parameter_names(body: Body, terms: Sequence[JointTerm]) -> tuple[str, ...]:
+    """Names of the linear parameters, base parameters first."""
+    return (*body.names, *(name for own in terms for name in own.names))
+
+
+def _term(item: Value, joints: Sequence[str]) -> JointTerm:
+    kind = library.term(item["id"].text())
+    joint, shape = item["joint"].text(), item["shape"]
+    if joint not in joints:
+        raise ModelError(f"has a term at joint '{joint}', the robot has {', '.join(joints)}")
+    values = {known.name: shape[known.name].number(known.low, known.high) for known in kind.shapes}
+    return JointTerm(list(joints).index(joint), joint, kind(**values))

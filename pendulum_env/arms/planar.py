@@ -1,0 +1,209 @@
+"""A planar arm in pymunk: n links on pivots, with set-valued dry friction at each.
+
+A `SimpleMotor` at rate zero between two links whose force is bounded by fc is set-valued Coulomb friction. With
+pymunk's bias correction complete in one step, its steps are a leapfrog: positions at the steps, velocities half a step
+later, links held together at the positions. That is of second order, and conserves energy where no friction acts. Where
+a joint reverses inside a step, the step is made again with the friction that acted until then.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pymunk
+
+from pendulum_env._typing import Array
+from pendulum_env.arms.joints import FRICTION, effect_at
+from pendulum_env.physics import Model, Samples
+from pendulum_env.physics.simulation import Balance
+from pendulum_env.plant import PAPER, hide
+
+GRAVITY = 9.81  # [m/s^2]
+AT_REST = 1e-3  # [rad/s]; a slower joint may be one that friction holds, not quite stopped by the solver
+ITERATIONS = 20  # of pymunk's solver, which converges by a constant factor
+
+
+@dataclass(frozen=True)
+class Link:
+    """One link, whose centre of mass lies on the line to the next joint.
+
+    Attributes:
+        mass: [kg].
+        length: to the next joint [m].
+        center: of mass, from its joint [m].
+        inertia: about the centre of mass [kg m^2].
+        viscous: friction at its joint [N m s/rad].
+        coulomb: dry friction at its joint [N m].
+    """
+
+    mass: float = 1.0
+    length: float = 0.45
+    center: float = 0.2
+    inertia: float = 0.02
+    viscous: float = PAPER["viscous"]
+    coulomb: float = PAPER["coulomb"]
+
+    def __post_init__(self) -> None:
+        if not (self.mass > 0 and self.inertia > 0 and self.length > 0):
+            raise ValueError(f"a link needs a positive mass, inertia and length, not {self}")
+        if not (self.viscous >= 0 and self.coulomb >= 0):
+            raise ValueError(f"friction of a link cannot be negative, as in {self}")
+
+
+TWO_LINK = (Link(1.2, 0.45, 0.2, 0.02), Link(0.8, 0.35, 0.15, 0.008))
+
+
+def joint_names(count: int) -> tuple[str, ...]:
+    """`shoulder`, `elbow`, `wrist`, then numbers."""
+    return tuple(("shoulder", "elbow", "wrist")[k] if k < 3 else f"joint{k + 1}" for k in range(count))
+
+
+def joint_models(links: Sequence[Link], names: Sequence[str], effects: Sequence[str] = ()) -> tuple[Model, ...]:
+    """Friction of each joint, and the effects hidden there.
+
+    Args:
+        links: of the arm.
+        names: of its joints.
+        effects: `stribeck@elbow=0.4`, with parameters as for a pendulum.
+
+    Raises:
+        ValueError: if an effect, joint or parameter is unknown.
+    """
+    models = [Model.build(FRICTION, np.array([link.viscous, link.coulomb])) for link in links]
+    for text in effects:
+        place = re.split("[=:]", text, maxsplit=1)[0]
+        kind, joint = effect_at(place, names)
+        models[joint] = hide(models[joint], kind.id + text[len(place) :])
+    return tuple(models)
+
+
+class PlanarBodies:
+    """The simulated arm: advance it with `advance`; positions and velocities are those of the joints."""
+
+    def __init__(self, links: Sequence[Link], models: Sequence[Model], period: float, substeps: int) -> None:
+        """Take links, what acts at their joints, the time between samples [s] and steps in it."""
+        self.links, self.substeps, self.step = tuple(links), substeps, period / substeps
+        self._balances = [Balance(model.terms, model.theta) for model in models]
+
+    def start(self, position: Array, velocity: Array) -> None:
+        """Put the arm at joint angles (n,) [rad] with joint velocities (n,) [rad/s]."""
+        count = len(self.links)
+        self._space = pymunk.Space()
+        self._space.gravity = (0.0, -GRAVITY)
+        self._space.iterations = ITERATIONS
+        self._bodies: list[Any] = []
+        self._motors: list[Any] = []
+        before: Any = self._space.static_body
+        joint, joint_velocity = np.zeros(2), np.zeros(2)
+        self.position, self.velocity = np.array(position, dtype=float), np.array(velocity, dtype=float)
+        for link, angle, rate in zip(self.links, np.cumsum(position), np.cumsum(velocity), strict=True):
+            body = pymunk.Body(link.mass, link.inertia)
+            along = np.array([np.sin(angle), -np.cos(angle)])
+            across = rate * np.array([np.cos(angle), np.sin(angle)])
+            body.angle, body.angular_velocity = float(angle), float(rate)
+            body.position = tuple(joint + link.center * along)
+            body.velocity = tuple(joint_velocity + link.center * across)
+            anchor = (0.0, self.links[len(self._bodies) - 1].center - self.links[len(self._bodies) - 1].length)
+            pivot = pymunk.PivotJoint(before, body, anchor if self._bodies else (0.0, 0.0), (0.0, link.center))
+            pivot.error_bias = 0.0
+            motor = pymunk.SimpleMotor(before, body, 0.0)
+            self._space.add(body, pivot, motor)
+            self._bodies.append(body)
+            self._motors.append(motor)
+            joint, joint_velocity = joint + link.length * along, joint_velocity + link.length * across
+            before = body
+        self._time, self._command = 0.0, np.zeros(count)
+        self._memory: list[Mapping[str, Any]] = []
+        for k, balance in enumerate(self._balances):
+            self._memory.append(balance.start(self._at(k, 0.0, self.position, self.velocity, self._command, {})))
+        self._half = self._before = self.velocity
+        # to where velocities belong: half a step on, the positions staying
+        kept = [(body.position, body.angle) for body in self._bodies]
+        self._push(self.position, self.velocity, self._command, 0.5 * self.step)
+        for body, (place, angle) in zip(self._bodies, kept, strict=True):
+            body.position, body.angle = place, angle
+        self._half = self._rates()
+
+    def advance(self, torque: Array) -> None:
+        """Hold torques (n,) [N m] for one period."""
+        h = self.step
+        for k in range(self.substeps):
+            command = torque
+            if (
+                k == 0
+            ):  # half of a change of torque belongs to the half step before, which is over; stick made up for it
+                command = torque + 0.5 * (torque - self._command) * (np.abs(self._half) > AT_REST)
+            position = self.position + h * self._half
+            expected = 1.5 * self._half - 0.5 * self._before
+            for joint, balance in enumerate(self._balances):
+                if self._memory[joint]:
+                    x = self._at(joint, self._time, self.position, self._half, torque, self._memory[joint])
+                    self._memory[joint] = balance.advance(x, self._half[joint], h)
+            self._time += h
+            before, last = self._half, self._saved()
+            self._push(position, expected, command, h)
+            after = self._rates()
+            turned = (before * after < 0) & (np.abs(before) > AT_REST)
+            if turned.any():  # once more, with the friction that acted in the old direction until the reversal
+                slowing = np.where(turned, before - self._before, 1.0)
+                share = np.clip(np.where(turned, -before / np.where(slowing == 0, -before, slowing), 0.0), 0.0, 1.0)
+                dry = np.array([motor.max_force for motor in self._motors])
+                self._restore(last)
+                self._push(position, expected, command - 2.0 * share * dry * np.sign(before), h)
+                after = self._rates()
+            self.position, self._before, self._half = position, before, after
+        self._command = torque
+        self.velocity = 0.5 * (self._before + self._half)
+
+    def _push(self, position: Array, velocity: Array, torque: Array, h: float) -> None:
+        """One step of pymunk under the joints' torques at the end of its positions' step."""
+        count = len(self._bodies)
+        net = np.empty(count)
+        for k, (balance, motor) in enumerate(zip(self._balances, self._motors, strict=True)):
+            x = self._at(k, self._time, position, velocity, torque, self._memory[k])
+            net[k] = balance.net(x)
+            dry = max(float(balance.dry(x)), 0.0)
+            if motor.max_force != dry:
+                motor.max_force = dry
+        for k, body in enumerate(self._bodies):
+            body.torque = float(net[k] - (net[k + 1] if k + 1 < count else 0.0))
+        self._space.step(h)
+
+    def _saved(self) -> list[tuple[Any, ...]]:
+        return [(body.position, body.angle, body.velocity, body.angular_velocity) for body in self._bodies]
+
+    def _restore(self, saved: Sequence[tuple[Any, ...]]) -> None:
+        for body, state in zip(self._bodies, saved, strict=True):
+            body.position, body.angle, body.velocity, body.angular_velocity = state
+
+    def _rates(self) -> Array:
+        return np.diff([body.angular_velocity for body in self._bodies], prepend=0.0)
+
+    @staticmethod
+    def _at(
+        joint: int, time: float, position: Array, velocity: Array, torque: Array, memory: Mapping[str, Any]
+    ) -> Samples:
+        now: Any = np.float64(time)
+        return Samples(now, position[joint], velocity[joint], torque[joint], memory)
+
+
+def urdf(links: Sequence[Link], name: str = "planar-arm") -> str:
+    """The arm's links as URDF, without friction; its axes point so that q = 0 hangs down, as in the simulation."""
+    names = joint_names(len(links))
+    bodies, joints = ['<link name="base"/>'], []
+    for k, (link, joint) in enumerate(zip(links, names, strict=True)):
+        i = link.inertia
+        bodies.append(
+            f'<link name="link{k + 1}"><inertial><origin xyz="0 0 {-link.center}"/><mass value="{link.mass}"/>'
+            f'<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i / 10}"/></inertial></link>'
+        )
+        parent, below = (f"link{k}", -links[k - 1].length) if k else ("base", 0.0)
+        joints.append(
+            f'<joint name="{joint}" type="continuous"><parent link="{parent}"/><child link="link{k + 1}"/>'
+            f'<origin xyz="0 0 {below}"/><axis xyz="0 -1 0"/></joint>'
+        )
+    return "\n".join([f'<robot name="{name}">', *bodies, *joints, "</robot>", ""])

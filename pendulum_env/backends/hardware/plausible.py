@@ -1,0 +1,183 @@
+"""Whether an arm can have moved as its encoder says, under the torque that was commanded.
+
+Of three readings, the change of the mean velocity from one span to the next is a mean of the acceleration between them,
+weighted by a hat w that rises from the first to the middle one and falls to the last:
+
+    (q2 - q1) / (t2 - t1) - (q1 - q0) / (t1 - t0) = int w q'' dt
+
+and the same difference of any double integral is the same mean of what was integrated. So the law of motion, weighted
+alike, holds for the angles that were read as they are, without a derivative:
+
+    I int w q'' = int w tau - mgl int w sin q - b int w q' - fc int w sgn q'
+
+Each parameter is known within a range only, dry friction at rest holds with anything up to fc, a command takes up to
+`delay` to act, readings are uncertain by the time they took, and `slack` stands for all that is not in the law. What
+lies outside of all of that, over any of a few spans, no arm in these ranges has done: the encoder or the drive is at
+fault, or somebody pushes. Short spans catch jumps at once, long ones what slack hides.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from typing import NamedTuple
+
+from pendulum_env.backends.hardware.config import Plant
+
+SPANS = (0.004, 0.01, 0.025, 0.06, 0.15)  # [s], from the first reading to the middle one
+KEPT = 2 * SPANS[-1] + 0.1  # [s] of readings
+BATCH = 256  # of readings that are forgotten at a time
+SURE = 2  # readings in a row that cannot be: one alone may be a wrong time
+FIRM = 4.0  # standard deviations of a reading's time that count
+CLOCK = 5e-5  # [s] by which any reading's time may be wrong
+SLOW = 0.02  # [rad/s], below which the arm may as well stick
+GAIN = 0.15  # share of a torque by which the motor's may differ
+
+
+class Mark(NamedTuple):
+    """A reading, and double integrals up to it, each per unit of its parameter [s^2]; those of torque in N m s^2."""
+
+    position: float  # [rad]
+    doubt: float  # [rad]
+    least: float  # torque that may have acted, at least
+    most: float  # and at most
+    gravity: float  # of sin q
+    angle: float  # of q': the integral of q [rad s]
+    forward: float  # of 1 while the arm turns counter-clockwise for sure
+    backward: float  # while it turns clockwise
+    held: float  # while nobody can tell
+
+
+class Plausible:
+    """Keeps the readings of the last half second."""
+
+    def __init__(self, plant: Plant, step: float, noise: float) -> None:
+        """Take the ranges, the angle of a count [rad], and the uncertainty of a reading's time [s]."""
+        self._step, self._noise = abs(step), FIRM * noise + CLOCK
+        share = plant.share
+        self._inertia = _around(plant.inertia, share, share)
+        self._gravity = _around(plant.gravity, share, share)
+        self._viscous = _around(plant.viscous, 4 * share, 3 * share)  # it follows the temperature, and air adds to it
+        self._coulomb = _around(plant.coulomb, 2 * share, share)
+        self._slack, self._delay = plant.slack, plant.delay
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is known of the motion; no torque acts."""
+        self._times: list[float] = []
+        self._marks: list[Mark] = []
+        self._slopes = [0.0] * 6  # first integrals, of all but the angle
+        self._torques = [(-math.inf, 0.0, 0.0)]  # after which reading, and between what
+        self._direction, self._start, self._wrong = 0, 0.0, 0
+
+    def commanded(self, torque: float) -> None:
+        """A torque [N m] was sent after the last reading."""
+        since = self._times[-1] if self._times else -math.inf
+        least = most = torque
+        if self._torques[-1][0] == since:
+            _, least, most = self._torques.pop()
+        self._torques.append((since, min(least, torque), max(most, torque)))
+
+    def measured(self, time: float, position: float, took: float = 0.0) -> str:
+        """What is wrong with a reading, in words; nothing if the arm may have moved so.
+
+        Args:
+            time: of the reading [s].
+            position: that was read [rad].
+            took: how long reading took, somewhere within which it was read [s].
+        """
+        if not self._times:
+            self._start = position
+            doubt = 2 * self._step
+            self._times.append(time)
+            self._marks.append(Mark(position, doubt, *[0.0] * 7))
+            return ""
+        passed = time - self._times[-1]
+        if passed <= 0:
+            return ""
+        self._extend(time, position, passed, took)
+        found = ""
+        for span in SPANS:
+            if found := self._impossible(span):
+                break
+        self._wrong = self._wrong + 1 if found else 0
+        if len(self._times) > 2 * BATCH and self._times[BATCH] < time - KEPT:
+            del self._times[:BATCH], self._marks[:BATCH]
+        return found if self._wrong >= SURE else ""
+
+    def _extend(self, time: float, position: float, passed: float, took: float) -> None:
+        """Integrate up to a reading."""
+        last = self._marks[-1]
+        moved = position - last.position
+        speed = moved / passed
+        sure = abs(speed) > SLOW + 2 * self._step / passed
+        direction = int(math.copysign(1, moved)) if sure else 0
+        same, self._direction = direction == self._direction, direction
+        least, most = self._acting(self._times[-1])
+        rates = (
+            least - GAIN * abs(least),
+            most + GAIN * abs(most),
+            math.sin(0.5 * (position + last.position)),
+            float(same and direction > 0),
+            float(same and direction < 0),
+            float(not (same and direction)),
+        )
+        sums = (last.least, last.most, last.gravity, last.forward, last.backward, last.held)
+        doubled = [
+            double + passed * (slope + 0.5 * passed * rate)
+            for double, slope, rate in zip(sums, self._slopes, rates, strict=True)
+        ]
+        self._slopes = [slope + passed * rate for slope, rate in zip(self._slopes, rates, strict=True)]
+        angle = last.angle + passed * (0.5 * (position + last.position) - self._start)
+        doubt = 2 * self._step + abs(speed) * (self._noise + 0.5 * took)
+        self._times.append(time)
+        least, most, gravity, forward, backward, held = doubled
+        self._marks.append(Mark(position, doubt, least, most, gravity, angle, forward, backward, held))
+
+    def _acting(self, since: float) -> tuple[float, float]:
+        """Least and most of the torques that may act after the reading of a time [s]."""
+        torques = self._torques
+        while len(torques) > 2 and torques[2][0] + self._delay <= since:  # the next one has reached the drive by then
+            del torques[0]
+        return min(least for _, least, _ in torques), max(most for _, _, most in torques)
+
+    def _impossible(self, span: float) -> str:
+        times, marks = self._times, self._marks
+        end = times[-1]
+        middle = bisect_right(times, end - span) - 1
+        if middle < 1:
+            return ""
+        begin = bisect_right(times, times[middle] - (end - times[middle]) + 1e-9) - 1
+        if begin < 0:
+            return ""
+        after, before = 1.0 / (end - times[middle]), 1.0 / (times[middle] - times[begin])
+        both = after + before
+        change, _, least, most, of_gravity, of_speed, forward, backward, unsure = (
+            third * after - second * both + first * before
+            for first, second, third in zip(marks[begin], marks[middle], marks[-1], strict=True)
+        )  # change of velocity [rad/s], impulses [N m s], and per unit of a parameter [s]
+        doubt = marks[-1].doubt * after + marks[middle].doubt * both + marks[begin].doubt * before
+        gravity, viscous = _range(self._gravity, of_gravity), _range(self._viscous, of_speed)
+        held = self._coulomb[1] * unsure
+        dry = (
+            self._coulomb[0] * forward - self._coulomb[1] * backward - held,
+            self._coulomb[1] * forward - self._coulomb[0] * backward + held,
+        )
+        slack = self._slack * 0.5 * (end - times[begin])
+        low = least - gravity[1] - viscous[1] - dry[1] - slack  # [N m s]
+        high = most - gravity[0] - viscous[0] - dry[0] + slack
+        slowest, fastest = change - doubt, change + doubt
+        light, heavy = self._inertia
+        if low <= max(fastest * light, fastest * heavy) and min(slowest * light, slowest * heavy) <= high:
+            return ""
+        return f"its speed changed by {change:.2g} rad/s within {1e3 / after:.0f} ms"
+
+
+def _around(value: float, less: float, more: float) -> tuple[float, float]:
+    return value / (1.0 + less), value * (1.0 + more)
+
+
+def _range(known: tuple[float, float], factor: float) -> tuple[float, float]:
+    """Of a parameter within a range, times a factor of any sign."""
+    one, other = known[0] * factor, known[1] * factor
+    return (one, other) if factor >= 0 else (other, one)

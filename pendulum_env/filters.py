@@ -1,0 +1,40 @@
+"""Two filters that SciPy has as well, in a package that takes longer to import than a command may take to start."""
+
+from __future__ import annotations
+
+from math import factorial
+
+import numpy as np
+
+from pendulum_env._typing import Array
+
+
+def lag(series: Array, keep: float, before: float = 0.0) -> Array:
+    """First-order lag y[k] = a y[k-1] + (1 - a) x[k] of a series (N,) or (N, P), with a = `keep` and y[-1] = `before`.
+
+    The same as `scipy.signal.lfilter([1 - a], [1, -a], x, axis=0)`: the recursion is a bidiagonal system.
+    """
+    from scipy.linalg.lapack import dtbtrs  # here, as it takes longer to import than this package
+
+    driven = (1 - keep) * series
+    driven[:1] += keep * before
+    bands = np.array([[1.0], [-keep]]) * np.ones(len(series))
+    solved, _ = dtbtrs(bands, driven, uplo="L")
+    return np.asarray(solved)
+
+
+def savitzky_golay(series: Array, length: int, degree: int, derivative: int = 0, period: float = 1.0) -> Array:
+    """Derivative of a series (N,) from a polynomial fitted to the `length` samples around each, an odd number.
+
+    Within half a length of an end, the polynomial of the `length` samples there counts: `scipy.signal.savgol_filter`.
+
+    Source: Savitzky and Golay, Analytical Chemistry 36(8), 1964.
+    """
+    half = length // 2
+    powers = np.vander(np.arange(-half, half + 1) / max(half, 1), degree + 1, increasing=True)  # (L, D + 1)
+    coefficients = np.linalg.pinv(powers)  # (D + 1, L), of the polynomial whose values are the samples
+    factors = np.array([factorial(n) / factorial(n - derivative) for n in range(derivative, degree + 1)])
+    slopes = powers[:, : degree + 1 - derivative] * factors / (max(half, 1) * period) ** derivative
+    smoother = slopes @ coefficients[derivative:]  # (L, L): derivative at each sample of a stretch
+    inner = np.correlate(series, smoother[half], mode="valid")
+    return np.concatenate([smoother[:half] @ series[:length], inner, smoother[half + 1 :] @ series[-length:]])

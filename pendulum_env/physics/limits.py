@@ -1,0 +1,121 @@
+"""Limits that a user sets to the parameters of terms, and values that are known."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Any, cast
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.mistake import Mistake
+from pendulum_env.physics.term import Column, Samples, Shape, Term
+
+Limits = Mapping[str, tuple[float, float]]  # least and largest value by parameter, `gravity` or `cogging.order`
+
+
+class LimitsError(Mistake):
+    """Limits that make no sense; the message says which and why."""
+
+
+def limits_of(fixed: Mapping[str, float], bounds: Limits) -> dict[str, tuple[float, float]]:
+    """Limits from known values and from bounds.
+
+    Raises:
+        LimitsError: if a parameter is named twice, or its limits leave nothing.
+    """
+    twice = sorted(set(fixed) & set(bounds))
+    if twice:
+        raise LimitsError(f"{twice[0]} is fixed and bounded: do one or the other")
+    for name, (low, high) in bounds.items():
+        if not low <= high:
+            raise LimitsError(f"{name} cannot lie from {low:g} to {high:g}: give the smaller bound first")
+    limits = {name: (float(value), float(value)) for name, value in fixed.items()} | dict(bounds)
+    for name, (low, high) in limits.items():
+        if np.isnan([low, high]).any() or low == np.inf or high == -np.inf:
+            raise LimitsError(f"{name} cannot be {low:g}: give a number")
+        if name == "inertia" and high <= 0:
+            raise LimitsError(f"inertia cannot be {high:g}: give a positive number")
+    return limits
+
+
+def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
+    """Refuse limits of parameters that no term has.
+
+    Raises:
+        LimitsError: if a name is unknown or belongs to a parameter whose value cannot be fixed, or no value is left.
+    """
+    terms = [kind() for kind in kinds]
+    shapes = {f"{term.id}.{shape.name}": shape for term in terms for shape in term.shapes}
+    columns = {column.name: column for term in terms for column in term.columns}
+    for name, (low, high) in limits.items():
+        if name not in {**columns, **shapes}:
+            near = difflib.get_close_matches(name, [*columns, *shapes], n=1)
+            hint = f"did you mean {near[0]}?" if near else "`effects` lists those of effects, by ID or ID.NAME"
+            raise LimitsError(f"unknown parameter '{name[:60]}': {hint}")
+        if name in shapes and low == high:
+            raise LimitsError(f"{name} is searched for and cannot be fixed: give it bounds")
+        least, most = (
+            (shapes[name].low, shapes[name].high) if name in shapes else (columns[name].least, columns[name].most)
+        )
+        if low < high and max(low, least) > min(high, most):
+            raise LimitsError(f"{name} cannot lie from {low:g} to {high:g}: it lies from {least:g} to {most:g}")
+
+
+def limited(kind: type[Term], limits: Limits) -> type[Term]:
+    """A kind of term whose parameters stay within limits; the same kind if none are its own.
+
+    A parameter whose limits are one value is known: fits keep it, and it has no standard error.
+    """
+    own = {column.name for column in kind().columns} | {f"{kind.id}.{shape.name}" for shape in kind.shapes}
+    chosen = tuple(sorted((name, low, high) for name, (low, high) in limits.items() if name in own))
+    return _limited(kind, chosen) if chosen else kind  # type: ignore[arg-type]  # classes can be hashed
+
+
+def limited_term(term: Term, limits: Limits) -> Term:
+    """A term with its parameters within limits, its shape parameters moved there."""
+    kind = limited(type(term), limits)
+    return term if kind is type(term) else _clipped(kind(**term.shape))
+
+
+@cache
+def _limited(kind: type[Term], limits: tuple[tuple[str, float, float], ...]) -> type[Term]:
+    by_name = {name: (low, high) for name, low, high in limits}
+
+    def within(column: Column) -> Column:
+        low, high = by_name.get(column.name, (column.least, column.most))
+        if low < high:  # a user's bounds are within those of a body; what is known is known
+            low, high = max(low, column.least), min(high, column.most)
+        return replace(column, least=low, most=high)
+
+    def narrower(shape: Shape) -> Shape:
+        low, high = by_name.get(f"{kind.id}.{shape.name}", (shape.low, shape.high))
+        return replace(shape, low=max(low, shape.low), high=min(high, shape.high))
+
+    def columns(self: Term) -> tuple[Column, ...]:
+        return tuple(within(column) for column in cast(Any, super(made, self)).columns)
+
+    def grid(cls: type[Term], x: Samples, residual: Array) -> Iterable[Term]:
+        return dict.fromkeys(_clipped(variant) for variant in cast(Any, super(made, cls)).grid(x, residual))
+
+    members: dict[str, Any] = {
+        "__doc__": kind.__doc__,
+        "__module__": kind.__module__,
+        "columns": property(columns),
+        "shapes": tuple(narrower(shape) for shape in kind.shapes),
+        "grid": classmethod(grid),
+    }
+    made = cast(type[Term], type(kind.__name__, (kind,), members))
+    return made
+
+
+def _clipped(term: Term) -> Term:
+    inside = {
+        shape.name: float(np.clip(term.shape[shape.name], shape.low, shape.high))
+        for shape in term.shapes
+        if term.shape[shape.name] != shape.usual
+    }
+    return replace(term, **inside)

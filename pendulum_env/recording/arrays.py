@@ -1,0 +1,185 @@
+"""Files that hold arrays by name: NPZ, MATLAB and HDF5, with columns of a matrix as columns of their own: `x[0]`."""
+
+import math
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendulum_env._typing import Array
+from pendulum_env.reading import DEPTH, Stored, blocks, open_arrays, refuse_inflation, refuse_size
+from pendulum_env.recording.columns import find_columns
+from pendulum_env.recording.record import RecordingError
+from pendulum_env.recording.table import LARGEST, REMEDY, Find, Table, need
+
+WIDEST = 64  # columns of a matrix
+
+
+def read_npz(path: Path, find: Find = find_columns, largest: float = LARGEST) -> Table:
+    """The arrays in need, never unpickled.
+
+    Raises:
+        RecordingError: if an array is missing, does not hold real numbers, is no vector, or if the lengths differ.
+        Unreadable: if the arrays in need hold more than `largest` bytes.
+    """
+    if not zipfile.is_zipfile(path):
+        raise RecordingError("it is no NPZ archive, or a damaged one: write it with numpy.savez")
+    with open_arrays(path) as stored:
+        return _table(stored, find, largest)
+
+
+def read_mat(path: Path, find: Find = find_columns, largest: float = LARGEST) -> Table:
+    """MATLAB, up to v7 by SciPy, v7.3 as the HDF5 file that it is; fields of structures are `run.position`.
+
+    Raises:
+        RecordingError: as `read_npz`.
+    """
+    with path.open("rb") as file:
+        hdf5 = file.read(128).startswith(b"MATLAB 7.3")
+    if hdf5:
+        return read_hdf5(path, find, largest)
+    _refuse_inflation(path, largest)
+    from scipy.io import loadmat  # takes a while to import
+
+    content = loadmat(path, simplify_cells=True)
+    return _table(
+        [*_flat("", {name: value for name, value in content.items() if not name.startswith("__")})], find, largest
+    )
+
+
+def _refuse_inflation(path: Path, largest: float) -> None:
+    """Refuse a MATLAB file whose packed variables hold more than `largest` bytes.
+
+    Source: MAT-File Format, MathWorks: after 128 bytes of header come elements, each its type and its bytes, as two
+    numbers of 32 bits, and what is in it; type 15 is packed.
+    """
+    size = 0
+    with path.open("rb") as file:
+        header = file.read(128)
+        order: Literal["little", "big"] = "big" if header[126:] == b"MI" else "little"
+        if 0 in header[:4]:
+            return  # of version 4, which packs nothing and nests nothing
+        while len(tag := file.read(8)) == 8:
+            kind, length = (int.from_bytes(part, order) for part in (tag[:4], tag[4:]))
+            begin = file.tell()
+            if kind == PACKED:
+                size += refuse_inflation(blocks(file, length), zlib.MAX_WBITS, largest - size, REMEDY)
+                file.seek(begin)
+                inflated = zlib.decompressobj().decompress(file.read(length))
+                kind, inner = (int.from_bytes(part, order) for part in (inflated[:4], inflated[4:8]))
+                content = memoryview(inflated)[8 : 8 + inner]
+            else:
+                content, inner = memoryview(file.read(length)), length
+            if kind != MATRIX or len(content) != inner:
+                raise RecordingError("it is damaged, or no MATLAB file: save it again")
+            _refuse_nonsense(content, order)
+            file.seek(begin + length)
+
+
+def _refuse_nonsense(content: memoryview, order: Literal["little", "big"], depth: int = 0) -> None:
+    """Refuse an array whose parts are of no type that an array has: SciPy believes them, and may crash."""
+    place, number, holds = 0, 0, False
+    while place + 8 <= len(content):
+        first, length = (int.from_bytes(content[place + k : place + k + 4], order) for k in (0, 4))
+        if first >> 16:  # type, length and content in 8 bytes
+            kind, length, begin, place = first & 0xFFFF, first >> 16, place + 4, place + 8
+            fits = length <= 4
+        else:
+            kind, begin = first, place + 8
+            place = begin + -(-length // 8) * 8
+            fits = begin + length <= len(content)
+        if number == 0:
+            kept = int.from_bytes(content[begin : begin + 4], order) & 0xFF  # class of the array
+            holds = kept in HOLDING
+            fits = fits and kind == FLAGS and length == 8 and kept in CLASSES
+        elif number == 1 and kept not in OPAQUE:
+            fits = fits and kind == SHAPE
+        if not fits or kind not in TYPES or (kind == MATRIX and not (holds and number > 1)) or depth > DEPTH:
+            raise RecordingError("it is damaged: a variable holds what no MATLAB file holds, save it again")
+        if kind == MATRIX:
+            _refuse_nonsense(content[begin : begin + length], order, depth + 1)
+        number += 1
+
+
+# numbers of the format: elements, classes of arrays, and those of which whole arrays are parts
+SHAPE, FLAGS, MATRIX, PACKED = 5, 6, 14, 15
+TYPES = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 14, 16, 17, 18}
+CLASSES, HOLDING, OPAQUE = range(1, 19), {1, 2, 3, 16, 17, 18}, {17, 18}
+
+
+def _flat(name: str, value: Any) -> Iterator[Stored]:
+    """Arrays in nested structures; of Simulink's signals the label is the name."""
+    if isinstance(value, dict):
+        label = value.get("label")
+        if isinstance(label, str) and label and "values" in value:
+            yield from _flat(f"{name.rpartition('.')[0]}.{label}".lstrip("."), value["values"])
+            return
+        for key, inner in value.items():
+            yield from _flat(f"{name}.{key}" if name else key, inner)
+    elif isinstance(value, list):
+        for k, inner in enumerate(value[:WIDEST]):
+            yield from _flat(f"{name}[{k}]", inner)
+    elif isinstance(value, np.ndarray):
+        yield Stored(name, value.shape, value.dtype, lambda: value)
+
+
+def read_hdf5(path: Path, find: Find = find_columns, largest: float = LARGEST) -> Table:
+    """Datasets of HDF5, those in groups by their paths: `run/position`.
+
+    Raises:
+        RecordingError: as `read_npz`, or if h5py is not installed.
+    """
+    need("h5py")
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        found: list[Stored] = []
+
+        def visit(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset) and not name.startswith("#"):  # MATLAB's references
+                found.append(Stored(name, item.shape or (), item.dtype, lambda: item[()]))
+
+        file.visititems(visit)
+        return _table(found, find, largest)
+
+
+def _width(one: Stored) -> int:
+    """Columns of a matrix, whose longer side is time; 1 of a vector, and of what is neither."""
+    return min(one.shape) if len(one.shape) == 2 else 1
+
+
+def _table(stored: Sequence[Stored], find: Find, largest: float) -> Table:
+    places = [(one, k) for one in stored for k in range(_width(one) if _width(one) <= WIDEST else 0)]
+    columns = find([one.name if _width(one) == 1 else f"{one.name}[{k}]" for one, k in places])
+    needed = {places[column.index][0].name: places[column.index][0] for column in columns.values()}
+    refuse_size(sum(max(one.size, 8 * math.prod(one.shape)) for one in needed.values()), largest, REMEDY)
+    loaded: dict[str, NDArray[Any]] = {}
+    values: dict[str, Array] = {}
+    for quantity, column in columns.items():
+        one, k = places[column.index]
+        dates = quantity == "time" and one.dtype.kind == "M"
+        if (
+            not (dates or one.dtype.kind in "iufO")
+            or len(one.shape) not in (1, 2)
+            or max(one.shape) != math.prod(one.shape) // max(_width(one), 1)
+        ):
+            raise RecordingError(
+                f"array {one.name!r} ({quantity}) has type {one.dtype} and shape {one.shape}: "
+                "store real numbers, one of each per sample"
+            )
+        if one.name not in loaded:
+            loaded[one.name] = one.load()
+        array = loaded[one.name]
+        if array.ndim == 2:
+            array = array[:, k] if array.shape[0] >= array.shape[1] else array[k]
+        if dates:
+            array = (array - array[0]) / np.timedelta64(1, "s")
+        values[quantity] = np.array(array, dtype=np.float64)
+    if len({len(array) for array in values.values()}) > 1:
+        lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
+        raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
+    return Table(columns, values)

@@ -1,0 +1,123 @@
+"""ROS bags, of ROS 1 and 2, and MCAP: every number in a message is a column named by its path, `/arm/effort[0]`.
+
+Joint states are named by joint, `/joint_states/elbow/position`, since their order may change. Time is that of a
+message's header, or else when it was received. What comes in other messages than position is taken at the times of
+these: torque as it was last, the others by interpolation.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendulum_env._typing import Array
+from pendulum_env.reading import refuse_size, regular_size
+from pendulum_env.recording.arrays import WIDEST
+from pendulum_env.recording.columns import Column, find_columns
+from pendulum_env.recording.table import LARGEST, REMEDY, Find, Table, need
+
+TIME = "time"  # the name of the column that every message has
+JOINT = ("position", "velocity", "effort")  # fields of a joint state, one element a joint
+
+
+def read_bag(path: Path, find: Find = find_columns, largest: float = LARGEST) -> Table:
+    """The numbers in need, from a bag, a folder that is one, or MCAP.
+
+    Raises:
+        RecordingError: if a number is missing, or if rosbags is not installed.
+        Unreadable: if a folder holds what is no file, or more than `largest` bytes.
+    """
+    if path.is_dir():
+        refuse_size(sum(regular_size(file, largest, REMEDY) for file in path.iterdir()), largest, REMEDY)
+    need("rosbags")
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+        samples: dict[str, dict[str, float]] = {}
+        for connection in reader.connections:
+            first = next(iter(reader.messages([connection])), None)
+            if first is not None:
+                samples.setdefault(connection.topic, dict(_numbers(reader.deserialize(first[2], connection.msgtype))))
+        owners = [(topic, field) for topic, fields in samples.items() for field in fields]
+        headers = [TIME, *(f"{topic}/{field}" for topic, field in owners)]
+        columns = find(headers)
+        wanted: dict[str, list[str]] = {}
+        for column in columns.values():
+            if column.index:
+                topic, field = owners[column.index - 1]
+                wanted.setdefault(topic, []).append(field)
+        series = {topic: _series(reader, topic, fields, largest) for topic, fields in wanted.items()}
+    return _merged(columns, owners, series)
+
+
+def _series(
+    reader: Any, topic: str, fields: Sequence[str], largest: float
+) -> tuple[NDArray[np.int64], dict[str, Array]]:
+    """Time [ns] since 1970 and fields of the messages of one topic, in the order of time."""
+    times, rows = [], []
+    for connection, received, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
+        message = reader.deserialize(raw, connection.msgtype)
+        found = dict(_numbers(message))
+        stamp = getattr(getattr(message, "header", None), "stamp", None)
+        nanoseconds = 0 if stamp is None else stamp.sec * 1_000_000_000 + stamp.nanosec
+        times.append(nanoseconds or received)
+        refuse_size(100 * len(times) * (len(fields) + 2), largest, REMEDY)  # as numbers of Python
+        rows.append([found.get(field, np.nan) for field in fields])
+    order = np.argsort(times, kind="stable")
+    time = np.array(times, dtype=np.int64)[order]
+    values = np.array(rows, dtype=np.float64)[order]
+    return time, {field: values[:, k] for k, field in enumerate(fields)}
+
+
+def _merged(columns: dict[str, Column], owners: Sequence[tuple[str, str]], series: Any) -> Table:
+    topic, _ = owners[columns["position"].index - 1]
+    base = series[topic][0]
+    values: dict[str, Array] = {}
+    notes = []
+    for quantity, column in columns.items():
+        if column.index == 0:
+            values[quantity] = 1e-9 * (base - base[0])
+            continue
+        other, field = owners[column.index - 1]
+        stamps, fields = series[other]
+        if other == topic:
+            values[quantity] = fields[field]
+        elif quantity == "torque":
+            last = np.searchsorted(stamps, base, side="right") - 1
+            values[quantity] = np.where(last >= 0, fields[field][last], np.nan)
+        else:
+            values[quantity] = np.interp(1e-9 * (base - base[0]), 1e-9 * (stamps - base[0]), fields[field])
+        if other != topic:
+            notes.append(f"{quantity} is taken from {other} at the times of {topic}")
+    return Table(columns, values, tuple(notes))
+
+
+def _numbers(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
+    """Path and value of every number in a message."""
+    if {"name", *JOINT} <= set(getattr(message, "__dataclass_fields__", ())):
+        for field in JOINT:
+            for joint, value in zip(message.name, getattr(message, field), strict=False):
+                yield f"{path}{joint}/{field}", float(value)
+        return
+    for name in getattr(message, "__dataclass_fields__", ()):
+        value = getattr(message, name)
+        if name == "__msgtype__":
+            continue
+        if isinstance(value, bool | int | float | np.number):
+            yield f"{path}{name}", float(value)
+        elif isinstance(value, np.ndarray | list | tuple):
+            for k, item in enumerate(value[:WIDEST]):
+                if isinstance(item, int | float | np.number):
+                    yield f"{path}{name}[{k}]", float(item)
+                else:
+                    yield from _numbers(item, f"{path}{name}[{k}]/")
+        else:
+            yield from _numbers(value, f"{path}{name}/")
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a folder is a bag of ROS 2."""
+    return (path / "metadata.yaml").is_file()

@@ -1,0 +1,146 @@
+"""What a user says of a column: its name, unit, sign, gains, ratios and offset, in one line of text.
+
+    [-]NAME[:UNIT][*GAIN or /RATIO, repeated][+OFFSET[:UNIT] or -OFFSET[:UNIT]]
+
+`torque=current:A*0.091`, `position=-motor_angle/6`, `position=enc:counts/4096`, `position=angle:deg-90`. Gains,
+ratios and offsets are numbers or `pi`; the offset comes last, after the gains, in the column's unit unless it names
+one. A gain that is to be found is `?`: `torque=current:A*?`. What is the name of a column is no expression, be it
+`rate-of-turn`.
+"""
+
+import math
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from pendulum_env.recording.record import ColumnError
+
+GRAMMAR = "NAME:UNIT*GAIN/RATIO+OFFSET:UNIT"
+NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|pi\b")
+FACTOR = re.compile(rf"\s*([*/])\s*([+-]?(?:{NUMBER.pattern})|\?)\s*")
+OFFSET = re.compile(rf"\s*([+-])\s*({NUMBER.pattern})\s*(?::(.*))?$", re.S)
+
+
+class UnknownColumnError(ColumnError):
+    """There is no column of this name."""
+
+
+class UnknownUnitError(ColumnError):
+    """There is no unit of this name."""
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A column of a file and what is done with it: gain times column, plus offset."""
+
+    name: str
+    unit: str | None = None  # as written, of the column
+    factors: tuple[str, ...] = ()  # as written: `*0.091`, `/6`, `*?`
+    offset: str | None = None  # as written: `-90`
+    offset_unit: str | None = None  # as written; None: that of the column
+    negative: bool = False
+
+    @property
+    def gain(self) -> float:
+        """Product of sign, gains and ratios; an unknown gain counts as one."""
+        gain = -1.0 if self.negative else 1.0
+        for factor in self.factors:
+            if factor != "*?":
+                gain = gain * _value(factor[1:]) if factor[0] == "*" else gain / _value(factor[1:])
+        return gain
+
+    @property
+    def shift(self) -> float:
+        """The offset, in its unit."""
+        return 0.0 if self.offset is None else _value(self.offset[1:]) * (-1.0 if self.offset[0] == "-" else 1.0)
+
+    @property
+    def is_gain_unknown(self) -> bool:
+        """Whether the gain is to be found."""
+        return "*?" in self.factors
+
+    def __str__(self) -> str:
+        unit = "" if self.unit is None else f":{self.unit}"
+        offset = (self.offset or "") + ("" if self.offset_unit is None else f":{self.offset_unit}")
+        return f"{'-' if self.negative else ''}{self.name}{unit}{''.join(self.factors)}{offset}"
+
+
+def parse(text: str, headers: Sequence[str], units: Collection[str]) -> Expression:
+    """Read an expression.
+
+    Args:
+        text: what the user wrote.
+        headers: names of the columns that there are; the longest that fits is meant.
+        units: what may stand behind a colon, as `letters` spells it.
+
+    Raises:
+        ColumnError: if no column is meant, or what follows its name is none of the above.
+    """
+    text = text.strip()
+    if text in headers:
+        return Expression(text)
+    signs = [(False, text), (True, text[1:].lstrip())] if text.startswith("-") else [(False, text)]
+    fitting = [
+        (name, negative, rest[len(name) :])
+        for negative, rest in signs
+        for name in headers
+        if name and re.match(r"\s*(?:[:*/+-]|$)", rest[len(name) :] if rest.startswith(name) else "no")
+    ]
+    mistakes = []
+    for name, negative, rest in sorted(fitting, key=lambda one: len(one[0]), reverse=True):
+        try:
+            return _parsed(name, negative, rest, units)
+        except ColumnError as error:
+            mistakes.append(error)
+    if mistakes:
+        raise mistakes[0]
+    name = re.split(r"[:*]", signs[-1][1])[0].strip() or text
+    raise UnknownColumnError(name)
+
+
+def letters(unit: str) -> str:
+    """A unit or name without case, spacing and brackets: `Pos [°]` becomes `posdeg`. Other signs stay."""
+    return re.sub(r"[\s_\-./·⋅*^()\[\]{}:,]+", "", unit.lower().replace("°", "deg"))
+
+
+def _parsed(name: str, negative: bool, rest: str, units: Collection[str]) -> Expression:
+    """What follows the name of a column."""
+    unit, factors, offset, offset_unit = None, [], None, None
+    what = rest.strip()
+    rest = rest.lstrip()
+    if rest.startswith(":"):
+        unit, rest = _unit(rest[1:], units)
+    while found := FACTOR.match(rest):
+        factors.append(found[1] + found[2])
+        rest = rest[found.end() :]
+    if found := OFFSET.match(rest):
+        offset, rest = found[1] + found[2], ""
+        if found[3] is not None:
+            offset_unit, rest = _unit(found[3], units)
+    if rest.strip():
+        raise ColumnError(f"{what!r} behind column {name!r} is not understood: write {GRAMMAR}, such as {name}*0.5")
+    if "/?" in factors or factors.count("*?") > 1:
+        raise ColumnError(f"{what!r} behind column {name!r} is not understood: an unknown gain is one *?")
+    expression = Expression(name, unit, tuple(factors), offset, offset_unit, negative)
+    if any(_value(factor[1:]) == 0 for factor in factors if factor != "*?"):
+        raise ColumnError(f"{what!r} behind column {name!r} makes nothing of it: gains and ratios differ from 0")
+    if not (math.isfinite(expression.gain) and expression.gain != 0 and math.isfinite(expression.shift)):
+        raise ColumnError(f"{what!r} behind column {name!r} is beyond all bounds: write smaller numbers")
+    return expression
+
+
+def _unit(text: str, units: Collection[str]) -> tuple[str, str]:
+    """The longest unit that the text begins with, and the rest, which begins with a sign if there is any.
+
+    Units contain signs, too: `rad/s/6` is radians per second, a sixth of them.
+    """
+    ends = [*(match.start() for match in re.finditer(r"[*/+-]", text)), len(text)]
+    for end in reversed(ends):
+        unit = text[:end].strip()
+        if letters(unit) in units and unit[-1] not in "*/+-":
+            return unit, text[end:]
+    raise UnknownUnitError(text[: ends[0]].strip())
+
+
+def _value(number: str) -> float:
+    return {"pi": math.pi, "+pi": math.pi, "-pi": -math.pi}.get(number) or float(number)

@@ -1,0 +1,82 @@
+"""What is in a file before anybody says what it means: names of its columns and their values as they stand there."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.recording.columns import Column, guess_columns, named_column
+from pendulum_env.recording.record import RecordingError
+from pendulum_env.recording.storage import read_table
+
+MOST = 64  # columns that are looked at; a person is not shown more
+
+
+@dataclass(frozen=True, eq=False)
+class Preview:
+    """The columns of a file.
+
+    Attributes:
+        headers: their names.
+        values: of each as they stand in the file (N,), NaN where a cell is empty; None of a column without numbers.
+    """
+
+    headers: tuple[str, ...]
+    values: tuple[Array | None, ...]
+
+    @cached_property
+    def guessed(self) -> dict[str, str]:
+        """Name of the likely column by quantity."""
+        return guess_columns([name for name, x in zip(self.headers, self.values, strict=True) if x is not None])
+
+    def seconds(self, time: str) -> Array | None:
+        """Time from the first row on [s] (N,), as an expression of a column has it; None if it is no time.
+
+        This is what the range of a source counts: rows without a time are NaN.
+        """
+        try:
+            column = named_column("time", time, self.headers)
+        except RecordingError:
+            return None
+        values = self.values[column.index]
+        finite = np.array([]) if values is None else values[np.isfinite(values)]
+        return column.scale * (values - finite[0]) if values is not None and len(finite) else None
+
+
+def preview(path: str | os.PathLike[str]) -> Preview:
+    """Look at the columns of a file, read as `read_recording` reads those in need.
+
+    Raises:
+        RecordingError: if the file cannot be read at all.
+    """
+    path = Path(path)
+    headers: tuple[str, ...] = ()
+
+    def some(places: slice, names: Sequence[str]) -> dict[str, Column]:
+        nonlocal headers
+        headers = tuple(name.strip() for name in names[:MOST])
+        # readers take dates in place of time, and messages at the times of those with the position
+        quantities = ("time", "position", *map(str, range(MOST)))
+        chosen = list(enumerate(headers))[places]
+        return {q: Column(q, name, k, None) for q, (k, name) in zip(quantities, chosen, strict=False)}
+
+    try:
+        values = tuple(read_table(path, partial(some, slice(None))).values.values())
+        return Preview(headers, values)  # which reading has filled
+    except RecordingError as error:
+        if not headers:
+            raise RecordingError(f"{path}: {error}") from error.__cause__
+    return Preview(headers, tuple(_alone(path, partial(some, slice(k, k + 1))) for k in range(len(headers))))
+
+
+def _alone(path: Path, find: "partial[dict[str, Column]]") -> Array | None:
+    """Values of one column, None if these are no numbers, or only one."""
+    try:
+        values = read_table(path, find).values["time"]
+    except RecordingError:
+        return None
+    return values if len(values) > 1 else None

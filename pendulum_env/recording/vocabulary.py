@@ -1,0 +1,94 @@
+"""Names and units as people write them: which mean a quantity, and which need a gain first."""
+
+import math
+from collections.abc import Iterator
+
+HEADER = "time,position,torque"  # the plain header, in s, rad and N m; velocity [rad/s] is optional
+
+ALIASES = {
+    "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec",
+    "position": "position pos q theta θ angle ang phi φ angularposition jointposition jointangle jointpos "
+    "motorposition motorangle motorpos observationstate",
+    "velocity": "velocity vel speed omega ω dq qd qdot dqdt dtheta thetadot thetad v angularvelocity angvel "
+    "jointvelocity jointvel motorvelocity motorvel",
+    "torque": "torque tau τ effort trq tq moment jointtorque motortorque appliedtorque",
+    "reference": "reference positionreference referenceposition posref refpos qref refq qr thetaref refangle angleref "
+    "setpoint positionsetpoint positioncmd positioncommand commandedposition poscmd qcmd thetacmd desiredposition "
+    "positiondesired desiredangle posdes despos qdes thetades goalposition targetposition positiontarget qtarget "
+    "inputpos action",
+    "segment": "segment segments episode episodeindex trial",
+}
+MEASURED = ("meas", "measured", "actual", "act")  # before or after an alias
+COMMANDED = ("cmd", "command", "commanded", "des", "desired", "ref", "setpoint")  # torque only, if no other is found
+
+UNITS = {  # factor to SI by the unit's letters
+    "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0}
+    | dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 1e-3)
+    | dict.fromkeys(("us", "usec", "µs", "μs", "micros", "microseconds"), 1e-6)
+    | dict.fromkeys(("ns", "nsec", "nanoseconds"), 1e-9),
+    "position": {"rad": 1.0, "radian": 1.0, "radians": 1.0}
+    | dict.fromkeys(("deg", "degs", "degree", "degrees"), math.pi / 180)
+    | dict.fromkeys(("mrad", "millirad"), 1e-3)
+    | dict.fromkeys(("rev", "revs", "turns"), math.tau),
+    "velocity": dict.fromkeys(("rads", "rads1", "radsec", "radpersec", "radianspersecond", "radps"), 1.0)
+    | dict.fromkeys(("degs", "degs1", "degsec", "degpersec", "degreespersecond", "dps"), math.pi / 180)
+    | dict.fromkeys(("rpm", "revmin", "minrev"), math.tau / 60)
+    | {"revs": math.tau, "rps": math.tau},
+    "torque": {"nm": 1.0, "newtonmeter": 1.0, "newtonmeters": 1.0, "newtonmetre": 1.0, "newtonmetres": 1.0}
+    | dict.fromkeys(("mnm", "millinewtonmeter"), 1e-3)
+    | {"ncm": 1e-2},
+}
+ODRIVE = {"posestimate": ("position", "rev"), "velestimate": ("velocity", "revs"), "torqueestimate": ("torque", "nm")}
+RAW = {  # factor to SI, of units of which a gain makes the quantity, by what the gain is
+    "torque": dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), 1.0)
+    | {"ma": 1e-3, "v": 1.0, "mv": 1e-3, "duty": 1.0, "pwm": 1.0, "%": 0.01, "percent": 0.01},
+    "position": dict.fromkeys(("counts", "count", "cts", "ticks", "pulses", "steps"), math.tau),
+    "velocity": dict.fromkeys(("countss", "countsec", "ctss", "tickss", "pulsess", "stepss"), math.tau),
+}
+GAINS = {  # what such a gain is, as an example that mends it
+    "torque": "torque={}:A*0.1 with the torque constant [N m/A] times the gear ratio, or torque={}:A*? to have it "
+    "found by known loads",
+    "position": "position={}:counts/4096 with the counts of a turn",
+    "velocity": "velocity={}:counts/s/4096 with the counts of a turn",
+    "reference": "reference={}:counts/4096 with the counts of a turn",
+}
+RAW_NAMES = {  # names that tell of such a unit
+    "torque": "current motorcurrent iq iqmeasured iqmeas measurediq iqm i presentcurrent goalcurrent phasecurrent "
+    "actualcurrent measuredcurrent currentmeasured currentactual amps duty dutycycle pwm presentpwm goalpwm "
+    "presentload voltage motorvoltage presentvoltage".split(),
+    "position": "counts encoder enc encodercounts encodercount ticks encoderticks presentposition rawposition "
+    "positionraw shadowcount".split(),
+}
+LINEAR = {"position": {"m": 1.0, "mm": 1e-3}, "velocity": {"ms": 1.0, "mms": 1e-3}, "torque": {"n": 1.0, "kn": 1e3}}
+for _of in (RAW, LINEAR):
+    _of["reference"] = _of["position"]
+UNITS |= {"reference": UNITS["position"], "segment": {}}
+SI = {"time": "s", "position": "rad", "velocity": "rad/s", "torque": "N m", "reference": "rad", "segment": ""}
+TOLD = {  # of UNITS, what people are told of
+    "time": "s, ms, us, ns",
+    "position": "rad, mrad, deg, rev, counts",
+    "velocity": "rad/s, deg/s, rpm, rev/s, counts/s",
+    "torque": "Nm, mNm, Ncm, A, mA, V, duty",
+    "reference": "rad, mrad, deg, rev, counts",
+}
+SPARE = ("reference", "segment")  # quantities of which the first column will do
+
+
+def _names() -> Iterator[tuple[str, tuple[str, str | None, bool]]]:
+    """Every name that is understood, as letters, with its quantity, unit and whether it means a command."""
+    for quantity, aliases in ALIASES.items():
+        stems: dict[str, bool] = {}
+        for alias in aliases.split():
+            stems |= {alias: False}
+            stems |= {stem: False for word in MEASURED for stem in (alias + word, word + alias)}
+            if quantity == "torque":
+                stems |= {stem: True for word in COMMANDED for stem in (alias + word, word + alias)}
+        if quantity == "torque":
+            stems |= {"u": True}  # control engineers' input
+        for stem, commanded in stems.items():
+            yield stem, (quantity, None, commanded)
+            for unit in UNITS[quantity]:
+                yield stem + unit, (quantity, unit, commanded)
+
+
+NAMES = dict(_names()) | {name: (quantity, unit, False) for name, (quantity, unit) in ODRIVE.items()}

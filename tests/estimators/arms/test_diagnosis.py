@@ -1,0 +1,85 @@
+"""Effects at joints: data from MuJoCo and from SciPy, neither of which shares code with what is tested."""
+
+import numpy as np
+import pytest
+
+from benchmarks import six_joint
+from benchmarks.six_joint import Hidden
+from benchmarks.two_link import Multisine, TwoLink
+from estimators.arms.diagnosis import diagnose_arm
+from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
+from estimators.regression.equations import IdentificationError
+from pendulum_env.arms.body import read_body
+from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.potential import Cogging
+
+SOME = {"stribeck": Stribeck, "cogging": Cogging}
+
+
+@pytest.fixture(scope="module")
+def six():
+    return six_joint.body()
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return six_joint.simulate(1, seconds=12.0)
+
+
+def test_torque_of_six_joints_in_mujoco_is_predicted_within_two_per_cent(six, plain):
+    found = identify_arm(plain, six, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"]
+    errors = compare_arm(found.model, six_joint.simulate(2, seconds=5.0))
+    assert all(error.share < 0.02 for error in errors)
+    assert not found.hardly
+    for joint, viscous, coulomb in zip(six_joint.JOINTS, six_joint.VISCOUS, six_joint.COULOMB, strict=True):
+        assert found.model.estimates[f"viscous@{joint}"].value == pytest.approx(viscous, rel=0.05)
+        assert found.model.estimates[f"coulomb@{joint}"].value == pytest.approx(coulomb, rel=0.02)
+
+
+def test_nothing_is_named_where_nothing_is_hidden(six, plain):
+    found = diagnose_arm(plain, six, library=SOME)
+    assert found.selected == ()
+    assert found.before == found.after
+
+
+def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):
+    found = diagnose_arm(six_joint.simulate(5, Hidden("cogging", 2), seconds=12.0), six, library=SOME)
+    assert found.selected == ("cogging@elbow",)
+    estimates = found.model.estimates
+    size = np.hypot(estimates["cogging.sin@elbow"].value, estimates["cogging.cos@elbow"].value)
+    assert estimates["cogging.order@elbow"].value == 14
+    assert size == pytest.approx(0.35 * six_joint.COULOMB[2], rel=0.05)
+    assert found.after[2].torque_rms < 0.5 * found.before[2].torque_rms
+    assert found.candidates[0].verdict == "selected" and found.candidates[0].probability > 0.9
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    path = tmp_path_factory.mktemp("robot") / "two.urdf"
+    path.write_text(TwoLink().urdf())
+    return read_body(path)
+
+
+def offset_run(two, offset):
+    time = np.arange(0, 10, 1e-3)
+    signal = Multisine.paper(0, (3.5, 2.2))
+    position, _ = TwoLink().simulate(signal, time)
+    torque = signal.held(time, 1e-3) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
+    return ArmRecording.of("two", two.joints, time, position, torque + np.array(offset))
+
+
+def test_of_equal_laws_the_simplest_is_named_and_the_others_told(two):
+    found = diagnose_arm(offset_run(two, (0.0, 0.3)), two)
+    assert found.selected == ("torque_offset@elbow",)
+    told = {candidate.effect: candidate.verdict for candidate in found.candidates}
+    assert told["coulomb_asymmetry@elbow"] == "ambiguous"
+    assert found.model.estimates["torque_offset@elbow"].value == pytest.approx(0.3, rel=0.03)
+
+
+def test_a_joint_that_hardly_moves_is_told(two):
+    time = np.arange(0, 10, 1e-3)
+    position = np.column_stack([np.sin(3 * time), 0.01 * (time > 5)])
+    recording = ArmRecording.of("half", two.joints, time, position, np.cos(3 * time)[:, None] * np.ones(2))
+    with pytest.raises(IdentificationError, match="joint 'elbow' is hardly ever clear of stick"):
+        diagnose_arm(recording, two)

@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from benchmarks.two_link import Multisine, TwoLink
+from estimators.arms.identification import ARM_SCHEMES, identify_arm
+from estimators.arms.online import ArmEstimator
+from estimators.schemes.six import Energy, Hamiltonian
+from pendulum_env.arms.body import read_body
+from pendulum_env.arms.recording import ArmRecording
+
+ARM = TwoLink()
+
+
+@pytest.fixture(scope="module")
+def body(tmp_path_factory):
+    path = tmp_path_factory.mktemp("robot") / "two.urdf"
+    path.write_text(ARM.urdf())
+    return read_body(path)
+
+
+@pytest.fixture(scope="module")
+def recording(body):
+    time, signal = np.arange(0, 5, 2e-3), Multisine.paper(0, (5.0, 2.5))
+    position, _ = ARM.simulate(signal, time)
+    torque = signal.held(time, 2e-3) + 0.01 * np.random.default_rng(0).normal(size=position.shape)
+    return ArmRecording.of("run", body.joints, time, position, torque)
+
+
+@pytest.mark.parametrize("scheme", ARM_SCHEMES, ids=lambda scheme: scheme.id)
+def test_online_and_offline_agree(body, recording, scheme):
+    online = ArmEstimator(body, 500.0, scheme=scheme)
+    for sample in zip(recording.time, recording.position, recording.torque, strict=True):
+        online.update(*sample)
+    truth = np.concatenate([body.values, np.ravel(np.column_stack([ARM.viscous, ARM.coulomb]))])
+    some = np.abs(truth) > 1e-9
+    assert np.abs(online.state.theta[some] / truth[some] - 1).max() < 0.02
+    offline = identify_arm(recording, body, schemes=[scheme])[scheme.id].model.theta
+    assert np.allclose(online.state.theta, offline, rtol=0.02, atol=2e-3)
+    assert online.model.estimates["coulomb@elbow"].value == pytest.approx(ARM.coulomb[1], rel=0.02)
+
+
+def test_each_row_is_used_once_but_for_those_of_the_first_and_last_moments(body, recording):
+    online = ArmEstimator(body, 500.0, scheme=Hamiltonian(), prior=1e12)
+    for sample in zip(recording.time, recording.position, recording.torque, strict=True):
+        online.update(*sample)
+    offline = identify_arm(recording, body, schemes=[Hamiltonian()])["hamiltonian"]
+    information = np.diag(np.linalg.inv(online.state.P))
+    rows = information[[7, 9]].sum()  # a Coulomb column is +-1 on each row of its joint
+    assert 0.9 * offline.used[0] < rows < 1.001 * offline.used[0]
+
+
+def test_schemes_that_cannot_run_so_are_refused(body):
+    for scheme in (Hamiltonian(borrows="dynamic"), Energy(window=None)):
+        with pytest.raises(ValueError, match="cannot run on an arm"):
+            ArmEstimator(body, 500.0, scheme=scheme)

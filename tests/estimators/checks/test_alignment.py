@@ -1,0 +1,144 @@
+"""Time between torque and motion: what a log does to torque is found, and no physics is taken for it."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from benchmarks.independent_plant import Experiment, Plant, random_case, simulate
+from estimators.checks.alignment import align, align_each
+from pendulum_env.recording import Recording
+
+KINDS = ("two_tone", "multisine", "chirp", "prbs", "steps")
+
+
+def run(excitation: str, rate: float, seed: int = 3, **effects: dict[str, float]) -> Recording:
+    """12 s of a plant with hidden effects, a usual encoder and noise on the torque."""
+    experiment = Experiment(rate=rate, seconds=12.0, excitation=excitation, seed=seed, counts=65_536)
+    (made,) = simulate([(Plant(effects=effects), experiment)])
+    return Recording(f"{excitation} {seed}", made.time, made.position, made.torque)
+
+
+def logged_late(recording: Recording, samples: int) -> Recording:
+    torque = np.concatenate([np.full(samples, recording.torque[0]), recording.torque[: len(recording) - samples]])
+    return replace(recording, torque=torque)
+
+
+def logged_filtered(recording: Recording, time_constant: float) -> Recording:
+    keep = np.exp(-1 / (recording.rate * time_constant))
+    return replace(recording, torque=lfilter([1 - keep], [1, -keep], recording.torque))
+
+
+@pytest.mark.parametrize(("excitation", "samples"), [*zip(KINDS, (1, 5, 10, 30, 3), strict=True)])
+def test_torque_that_is_logged_late_is_found_to_a_fifth_of_a_sample(excitation, samples):
+    found = align([logged_late(run(excitation, 1000.0), samples)])
+    assert found.is_late
+    assert found.lag == 0
+    assert found.delay == pytest.approx(1e-3 * samples, abs=2e-4)
+    assert 0 < found.delay_std < 1e-4
+    assert f"logged {1e3 * found.delay:.2f}" in str(found.text)
+
+
+def test_a_delay_is_found_behind_friction_that_bends():
+    found = align([logged_late(run("multisine", 500.0, stribeck={"strib_d": 0.45, "strib_v": 0.6}), 5)])
+    assert found.delay == pytest.approx(0.01, abs=2e-4)
+
+
+@pytest.mark.parametrize("time_constant", [0.003, 0.01])
+def test_torque_that_is_logged_through_a_filter_is_found_where_it_steps(time_constant):
+    found = align([logged_filtered(run("prbs", 1000.0), time_constant)])
+    assert found.is_late
+    assert found.delay == 0
+    assert found.lag == pytest.approx(time_constant, rel=0.05)
+    assert "low-pass filter" in str(found.text)
+
+
+def test_slow_torque_does_not_tell_a_filter_from_a_delay_and_both_are_said():
+    text = str(align([logged_filtered(run("two_tone", 1000.0), 0.003)]).text)
+    assert "only steps of torque would tell" in text
+    (lag,) = re.findall(r"time constant of ([\d.]+) ", text)
+    (delay,) = re.findall(r"(?:logged|delay of) ([\d.]+) ", text)
+    assert float(lag) == pytest.approx(3, abs=0.2)
+    assert float(delay) == pytest.approx(2.5, abs=0.2)  # of the filter, from sample to sample
+
+
+def test_a_delay_and_a_filter_are_found_together():
+    found = align([logged_filtered(logged_late(run("prbs", 1000.0), 5), 0.01)])
+    assert found.delay == pytest.approx(0.005, abs=5e-4)
+    assert found.lag == pytest.approx(0.01, rel=0.05)
+
+
+@pytest.mark.parametrize("excitation", [*KINDS, "pd_loop"])
+def test_torque_in_time_is_left_alone(excitation):
+    recording = run(excitation, 500.0)
+    found = align([recording])
+    assert not found.is_found
+    assert found.text is None
+    assert found.delay_std < 2e-4
+    assert found.apply(recording) is recording
+
+
+@pytest.mark.parametrize(
+    "effect",
+    ["joint_flexibility", "presliding", "encoder_eccentricity", "load_dependent_friction"],
+)
+def test_no_effect_of_the_plant_makes_torque_look_logged_late(effect):
+    rng = np.random.default_rng(12)
+    cases = [random_case(rng, (effect,), excitation=kind, rate=500.0, seconds=8.0) for kind in ("two_tone", "steps")]
+    runs = simulate([(case.plant, case.train) for case in cases])
+    assert not any(align([Recording(effect, r.time, r.position, r.torque)]).is_late for r in runs)
+
+
+def test_a_drive_with_a_dead_time_is_the_law_of_a_log_that_is_ahead_and_both_are_named():
+    recording = run("multisine", 1000.0, dead_time={"dead_n": 12.0})
+    found = align([recording])
+    assert found.is_found
+    assert not found.is_late
+    assert found.delay == pytest.approx(-0.012, abs=2e-4)
+    assert all(word in str(found.text) for word in ("dead_time", "actuator_lag", "log is ahead"))
+    assert found.apply(recording) is recording  # the drive is part of the plant
+
+
+def test_recordings_share_a_delay_unless_they_differ():
+    early, late = run("multisine", 500.0), logged_late(run("two_tone", 500.0, seed=4), 3)
+    alike = align_each([logged_late(early, 3), late])
+    assert [one.delay for one in alike] == pytest.approx([0.006, 0.006], abs=1e-4)
+    assert alike[0] is alike[1]
+    assert [one.delay for one in align_each([early, late])] == pytest.approx([0.0, 0.006], abs=2e-4)
+
+
+def test_corrected_torque_is_that_which_acted():
+    good = run("prbs", 500.0)
+    mended = align([late := logged_late(good, 5)]).apply(late)
+    kept = len(mended)
+    assert len(good) - 7 < kept < len(good)
+    np.testing.assert_array_equal(mended.time, good.time[:kept])
+    assert np.sqrt(np.mean((mended.torque - good.torque[:kept]) ** 2)) < 0.05 * np.std(good.torque)
+    assert any("logged 10" in note for note in mended.notes)
+    sharp = align([filtered := logged_filtered(good, 0.01)]).apply(filtered)
+    assert np.sqrt(np.mean((sharp.torque - good.torque[1:]) ** 2)) < 0.05 * np.std(good.torque)
+
+
+def test_nothing_reaches_across_a_gap():
+    good = run("multisine", 500.0)
+    gap = slice(2900, 3100)
+    late = logged_late(good, 5)
+    holey = replace(
+        late,
+        **{name: np.delete(getattr(late, name), gap) for name in ("time", "position", "torque")},
+        starts=(0, 2900),
+    )
+    found = align([holey])
+    assert found.delay == pytest.approx(0.01, abs=2e-4)
+    mended = replace(found, channel=replace(found.channel, delay=0.01)).apply(holey)
+    acted = dict(zip(good.time.tolist(), good.torque.tolist(), strict=True))
+    assert len(mended.segments) == 2
+    np.testing.assert_allclose(mended.torque, [acted[t] for t in mended.time.tolist()], atol=1e-12)
+
+
+def test_too_short_a_recording_tells_nothing():
+    found = align([run("multisine", 500.0).slice(0, 300)])
+    assert not found.is_found
+    assert found.delay_std == np.inf

@@ -1,0 +1,32 @@
+"""Closed loop: torque that answers the motion is told from torque that was planned."""
+
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import identify
+from estimators.checks.closed_loop import feedback
+from pendulum_env.recording import Recording
+
+
+def run(excitation: str, **options: float) -> Recording:
+    experiment = Experiment(rate=500.0, seconds=12.0, excitation=excitation, seed=2, counts=8192, **options)  # type: ignore[arg-type]
+    (made,) = simulate([(Plant(), experiment)])
+    return Recording(excitation, made.time, made.position, made.torque)
+
+
+def test_a_controller_is_told_with_the_gain_by_which_it_answers():
+    recording = run("pd_loop")
+    (found,) = feedback([recording])
+    # 12 N m/rad, and 1.2 N m s/rad on a velocity filtered at 30 Hz, of which a sample passes 1 - exp(-2 pi 30 / 500)
+    assert found.gain == pytest.approx(-(12 + 1.2 * 500 * 0.314), rel=0.2)
+    assert "pd_loop: torque answers the motion" in found.text
+    assert any("answers the motion" in doubt.text for doubt in identify([recording]).doubts)
+
+
+@pytest.mark.parametrize("excitation", ["two_tone", "multisine", "prbs", "steps", "filtered_noise"])
+def test_planned_torque_answers_nothing(excitation):
+    assert feedback([run(excitation)]) == []
+
+
+def test_noise_of_the_torque_channel_does_not_hide_a_controller():
+    assert len(feedback([run("pd_loop", torque_noise=0.1)])) == 1

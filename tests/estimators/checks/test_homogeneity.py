@@ -1,0 +1,143 @@
+"""Agreement of recordings: another payload is named and measured, and one plant is one plant."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import estimators.arguments
+from benchmarks.independent_plant import Experiment, Plant, random_case, simulate
+from estimators import compare, diagnose, identify
+from estimators.checks.homogeneity import disagreements, misfits
+from estimators.weak_form.dataset import prepare
+from pendulum_env.physics import BASE, effect, effects
+from pendulum_env.recording import Recording
+
+PLANT = Plant()
+HEAVIER = replace(PLANT, inertia=1.1 * PLANT.inertia, gravity=1.1 * PLANT.gravity)
+KINDS = ("two_tone", "multisine", "prbs")
+
+
+def recorded(plants: list[Plant], **experiment: object) -> list[Recording]:
+    """One recording of each plant, 10 s at 500 Hz, under excitations that differ."""
+    shared = {"seconds": 10.0, "rate": 500.0} | experiment
+    cases = [(p, Experiment(seed=j, excitation=KINDS[j % 3], **shared)) for j, p in enumerate(plants)]  # type: ignore[arg-type]
+    return [Recording(f"run {j}", r.time, r.position, r.torque) for j, r in enumerate(simulate(cases))]
+
+
+def test_recordings_of_one_plant_agree():
+    rng, cases = np.random.default_rng(8), []
+    for _ in range(8):
+        sensors = {"rate": float(rng.choice([200.0, 500.0])), "counts": 65_536, "seconds": 10.0, "torque_noise": 0.05}
+        plant = random_case(rng).plant
+        cases += [(plant, random_case(rng, (), **sensors).train) for _ in range(3)]
+    runs = [Recording("run", r.time, r.position, r.torque) for r in simulate(cases)]
+    assert [disagreements([prepare(runs[j : j + 3])], BASE) for j in range(0, 24, 3)] == [()] * 8
+
+
+@pytest.mark.parametrize("heavier", [0, 1, 2])
+def test_the_one_recording_with_a_heavier_payload_is_named_and_measured(heavier):
+    plants = [HEAVIER if j == heavier else PLANT for j in range(3)]
+    (one,) = disagreements([prepare(recorded(plants))], BASE)
+    assert (one.recording, one.name, len(one.others)) == (heavier + 1, f"run {heavier}", 2)
+    differences = {d.parameter: d for d in one.differences}
+    assert differences.keys() == {"inertia", "gravity"}
+    for difference in differences.values():
+        assert difference.share == pytest.approx(0.1, abs=0.01)
+        assert abs(difference.value - 1.1 * difference.others) < 4 * difference.std + 0.005 * difference.others
+    assert f"recording {heavier + 1} (run {heavier}) disagrees with the others" in one.text
+    assert "% higher" in one.text
+
+
+def test_another_payload_is_no_missing_effect():
+    *training, holdout = recorded([PLANT, PLANT, HEAVIER, PLANT])
+    found = diagnose(training, [holdout])
+    assert found.selected == ()
+    assert found.unexplained == ()
+    assert [one.recording for one in found.disagreements] == [3]
+    assert found.json()["disagreements"][0]["name"] == "run 2"
+    assert found.model.estimates["inertia"].value == pytest.approx(PLANT.inertia, rel=0.01)
+
+
+def test_a_missing_effect_is_found_beside_another_payload(monkeypatch):
+    few = {id: effects()[id] for id in ("quadratic_drag", "stribeck", "gravity_tilt")}  # a search among them is quick
+    monkeypatch.setattr(estimators.arguments, "effects", lambda: few)
+    hidden = {"quadratic_drag": {"drag": 0.04}}
+    found = diagnose(recorded([replace(plant, effects=hidden) for plant in (PLANT, HEAVIER, PLANT)]))
+    assert found.selected == ("quadratic_drag",)
+    assert [one.recording for one in found.disagreements] == [2]
+
+
+def test_a_held_out_recording_may_disagree_too():
+    found = diagnose(recorded([PLANT]), recorded([PLANT, HEAVIER])[1:])
+    (one,) = found.disagreements
+    assert (one.recording, one.others) == (2, ("run 0",))
+
+
+def test_a_payload_that_changes_within_a_recording_is_not_told_twice():
+    changing = replace(PLANT, effects={"payload_change": {"pay_t": 5.0, "pay_I": 0.02, "pay_mgl": 0.4}})
+    terms = (*BASE, effect("payload_change")(moment=5.0))
+    assert disagreements([prepare(recorded([PLANT, changing, PLANT]))], terms) == ()
+
+
+def test_a_recording_that_excites_little_has_no_say():
+    short = recorded([HEAVIER], seconds=1.5)
+    assert disagreements([prepare([*recorded([PLANT, PLANT]), *short])], BASE) == ()
+
+
+def test_a_missing_effect_is_not_taken_for_another_plant():
+    rubbing = replace(PLANT, effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})
+    assert disagreements([prepare(recorded([rubbing] * 3))], BASE, only_if_all_fit=True) == ()
+    assert misfits(prepare(recorded([rubbing] * 3)), BASE) == ()
+
+
+def turned(recording: Recording) -> Recording:
+    return replace(recording, torque=-recording.torque)
+
+
+@pytest.mark.parametrize("effects", [{}, {"stribeck": {"strib_d": 0.45, "strib_v": 0.6}}])
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_recording_whose_torque_is_turned_round_is_named_whatever_else_is_missing(effects, which):
+    runs = recorded([replace(PLANT, effects=effects)] * 2)
+    runs[which] = turned(runs[which])
+    (one,) = disagreements([prepare(runs)], BASE, only_if_all_fit=True)
+    assert (one.recording, one.others) == (which + 1, (f"run {1 - which}",))
+    assert one.text.endswith("torque or position has the opposite sign in it")
+    assert one.text in " ".join(doubt.text for doubt in identify(runs, schemes="energy").doubts)
+
+
+def test_recordings_that_are_all_turned_round_agree():
+    assert disagreements([prepare([turned(run) for run in recorded([PLANT] * 3)])], BASE, only_if_all_fit=True) == ()
+
+
+def test_a_torque_in_other_units_is_told_from_another_plant():
+    runs = recorded([PLANT] * 3)
+    runs[1] = replace(runs[1], torque=2 * runs[1].torque)
+    (one,) = disagreements([prepare(runs)], BASE, only_if_all_fit=True)
+    assert one.recording == 2
+    assert "its torque is 2 times" in one.text
+
+
+def test_a_recording_that_no_parameters_fit_is_named_beside_good_ones():
+    runs = recorded([PLANT] * 3)
+    runs[2] = replace(runs[2], position=runs[2].position + 0.3)  # of another encoder zero
+    doubts = " ".join(doubt.text for doubt in identify(runs, schemes="energy").doubts)
+    assert "recording 3 (run 2) disagrees with the others: no parameters fit it" in doubts
+    assert compare(identify(runs[:2], schemes="energy")["energy"].model, runs).disagreements[0].name == "run 2"
+    assert identify(runs[:2], schemes="energy").doubts == ()
+
+
+def test_comparison_names_the_recordings_of_another_plant_than_the_models():
+    first, *others = recorded([PLANT, PLANT, HEAVIER])
+    model = identify(first, schemes="filtered_dynamic")["filtered_dynamic"].model
+    found = compare(model, others)
+    (one,) = found.disagreements
+    assert (one.recording, one.name, one.others) == (2, "run 2", ())
+    assert {d.parameter for d in one.differences} == {"inertia", "gravity"}
+    assert one.text.startswith("recording 2 (run 2) disagrees with the model: ")
+    assert found.json()["disagreements"] == [one.json()]
+
+
+def test_a_model_that_lacks_an_effect_is_of_no_other_plant():
+    rubbing = recorded([replace(PLANT, effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})] * 3)
+    assert compare(identify(rubbing[0], schemes="energy")["energy"].model, rubbing).disagreements == ()

@@ -1,0 +1,114 @@
+"""Regions in which a residual stands out: found at their place, in words, and only where there is something."""
+
+import numpy as np
+import pytest
+
+from estimators.checks.residual import AXES, Profile, Region, profile, profiles, spectrum, stand_out
+from pendulum_env.physics import Samples
+
+NOISE = 0.02  # N m
+
+
+def motion(seed: int = 0, rows: int = 1500) -> Samples:
+    """Samples in time order whose position, velocity and torque have little to do with each other."""
+    rng = np.random.default_rng(seed)
+    q, v, u = rng.uniform(-2.5, 2.5, rows), 4 * rng.standard_normal(rows), 3 * rng.standard_normal(rows)
+    return Samples(np.arange(rows) * 0.01, q, v, u)
+
+
+def noise(seed: int, rows: int = 1500) -> np.ndarray:
+    return NOISE * np.random.default_rng(1000 + seed).standard_normal(rows)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("axis", "center", "width", "symbol"),
+    [("position", 1.2, 0.25, "q"), ("velocity", -3.0, 0.8, "q'"), ("torque", 4.0, 0.8, "tau"), ("time", 6.0, 0.7, "t")],
+)
+def test_a_bump_in_the_residual_is_found_at_its_place_and_in_words(axis, center, width, symbol, sign):
+    x = motion()
+    distance = (getattr(x, axis) - center) / width
+    residual = noise(0) + sign * 0.08 * np.exp(-0.5 * distance**2)
+    top = stand_out(profiles(x, residual, NOISE))[0]
+    assert top.axis == axis
+    assert top.low < center < top.high
+    assert top.high - top.low < 6 * width
+    assert 0.02 < sign * top.residual < 0.08
+    assert top.significance > 5
+    assert f"for {symbol} from {top.low:.3g} to {top.high:.3g} {AXES[axis]} the joint needs" in top.text
+    assert ("more torque" if sign > 0 else "less torque") in top.text
+
+
+def test_two_bumps_of_opposite_sign_are_two_regions():
+    x = motion()
+    residual = noise(0) + 0.1 * np.exp(-((x.position - 1) ** 2) / 0.1) - 0.1 * np.exp(-((x.position + 1) ** 2) / 0.1)
+    places = [r for r in stand_out(profiles(x, residual, NOISE)) if r.axis == "position"]
+    signs = sorted((np.sign(region.residual), region.low < np.sign(region.residual) < region.high) for region in places)
+    assert signs == [(-1, True), (1, True)]
+
+
+@pytest.mark.parametrize("hertz", [0.4, 3.0, 11.0])
+def test_an_oscillation_in_time_is_found_at_its_frequency(hertz):
+    x = motion()
+    residual = noise(0) + 0.03 * np.sin(2 * np.pi * hertz * x.time + 1)
+    (region,) = [r for r in stand_out(profiles(x, residual, NOISE)) if r.axis == "frequency"]
+    assert region.low - 0.05 < hertz < region.high + 0.05
+    assert region.residual == pytest.approx(0.03, rel=0.2)
+    assert "Hz the residual oscillates by" in region.text
+
+
+@pytest.mark.parametrize(("size", "words"), [(0.03, "standard errors)"), (2.0, "(far beyond chance)")])
+def test_what_is_surely_no_chance_is_said_in_words_and_counted_in_json(size, words):
+    x = motion()
+    top = stand_out(profiles(x, noise(0) + size * (x.position > 1), NOISE))[0]
+    assert words in top.text
+    assert top.json()["significance"] == top.significance > 5
+    whole = Region("velocity", -np.inf, np.inf, 0.0, 0.0, "")
+    assert (whole.json()["low"], whole.json()["high"]) == (None, None)
+
+
+def test_white_noise_has_no_region():
+    assert [stand_out(profiles(motion(seed), noise(seed), NOISE)) for seed in range(40)] == [[]] * 40
+
+
+def test_the_most_telling_region_comes_first_and_their_number_is_limited():
+    x = motion()
+    residual = noise(0) + 0.1 * np.sign(np.sin(4 * x.position))
+    regions = stand_out(profiles(x, residual, NOISE), most=3)
+    assert len(regions) == 3
+    assert [r.significance for r in regions] == sorted((r.significance for r in regions), reverse=True)
+
+
+def test_a_profile_is_the_mean_in_bins_of_equal_count_with_its_standard_error():
+    x = motion()
+    residual = noise(0)
+    found = profile("position", x.position, residual, NOISE)
+    assert isinstance(found, Profile)
+    assert found.unit == "rad"
+    for k in range(len(found.mean)):
+        low, high = found.edges[k], found.edges[k + 1]
+        inside = (x.position >= low) & ((x.position < high) | (k == len(found.mean) - 1))
+        assert inside.sum() == pytest.approx(len(residual) / len(found.mean), abs=1.5)
+        assert found.mean[k] == pytest.approx(residual[inside].mean())
+        assert found.error[k] == pytest.approx(NOISE / np.sqrt(inside.sum()))
+
+
+def test_the_spectrum_reads_amplitudes_though_samples_are_missing():
+    x = motion()
+    kept = np.random.default_rng(0).random(1500) < 0.4
+    found = spectrum(x.time[kept], 0.5 * np.sin(2 * np.pi * 4 * x.time[kept]), NOISE)
+    peak = int(np.argmax(found.mean))
+    assert found.edges[peak] - 0.05 < 4 < found.edges[peak + 1] + 0.05
+    assert found.mean[peak] == pytest.approx(0.5, rel=0.15)
+
+
+@pytest.mark.parametrize("rows", [2, 9, 25])
+def test_few_samples_are_no_error(rows):
+    x = motion(rows=rows)
+    assert all(np.isfinite(item.mean).all() for item in profiles(x, noise(0, rows), NOISE))
+
+
+def test_values_that_do_not_vary_are_no_error():
+    x = motion(rows=100)
+    still = Samples(x.time, np.zeros(100), x.velocity, np.full(100, 2.0))
+    assert stand_out(profiles(still, noise(0, 100), NOISE)) == []

@@ -1,0 +1,265 @@
+"""Known loads: they are no part of the model, and tell the torque constant where a current was logged."""
+
+import json
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.checks.torque_constant import Calibrated, torque_constant
+from estimators.comparison import compare
+from estimators.diagnosis.addition import add
+from estimators.diagnosis.run import diagnose
+from estimators.regression.equations import IdentificationError
+from estimators.schemes.identification import identify
+from estimators.schemes.six import SCHEMES
+from estimators.weak_form.dataset import prepare
+from pendulum_env.physics import BASE, Estimate, KnownLoad, Model, ModelError
+from pendulum_env.physics import simulate as fly
+from pendulum_env.physics.friction import LoadDependentFriction
+from pendulum_env.recording import Load, Recording
+from pendulum_env.recording.record import TorqueConstant
+
+K = 0.873  # [N m/A]
+UNLOADED = {"inertia": 0.03, "gravity": 0.6, "viscous": 0.15, "coulomb": 0.25}
+ARMS = [(0.0, 0.2), (0.3, 0.1), (0.3, 0.2), (0.5, 0.15), (0.5, 0.2), (0.8, 0.15), (0.8, 0.2), (1.0, 0.2)]  # [kg], [m]
+LOADS = [Load(m * r * r, 9.81 * m * r) for m, r in ARMS]
+MOTOR = {"load_dependent_friction": {"load_mu": 0.12}}
+HELD = {"excitation": "pd_loop", "rate": 200.0, "counts": 16_384, "gains": (25.0, 1.0), "torque_limit": 10.0}
+
+
+@cache
+def bench(
+    law: str = "none", loads: tuple[Load, ...] = tuple(LOADS), seed: int = 0, seconds: float = 10.0, **told: float
+) -> tuple[Recording, ...]:
+    """Currents of a servo on a bench with known loads, by another simulator; each load is another plant to it."""
+    cases = []
+    for k, load in enumerate(loads):
+        weight = {"motor": 0.0, "both": UNLOADED["gravity"] + load.gravity}.get(law)
+        effects = {} if weight is None else {"load_dependent_friction": {"load_mu": 0.12, "load_w": weight}}
+        of_both = {"inertia": UNLOADED["inertia"] + load.inertia, "gravity": UNLOADED["gravity"] + load.gravity}
+        experiment = Experiment(**{**HELD, "seconds": seconds, "seed": 100 * seed + k, "torque_noise": 0.005, **told})
+        cases.append((Plant(**{**UNLOADED, **of_both}, effects=effects), experiment))
+    return tuple(
+        Recording(f"load {k}", run.time, run.position, run.torque / K, load=load, torque_unit="A")
+        for k, (run, load) in enumerate(zip(simulate(cases), loads, strict=True))
+    )
+
+
+def in_newton_metres(recordings: tuple[Recording, ...]) -> list[Recording]:
+    return [replace(recording, torque=K * recording.torque, torque_unit="N m") for recording in recordings]
+
+
+# ------------------------------------------------------------------------------------------ torque is torque
+
+
+EXACT = {"excitation": "two_tone", "rate": 1000.0, "counts": None, "torque_noise": 0.0, "scale": 0.5}
+THREE = (LOADS[0], LOADS[2], LOADS[4])
+
+
+def test_all_schemes_find_the_joint_without_its_known_loads():
+    runs = in_newton_metres(bench("none", THREE, **EXACT))
+    found = identify(runs)
+    for scheme in SCHEMES:
+        theta = found[scheme.id].model.theta
+        np.testing.assert_allclose(theta, list(UNLOADED.values()), rtol=3e-4, err_msg=scheme.id)
+    ignored = identify([replace(recording, load=None) for recording in runs])
+    assert all(result.model.theta[0] > 1.1 * UNLOADED["inertia"] for result in ignored.schemes.values())
+    assert found.torque_constant is None and found.torque_unit == "N m"
+
+
+def test_all_schemes_find_it_from_a_current_alike():
+    found = identify(bench("none", THREE, **EXACT))
+    assert found.torque_constant.value == pytest.approx(K, rel=1e-4)
+    for scheme in SCHEMES:
+        theta = found[scheme.id].model.theta
+        np.testing.assert_allclose(theta, list(UNLOADED.values()), rtol=3e-4, err_msg=scheme.id)
+
+
+def test_a_model_of_the_joint_alone_explains_loaded_recordings_in_torque_and_in_free_run():
+    runs = in_newton_metres(bench("none", THREE, excitation="two_tone", scale=0.5, rate=500.0, counts=65_536))
+    model = Model.build(BASE, list(UNLOADED.values()))
+    found = compare(model, runs)
+    assert not found.disagreements
+    assert all(one.errors.torque_rms < 1.1 * one.noise_floor for one in found.distances)
+    assert found.joint.errors.position_rms < 0.005
+    ignored = compare(model, [replace(recording, load=None) for recording in runs])
+    assert ignored.joint.errors.torque_rms > 10 * found.joint.errors.torque_rms
+    assert ignored.joint.errors.position_rms > 10 * found.joint.errors.position_rms
+
+
+def test_a_simulation_with_a_load_is_that_of_a_heavier_pendulum():
+    theta, load = np.array([0.03, 0.6, 0.15, 0.25]), KnownLoad(np.array([0.0, 0.02]), np.array([0.0, 0.9]))
+    torque = 2 * np.sin(0.03 * np.arange(2000))
+    both = fly(BASE, theta, 1e-3, torque, 0.0, 0.0, load=load).position
+    light, heavy = (fly(BASE, theta + more, 1e-3, torque, 0.0, 0.0).position for more in (0, [0.02, 0.9, 0, 0]))
+    np.testing.assert_allclose(both, np.hstack([light, heavy]), atol=1e-12)
+
+
+def test_nothing_is_missing_under_known_loads_and_much_without_them():
+    runs = in_newton_metres(bench(loads=(LOADS[0], LOADS[4], LOADS[7])))
+    found = diagnose(runs)
+    assert not found.selected and not found.disagreements and found.torque_constant is None
+    theta = {name: e.value for name, e in found.model.estimates.items()}
+    assert theta["inertia"] == pytest.approx(UNLOADED["inertia"], rel=0.01)
+    assert theta["gravity"] == pytest.approx(UNLOADED["gravity"], rel=0.02)
+
+
+# ----------------------------------------------------------------------------------------- torque is a current
+
+
+@pytest.mark.parametrize("law", ["none", "motor", "both"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_torque_constant_is_right_whatever_friction_does_under_load(law, seed):
+    found = torque_constant(bench(law, seed=seed))
+    assert isinstance(found, TorqueConstant)
+    assert found.value == pytest.approx(K, rel=0.005)
+    assert found.std < 0.005 * K
+    assert found.loads == len(LOADS)
+
+
+@pytest.mark.parametrize("excitation", ["two_tone", "filtered_noise"])
+def test_a_planned_current_tells_the_torque_constant(excitation):
+    scale = {"two_tone": 0.7, "filtered_noise": 1.0}[excitation]
+    found = torque_constant(bench("motor", tuple(LOADS[:5]), excitation=excitation, scale=scale, rate=500.0))
+    assert found.value == pytest.approx(K, rel=0.01)
+
+
+def test_two_loads_are_enough_and_a_recording_without_one_is_a_load_of_none():
+    light, heavy = bench(loads=(LOADS[0], LOADS[6]))
+    found = torque_constant([replace(light, load=None), heavy])
+    assert found == torque_constant([light, heavy])
+    assert found.value == pytest.approx(K, rel=0.01)
+    told = re.fullmatch(r"torque constant (\S+) ± (\S+) N m/A, from 2 known loads", found.text)
+    assert float(told[1]) == pytest.approx(found.value, abs=found.std) and float(told[2]) == pytest.approx(
+        found.std, rel=0.1
+    )
+
+
+@pytest.mark.parametrize("hung", [(0, 0, 0, 6), (6, 6, 6, 0)])
+def test_one_recording_that_differs_among_many_tells_as_much_as_two(hung):
+    """Left out, nothing would be known: that is no scatter."""
+    runs = [bench(loads=(LOADS[k],), seed=seed, seconds=5.0)[0] for seed, k in enumerate(hung)]
+    found = torque_constant(runs)
+    assert found.value == pytest.approx(K, rel=0.01)
+
+
+def test_standard_errors_of_the_torque_constant_are_honest():
+    z = []
+    for seed in range(8):
+        found = torque_constant(bench(loads=(LOADS[0], LOADS[2], LOADS[4]), seed=seed, seconds=5.0, counts=None))
+        z.append((found.value - K) / found.std)
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.8
+
+
+def test_without_loads_that_differ_all_is_in_amperes_and_a_sentence_says_why():
+    one, other = (replace(recording, load=LOADS[3]) for recording in bench(loads=(LOADS[3],), seed=0)[:1] * 2)
+    for runs, why in (
+        ([one, other], "all recordings have the same load"),
+        ([replace(one, load=None)], "known loads that differ are needed"),
+    ):
+        text = torque_constant(runs)
+        assert text.startswith("the torque constant is not known, and every parameter is per A") and why in text
+        found = identify(runs)
+        assert text in [doubt.text for doubt in found.doubts]
+        assert found.torque_constant is None and found.torque_unit == "A"
+        for result in found.schemes.values():
+            assert [e.unit for e in result.model.estimates.values()] == ["A s^2", "A", "A s/rad", "A"]
+            gravity = result.model.estimates["gravity"].value
+            assert gravity == pytest.approx((UNLOADED["gravity"] + LOADS[3].gravity) / K, rel=0.02)
+        assert [found[id].unit for id in ("dynamic", "energy", "filtered_power")] == ["A", "A rad", "A rad/s"]
+        assert "N m" not in json.dumps(found.json())
+
+
+def test_loads_that_hardly_differ_are_not_enough():
+    runs = bench(loads=(LOADS[3], LOADS[3]))
+    barely = [runs[0], replace(runs[1], load=Load(LOADS[3].inertia + 1e-5, LOADS[3].gravity + 1e-3))]
+    text = torque_constant(barely)
+    assert "take loads that differ more" in text
+
+
+def test_a_current_of_the_wrong_sign_is_said():
+    text = torque_constant([replace(r, torque=-r.torque) for r in bench(loads=(LOADS[0], LOADS[6]))])
+    assert "it would be negative" in text and "minus sign" in text
+
+
+def test_units_are_not_mixed():
+    light, heavy = bench(loads=(LOADS[0], LOADS[6]))
+    with pytest.raises(IdentificationError, match="torque is in A in load 0 and in N m in load 1: read all recordings"):
+        identify([light, replace(heavy, torque_unit="N m")])
+
+
+def test_errors_of_parameters_include_that_of_the_torque_constant():
+    runs = bench(loads=(LOADS[0], LOADS[6]))
+    found, known = identify(runs, schemes="dynamic"), identify(in_newton_metres(runs), schemes="dynamic")
+    own, given = found["dynamic"].model.estimates, known["dynamic"].model.estimates
+    assert all(own[name].std >= 0.99 * given[name].std for name in own)
+    wide = Calibrated.of(runs)
+    loose = replace(wide.constant, std=0.05 * K)
+    widened = identify([replace(r, torque_constant=loose) for r in wide.recordings], schemes="dynamic")["dynamic"]
+    # I = K phi - dI: of a fit to a light and a heavy recording, an error of K moves inertia by more than its share
+    assert widened.model.estimates["inertia"].std > 0.05 * UNLOADED["inertia"]
+    np.testing.assert_allclose(
+        widened.convergence.std[-1], [e.std for e in widened.model.estimates.values()], rtol=1e-9
+    )
+
+
+def test_a_diagnosis_in_amperes_names_friction_under_load_and_finds_the_joint():
+    found = diagnose(bench("motor", seconds=7.0))
+    assert found.selected == ("load_dependent_friction",)
+    assert found.torque_constant.value == pytest.approx(K, rel=0.01)
+    theta = {name: e.value for name, e in found.model.estimates.items()}
+    for name, value in UNLOADED.items():
+        assert theta[name] == pytest.approx(value, rel=0.03), name
+    assert theta["load_dependent_friction"] == pytest.approx(0.12, rel=0.05)
+    data = found.json()
+    assert data["torque_constant"]["value"] == found.torque_constant.value
+    assert data["torque_constant"]["unit"] == "N m/A"
+    assert Model.from_json(found.model.json()).torque_constant == Estimate(
+        found.torque_constant.value, found.torque_constant.std, "N m/A"
+    )
+
+
+def test_friction_that_is_pressed_by_the_load_itself_takes_each_load_into_account():
+    """Its weight is that of the joint alone: known loads add their own."""
+    runs = in_newton_metres(bench("both", (LOADS[0], LOADS[3], LOADS[7])))
+    terms = (*BASE, LoadDependentFriction(UNLOADED["gravity"]))
+    equations = prepare(runs).equations(terms)
+    theta = np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0]
+    np.testing.assert_allclose(theta, [*UNLOADED.values(), 0.12], rtol=0.03)
+
+
+def test_an_effect_is_added_under_known_loads():
+    model = Model.build(BASE, list(UNLOADED.values()))
+    found = add(model, "load_dependent_friction", bench("motor", tuple(LOADS[:6:2])))
+    assert found.doubt is None and found.objection is None
+    assert found.model.torque_constant.value == pytest.approx(K, rel=0.01)
+    assert found.model.estimates["load_dependent_friction"].value == pytest.approx(0.12, rel=0.05)
+
+
+# -------------------------------------------------------------------------------------- models and their units
+
+
+def test_a_model_turns_the_current_of_other_recordings_into_torque():
+    runs = bench()
+    model = replace(Model.build(BASE, list(UNLOADED.values())), torque_constant=Estimate(K, 0.002, "N m/A"))
+    found = compare(model, runs[2])
+    assert found.torque_constant == TorqueConstant(K, 0.002, "A")
+    assert found.joint.errors.torque_rms < 1.3 * found.joint.noise_floor
+    with pytest.raises(IdentificationError, match="the model is in N m, but the torque constant is not known"):
+        compare(replace(model, torque_constant=None), runs[2])
+    assert compare(replace(model, torque_constant=None), runs[:3]).torque_constant.loads == 3
+
+
+def test_a_model_per_ampere_is_compared_with_currents_only(tmp_path):
+    run = replace(bench()[0], load=None)
+    model = identify(run, schemes="dynamic")["dynamic"].model
+    model.save(tmp_path / "model.json")
+    assert Model.load(tmp_path / "model.json") == model
+    found = compare(model, run)
+    assert found.torque_unit == "A" and "N m" not in found.headline + json.dumps(found.json())
+    with pytest.raises(ModelError, match="the model is per A, and the recordings are in N m: read them alike"):
+        compare(model, in_newton_metres((run,)))

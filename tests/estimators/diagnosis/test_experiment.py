@@ -1,0 +1,130 @@
+"""Suggested experiments: played on a plant that the models know nothing of, they settle what was open."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import Diagnosis, diagnose
+from estimators.diagnosis.suggestion import Aim, Suggestion
+from pendulum_env.recording import Recording
+
+RATE = 500.0
+TIME = np.arange(6000) / RATE
+WAGGING = 1.04 * np.sin(13 * TIME) + 0.64 * np.sin(9.3 * TIME + 1)  # within 0.3 rad
+SPINNING = 4.6 + np.sin(5 * TIME) + 0.6 * np.sin(9 * TIME)  # never turns round
+CASES: dict[str, tuple[Plant, np.ndarray]] = {
+    "a spring at small angles": (
+        Plant(coulomb=0.3, effects={"spring": {"spring_k": 0.4, "spring_q0": 0.0}}),
+        WAGGING,
+    ),
+    "nothing at small angles": (Plant(coulomb=0.3), WAGGING),
+    "a tilt at small angles": (Plant(coulomb=0.3, effects={"gravity_tilt": {"tilt_cos": 0.2}}), WAGGING),
+    "an offset while spinning": (Plant(effects={"torque_offset": {"offset": 0.3}}), SPINNING),
+    "asymmetric fluid friction while spinning": (Plant(effects={"viscous_asymmetry": {"asym_v": 0.06}}), SPINNING),
+    "nothing while spinning": (Plant(), SPINNING),
+}
+
+
+def play(name: str, command: np.ndarray, seed: int) -> Recording:
+    """A command on the plant of a case."""
+    (run,) = simulate([(CASES[name][0], Experiment(seed=seed, seconds=len(command) / RATE, rate=RATE))], [command])
+    return Recording(f"{name} {seed}", run.time, run.position, run.torque)
+
+
+@pytest.fixture(scope="module")
+def first() -> Callable[[str], tuple[Recording, Diagnosis]]:
+    """The first recording of a case and its diagnosis, once."""
+
+    @cache
+    def made(name: str) -> tuple[Recording, Diagnosis]:
+        recording = play(name, CASES[name][1], seed=1)
+        return recording, diagnose([recording])
+
+    return made
+
+
+def suggested(found: Diagnosis) -> Suggestion:
+    assert found.suggestion is not None
+    return found.suggestion
+
+
+@pytest.mark.parametrize(
+    ("name", "hidden", "before"),
+    [
+        ("a spring at small angles", "spring", ()),
+        ("nothing at small angles", None, ()),
+        ("a tilt at small angles", "gravity_tilt", ("torque_offset", "gravity_tilt")),
+        ("an offset while spinning", "torque_offset", ()),
+        ("asymmetric fluid friction while spinning", "viscous_asymmetry", ()),
+        ("nothing while spinning", None, ()),
+    ],
+)
+def test_the_suggested_experiment_settles_what_was_open(first, name, hidden, before):
+    recording, found = first(name)
+    assert set(before) <= {id for group in found.ambiguous for id in group}
+    suggestion = suggested(found)
+    assert any(aim.effect == hidden or aim.instead == hidden or hidden is None for aim in suggestion.settles)
+    time = np.arange(round(suggestion.seconds * RATE)) / RATE
+    settled = diagnose([recording, play(name, suggestion.signal.signal(time), seed=2)])
+    assert settled.selected == (() if hidden is None else (hidden,))
+    assert settled.suggestion is None
+    assert settled.ambiguous == ((("torque_offset", "coulomb_asymmetry"),) if hidden == "torque_offset" else ())
+
+
+def test_what_no_torque_tells_apart_is_said_and_not_tried():
+    plant = Plant(effects={"coulomb_asymmetry": {"asym_c": 0.2}})
+    (run,) = simulate([(plant, Experiment(seed=3, seconds=9.0, rate=RATE))])
+    found = diagnose([Recording("run", run.time, run.position, run.torque)])
+    assert found.ambiguous == (("torque_offset", "coulomb_asymmetry"),)
+    assert found.inseparable == (("torque_offset", "coulomb_asymmetry"),)
+    assert found.suggestion is None
+    assert any("the motor mounted the other way round" in text for text in found.advice)
+
+
+def test_a_suggestion_says_what_to_expect_and_survives_json(first):
+    _, found = first("a spring at small angles")
+    suggestion = suggested(found)
+    assert Aim("spring", "gravity") in suggestion.settles
+    assert suggestion.peak_torque <= 6.0
+    assert suggestion.reach[1] - suggestion.reach[0] > 1.0  # beyond the small angles
+    assert suggestion.text in found.advice
+    again = Suggestion.from_json(found.json()["suggestion"])
+    time = np.linspace(0, suggestion.seconds, 999)
+    np.testing.assert_array_equal(again.signal.signal(time), suggestion.signal.signal(time))
+    assert again.json() == suggestion.json()
+
+
+def test_the_suggested_torque_stays_within_what_the_motor_gives(first):
+    recording, _ = first("a spring at small angles")
+    suggestion = suggested(diagnose([recording], max_torque=2.5))
+    assert suggestion.peak_torque <= 2.5
+    assert np.abs(suggestion.signal.signal(np.linspace(0, suggestion.seconds, 9999))).max() <= 2.5
+
+
+def test_the_suggested_motion_stays_within_what_the_rig_bears(first):
+    name = "a spring at small angles"
+    recording, _ = first(name)
+    suggestion = suggested(diagnose([recording], max_angle=1.0, max_speed=4.0))
+    run = play(name, suggestion.signal.signal(np.arange(round(suggestion.seconds * RATE)) / RATE), seed=2)
+    assert np.abs(run.position).max() <= 1.0
+    assert np.abs(np.gradient(run.position[::10], 10 / RATE)).max() <= 4.0
+    assert diagnose([recording, run]).selected == ("spring",)
+
+
+@pytest.mark.parametrize(
+    ("limits", "within"),
+    [
+        ({"max_torque": 0.5}, "0.5 N m would"),
+        ({"max_angle": 0.3, "max_speed": 2.0}, "6 N m, 0.3 rad and 2 rad/s would"),
+    ],
+)
+def test_limits_that_leave_no_experiment_are_said(first, limits, within):
+    recording, _ = first("a spring at small angles")
+    found = diagnose([recording], **limits)
+    assert found.suggestion is None and found.inseparable == ()
+    assert found.forbidden in found.advice
+    assert found.forbidden.startswith(f"no experiment within {within} tell spring from gravity: allow more")
+    assert first("a spring at small angles")[1].forbidden is None

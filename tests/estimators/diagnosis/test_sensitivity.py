@@ -1,0 +1,40 @@
+"""A verdict of "nothing" says what it could have seen, and is held to it."""
+
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import diagnose
+from estimators.diagnosis.run import gather
+from estimators.diagnosis.sensitivity import in_words, smallest
+from estimators.selection.search import Search
+from pendulum_env.physics import BASE, effects
+from pendulum_env.recording import Recording
+
+EXPERIMENT = Experiment(rate=500.0, seconds=10.0, seed=4)
+
+
+def recorded(plant: Plant, name: str = "run") -> Recording:
+    (run,) = simulate([(plant, EXPERIMENT)], workers=1)
+    return Recording(name, run.time, run.position, run.torque)
+
+
+@pytest.fixture(scope="module")
+def search() -> Search:
+    return Search(*gather([recorded(Plant())]))
+
+
+@pytest.mark.parametrize(("id", "parameter", "others"), [("quadratic_drag", "drag", {}), ("spring", "spring_k", {})])
+def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(search, id, parameter, others):
+    size = smallest(search, BASE, effects()[id])
+    assert size is not None
+    found = diagnose([recorded(Plant(effects={id: {parameter: 2 * size, **others}}))])
+    assert id in {*found.selected, *(one for group in found.ambiguous for one in group)}
+    assert diagnose([recorded(Plant(effects={id: {parameter: 0.1 * size, **others}}))]).selected == ()
+
+
+def test_it_is_said_with_sizes_and_with_the_angles_that_were_reached(search):
+    low, high = search.train.reach
+    text = in_words(search, BASE, effects())
+    assert text is not None
+    for part in ("Stribeck friction above", "N m", f"a stop between {low:.3g} and {high:.3g} rad", "would have shown"):
+        assert part in text

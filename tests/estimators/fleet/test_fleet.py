@@ -1,0 +1,124 @@
+"""What many estimates show together: named where it is, and not where it is not."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from estimators.fleet import drift, jump, odd_ones, onset, pool, surely, weigh
+
+WEEKS = np.arange(10.0)
+
+
+def test_a_line_is_recovered_with_its_error():
+    rng = np.random.default_rng(0)
+    error = rng.uniform(0.5, 2.0, 10)
+    found = [drift(WEEKS, 3 + 0.4 * WEEKS + error * rng.standard_normal(10), error) for _ in range(400)]
+    slopes, errors = np.array([one.slope for one in found]), np.array([one.slope_error for one in found])
+    assert np.mean(slopes) == pytest.approx(0.4, abs=0.02)
+    covered = np.mean(np.abs(slopes - 0.4) < 1.96 * errors)
+    assert 0.93 < covered < 1.0  # scatter that happens to be small is not believed
+
+
+@pytest.mark.parametrize("excess", [1.0, 5.0])
+def test_no_more_drifts_than_chance_are_seen_whether_or_not_the_errors_tell_all_of_the_scatter(excess):
+    rng = np.random.default_rng(1)
+    chances = np.array([drift(WEEKS, excess * rng.standard_normal(10), np.ones(10)).chance for _ in range(2000)])
+    for level in (0.01, 0.05):
+        assert np.mean(chances < level) < level + 3 * np.sqrt(level / 2000)
+
+
+def test_scatter_is_told_from_drift():
+    rng = np.random.default_rng(2)
+    wild = drift(WEEKS, 20 * rng.standard_normal(10), np.ones(10))
+    assert wild.chance > 1e-3 and wild.scatter < 1e-6 and wild.excess > 5
+
+
+def test_the_two_tests_are_those_of_the_book():
+    value = np.array([1.0, 2.5, 2.0, 4.5, 4.0, 6.5])
+    time = np.arange(6.0)
+    fit = stats.linregress(time, value)
+    wide = drift(time, value, np.full(6, 0.1))  # scatter beyond the errors: F test, as without known errors
+    assert wide.slope == pytest.approx(fit.slope) and wide.slope_error == pytest.approx(fit.stderr)
+    assert wide.chance == pytest.approx(fit.pvalue)
+    narrow = drift(time, 5 + 0.0 * value + 0.01 * time, np.ones(6))  # none: chi-square
+    assert narrow.chance >= stats.chi2.sf((0.01**2) * np.sum((time - 2.5) ** 2), 1) * (1 - 1e-9)
+
+
+def test_a_jump_is_found_where_it_is_and_leaves_less_than_a_line():
+    rng = np.random.default_rng(8)
+    step = 5.0 + 30.0 * (WEEKS >= 6)
+    values = [step + 3 * rng.standard_normal(10) for _ in range(50)]  # three times what the errors tell
+    found = [jump(WEEKS, value, np.ones(10)) for value in values]
+    assert {one.first for one in found} == {6} and max(one.chance for one in found) < 1e-3
+    assert all(o.left < drift(WEEKS, v, np.ones(10)).left for o, v in zip(found, values, strict=True))
+    assert np.std([(one.change - 30) / one.error for one in found]) == pytest.approx(1.0, abs=0.4)
+    line = 5.0 + 2.0 * WEEKS + rng.standard_normal(10)
+    assert jump(WEEKS, line, np.ones(10)).left > drift(WEEKS, line, np.ones(10)).left
+    for excess in (1.0, 5.0):
+        quiet = [jump(WEEKS, excess * rng.standard_normal(10), np.ones(10)).chance for _ in range(500)]
+        assert np.mean(np.array(quiet) < 0.05) < 0.05 + 3 * np.sqrt(0.05 / 500)
+    assert jump(WEEKS[:3], WEEKS[:3], np.ones(3)) is None
+
+
+def test_too_few_estimates_tell_no_drift():
+    few = drift(WEEKS[:3], np.array([1.0, 2.0, 3.0]), np.full(3, 0.01))
+    assert np.isnan(few.chance) and few.level == pytest.approx(2.0)
+    assert np.isnan(drift(np.zeros(5), np.arange(5.0), np.ones(5)).chance)
+    with pytest.raises(ValueError, match="no estimate has a standard error"):
+        drift(WEEKS, WEEKS, np.zeros(10))
+
+
+def test_holm_is_as_in_the_paper_and_passes_over_what_was_not_tested():
+    named = surely(np.array([0.01, 0.04, 0.03, 0.005, np.nan]), 0.05)
+    assert named.tolist() == [True, False, False, True, False]
+
+
+def test_one_that_differs_is_told_from_siblings_that_all_differ_a_little():
+    rng = np.random.default_rng(3)
+    false = 0
+    for _ in range(300):
+        value, error = rng.normal(10, 0.5, 8), np.full(8, 0.05)  # they differ by more than their errors
+        false += sum(one.chance < 0.01 for one in odd_ones(value, error))
+        value[2] += 8
+        odd = odd_ones(value, error)
+        assert min(range(8), key=lambda k: odd[k].chance) == 2
+    assert false < 0.025 * 300 * 8
+    assert np.isnan(odd_ones(np.arange(3.0), np.ones(3))[0].chance)  # two others are too few
+
+
+def test_an_effect_sets_in_where_it_does():
+    found = onset(WEEKS, WEEKS >= 6)
+    assert found.first == 6 and found.chance < 0.05
+    assert found.chance == pytest.approx(1 / 210)  # of 10 over 4 orders
+    rng = np.random.default_rng(4)
+    pattern = np.array([0, 0, 1, 0, 1, 0, 1, 1, 0, 1], dtype=bool)
+    observed = onset(WEEKS, pattern).chance
+    shuffled = [onset(WEEKS, rng.permutation(pattern)).chance for _ in range(1500)]
+    assert np.mean(np.array(shuffled) <= observed + 1e-9) == pytest.approx(observed, abs=0.04)  # exact
+    assert onset(WEEKS, np.ones(10, dtype=bool)) is None and onset(np.zeros(4), np.arange(4) > 1) is None
+
+
+def test_what_is_weak_in_each_is_sure_in_all_and_noise_is_not():
+    rng = np.random.default_rng(5)
+    error, one_form = np.full(20, 3.0), np.ones(20, dtype=int)
+    weak = pool(rng.normal(2.5, 3, 20), error, one_form, rivals=22)
+    assert weak.total == pytest.approx(50, abs=30) and weak.chance < 0.05
+    assert pool(np.array([2.5]), error[:1], one_form[:1], rivals=22).chance > 0.5
+    sure = [pool(rng.normal(0, 3, 20), error, one_form, rivals=22).chance < 0.05 for _ in range(200)]
+    assert np.mean(sure) < 0.05
+
+
+def test_what_one_case_shows_is_not_said_of_all_and_choosing_among_forms_gains_nothing():
+    gain = np.full(20, -1.0)
+    gain[7] = 300.0
+    assert pool(gain, np.ones(20), np.ones(20, dtype=int), rivals=22).chance > 0.05
+    chosen = np.random.default_rng(6).normal(0, 1, (20, 60)).max(axis=1)  # the best of sixty forms of nothing
+    assert pool(chosen, np.ones(20), np.full(20, 60), rivals=22).chance > 0.5
+
+
+def test_effects_that_look_alike_share_the_probability():
+    rng = np.random.default_rng(7)
+    gain = rng.normal(3, 1, 30)
+    alike = np.column_stack([gain, gain + rng.normal(0, 0.1, 30), gain - 2, np.full(30, np.nan)])
+    share = weigh(alike)
+    assert share.sum() == pytest.approx(1) and share[:2].min() > 0.1 and share[2:].max() < 1e-3

@@ -1,0 +1,182 @@
+"""What a model lacks is named while the pendulum runs, and once it is added, the model predicts as the true one does.
+
+Plants come from the independent integrator.
+"""
+
+from functools import cache
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import VectorWrapper
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import diagnose
+from estimators.online import Diagnoser, Diagnosers
+from estimators.signals.measurements import Smoothing
+from estimators.wrappers import DiagnoseOnline, DiagnoseOnlineVector, EstimateParameters
+from pendulum_env.physics import BASE
+from pendulum_env.physics.actuation import TorqueOffset
+from pendulum_env.physics.friction import QuadraticDrag, Stribeck
+from pendulum_env.physics.library import effect
+from pendulum_env.physics.potential import Cogging
+from pendulum_env.recording import Recording
+from pendulum_env.registration import PENDULUM
+
+RATE, COUNTS, SECONDS = 250.0, 65_536, 18.0
+HIDDEN = {
+    "stribeck": ({"strib_d": 0.4, "strib_v": 0.6}, Stribeck(0.6)),
+    "cogging": ({"cog_n": 12.0, "cog_s": 0.2, "cog_c": 0.1}, Cogging(12.0)),
+    "torque_offset": ({"offset": 0.2}, TorqueOffset()),
+    "quadratic_drag": ({"drag": 0.03}, QuadraticDrag()),
+}
+
+SOME = ("load_dependent_friction", "coulomb_asymmetry", "spring", "position_dependent_friction", "viscous_asymmetry")
+FEW = {id: effect(id) for id in (*HIDDEN, *SOME)}
+
+
+@cache
+def recordings():
+    experiment = Experiment(rate=RATE, seconds=SECONDS, counts=COUNTS, torque_noise=0.05, seed=3)
+    plants = [Plant(effects={id: law}) for id, (law, _) in HIDDEN.items()]
+    return dict(zip((*HIDDEN, ""), simulate([(plant, experiment) for plant in (*plants, Plant())]), strict=True))
+
+
+def recorded(hidden):
+    return recordings()[hidden]
+
+
+def diagnoser(terms=BASE, **options):
+    return Diagnoser(RATE, terms, smoothing=Smoothing.of_encoder(COUNTS, RATE), **options)
+
+
+def run(one, recording, first=0.0, last=np.inf):
+    """Let it see the samples from `first` to `last` [s]."""
+    torque = np.r_[0.0, recording.torque[:-1]]  # over the period that ends with the sample
+    for t, q, tau in zip(recording.time, recording.position, torque, strict=True):
+        if first <= t < last:
+            one.take(float(t), float(q), float(tau))
+    return one.said
+
+
+@pytest.mark.parametrize("hidden", HIDDEN)
+def test_what_is_hidden_comes_first_and_once_added_the_model_predicts_as_the_true_one_does(hidden):
+    recording = recorded(hidden)
+    found, true = diagnoser(library=FEW), diagnoser((*BASE, HIDDEN[hidden][1]), library={})
+    said = run(found, recording, last=10.0)
+    assert said.kind == "missing" and hidden in said.group and said.none < 0.01
+    before = said.error
+    found.add(hidden)
+    after, ideal = run(found, recording, first=10.0), run(true, recording)
+    assert after.added == (hidden,) and after.kind == "nothing"
+    assert after.error < 0.9 * before
+    assert after.error == pytest.approx(ideal.error, rel=0.1)
+
+
+def test_effects_that_no_motion_tells_apart_are_one_group_and_say_the_same():
+    said = run(diagnoser(library=FEW), recorded("torque_offset"), last=12.0)
+    assert {"torque_offset", "coulomb_asymmetry"} <= set(said.group)
+    one, other = (next(s for s in said.ranking if s.effect == e) for e in ("torque_offset", "coulomb_asymmetry"))
+    assert one.gain == pytest.approx(other.gain, rel=1e-6)
+    assert abs(one.theta["torque_offset"]) == pytest.approx(0.2, rel=0.05)
+
+
+def test_where_nothing_is_hidden_nothing_is_missing():
+    assert run(diagnoser(), recorded("")).kind == "nothing"
+
+
+@pytest.mark.parametrize("hidden", ["cogging", "quadratic_drag"])
+def test_what_is_said_online_is_what_diagnose_says_of_the_recording(hidden):
+    recording = recorded(hidden)
+    said = run(diagnoser(), recording)
+    offline = diagnose(Recording(hidden, recording.time, recording.position, recording.torque))
+    assert offline.selected[0] == said.group[0] == hidden
+
+
+def test_undo_brings_the_model_back():
+    recording, one = recorded("cogging"), diagnoser(library=FEW)
+    with pytest.raises(ValueError, match="no effect was added"):
+        one.undo()
+    with pytest.raises(ValueError, match="has not been tried yet"):
+        one.add("cogging")
+    first = run(one, recording, last=10.0)
+    one.add("cogging")
+    with pytest.raises(ValueError, match="in the model already"):
+        one.add("cogging")
+    with pytest.raises(ValueError, match="did you mean cogging"):
+        one.add("coging")
+    one.undo()
+    again = run(one, recording, first=10.0, last=17.0)
+    assert again.terms == first.terms == BASE
+    assert again.group[0] == first.group[0] == "cogging"
+
+
+def test_a_wrapper_diagnoses_beside_others_and_adds_by_itself():
+    env = EstimateParameters(gym.make(PENDULUM, rate=200, effects=["gravity_tilt:gravity_tilt=0.3"]), schemes="dynamic")
+    env = DiagnoseOnline(env, candidates=["gravity_tilt", "quadratic_drag", "dead_time"], add_from=0.9)
+    env = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+    _, info = env.reset(seed=0)
+    assert set(info["diagnosis"].not_run) == {"dead_time"}
+    for k in range(3000):
+        action = 3 * np.sin(12.07 * k / 200) + 3 * np.sin(2.25 * k / 200)
+        *_, info = env.step(np.array([action], dtype=np.float32))
+    said = info["diagnosis"]
+    assert said.added == ("gravity_tilt",) and "dynamic" in info["estimates"]
+    assert said.kind == "nothing" and said.theta["gravity_tilt"] == pytest.approx(0.3, rel=0.05)
+    _, info = env.reset()
+    assert info["diagnosis"].added == () and info["diagnosis"].kind == "calibrating"
+
+
+def test_what_cannot_be_followed_is_refused():
+    with pytest.raises(ValueError, match="actuator_lag cannot be in a model that is diagnosed online"):
+        DiagnoseOnline(gym.make(PENDULUM), ["inertia", "actuator_lag"])
+    with pytest.raises(ValueError, match="did you mean stribeck"):
+        DiagnoseOnline(gym.make(PENDULUM), candidates=["stribek"])
+    with pytest.raises(ValueError, match="add_from"):
+        DiagnoseOnline(gym.make(PENDULUM), add_from=0.2)
+
+
+def test_many_are_diagnosed_like_one_and_a_reset_one_begins_anew():
+    runs = [recorded("cogging"), recorded("")]
+    smoothing = Smoothing.of_encoder(COUNTS, RATE)
+    many = Diagnosers(RATE, 2, smoothing=smoothing, library=FEW)
+    torque = np.array([np.r_[0.0, one.torque[:-1]] for one in runs])
+    position = np.array([one.position for one in runs])
+    until = round(9 * RATE)
+    for k in range(until):
+        many.take(np.full(2, runs[0].time[k]), position[:, k], torque[:, k])
+    alone = run(diagnoser(library=FEW), runs[0], last=runs[0].time[until])
+    first = many.said[0]
+    assert (first.kind, first.group, first.motion) == ("missing", alone.group, alone.motion)
+    assert (first.evidence, first.error) == pytest.approx((alone.evidence, alone.error), rel=1e-6)
+    assert many.said[1].kind == "nothing"
+    many.reset(np.array([True, False]))
+    assert [said.kind for said in many.said] == ["calibrating", "nothing"]
+
+
+class OneWithout(VectorWrapper):
+    """The last environment says nothing, as Gymnasium's masks tell it; what stands in its places is of no meaning."""
+
+    def step(self, actions):
+        *result, info = self.env.step(actions)
+        told = np.arange(self.num_envs) < self.num_envs - 1
+        return *result, {**info, **{f"_{name}": told for name in ("time", "position", "torque")}}
+
+
+def test_a_vector_twin_diagnoses_each_and_leaves_out_what_was_not_measured():
+    env = DiagnoseOnlineVector(
+        OneWithout(gym.make_vec(PENDULUM, num_envs=3, rate=200.0, effects=["torque_offset=0.3"])),
+        candidates=["torque_offset"],
+    )
+    _, info = env.reset(seed=0)
+    for k in range(1200):
+        action = 3 * np.sin(12.07 * k / 200) + 3 * np.sin(2.25 * k / 200)
+        *_, info = env.step(np.full((3, 1), action, dtype=np.float32))
+    assert [said.group for said in info["diagnosis"]] == [("torque_offset",), ("torque_offset",), ()]
+
+
+def test_a_rarer_alarm_needs_more_evidence():
+    often, rare = (diagnoser(alarms_per_hour=rate).threshold for rate in (10.0, 0.1))
+    assert rare - often == pytest.approx(np.log(100))
+    with pytest.raises(ValueError, match="alarms_per_hour"):
+        DiagnoseOnline(gym.make(PENDULUM), alarms_per_hour=0.0)

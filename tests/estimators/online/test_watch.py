@@ -1,0 +1,154 @@
+"""A watch tells a changed value from a wrong structure, when and where, and is silent while the model holds.
+
+Plants come from the independent integrator; one that changes goes on from where it was. Sizes are those that should
+show; how often smaller ones do is measured by `benchmarks.watching`.
+"""
+
+import pickle
+from dataclasses import replace
+from functools import cache
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.watching import CHANGE, changing, watched
+from estimators.online import Verdict, Watch
+from estimators.wrappers import EstimateParameters, WatchModel, WatchModelVector
+from pendulum_env.physics import BASE, Model
+from pendulum_env.registration import PENDULUM
+from pendulum_env.wrappers import RandomizePlant
+
+RATE, COUNTS = 500.0, 65_536
+BEFORE = Plant()
+HEAVIER = replace(BEFORE, inertia=0.12, gravity=2.5)
+HIDDEN = {
+    "torque_offset": {"offset": 0.3},
+    "quadratic_drag": {"drag": 0.04},
+    "cogging": {"cog_n": 12.0, "cog_s": 0.3},
+}
+
+
+@cache
+def told(after: str) -> list[list[tuple[float, Verdict]]]:
+    plant = HEAVIER if after == "payload" else replace(BEFORE, effects={after: HIDDEN[after]})
+    experiment = Experiment(rate=RATE, seconds=8.0, counts=COUNTS, torque_noise=0.05)
+    cases = [
+        (BEFORE, plant, replace(experiment, seed=seed, excitation=e)) for seed, e in enumerate(("two_tone", "steps"))
+    ]
+    return watched(changing(cases), RATE, COUNTS)
+
+
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_an_effect_that_sets_in_is_structure_within_five_seconds(effect):
+    for course in told(effect):
+        assert not any(verdict.alarms for t, verdict in course if t < CHANGE)
+        kinds = [(t, verdict) for t, verdict in course if verdict.kind == "structure"]
+        assert kinds and kinds[0][0] < CHANGE + 5.0
+        assert course[-1][1].kind == "structure" and course[-1][1].where
+
+
+def test_a_payload_is_two_values_with_their_time_and_size():
+    for course in told("payload"):
+        last = course[-1][1]
+        assert last.kind == "value" and last.alarms == 1
+        assert set(last.changes) == {"inertia", "gravity"} and last.parameter in last.changes
+        assert last.since == pytest.approx(CHANGE, abs=0.3)
+        for name, true in (("inertia", 0.03), ("gravity", 0.5)):
+            change, std = last.changes[name]
+            assert change == pytest.approx(true, rel=0.1) and 0 < std < 0.25 * true
+
+
+def test_drag_shows_where_the_joint_is_fast_or_with_the_torque_that_drives_it():
+    where = set(told("quadratic_drag")[0][-1][1].where)
+    assert where and where <= {"velocity", "torque"}
+
+
+def test_a_plant_that_holds_and_one_that_drifts_slowly_are_not_alarmed_about():
+    """Six minutes in all; friction that falls by a tenth over a minute is a walk that the model may take."""
+    drift = {"friction_drift": {"drift_a": 0.1, "drift_T": 60.0}}
+    plants = [BEFORE] * 4 + [replace(BEFORE, effects=drift)] * 2
+    cases = [
+        (plant, Experiment(rate=200.0, seconds=60.0, seed=seed, counts=8192, torque_noise=0.05))
+        for seed, plant in enumerate(plants)
+    ]
+    runs = [(run.time, run.position, np.r_[0.0, run.torque[:-1]]) for run in simulate(cases)]
+    last = [course[-1][1] for course in watched(runs, 200.0, 8192)]
+    assert [verdict.kind for verdict in last] == ["predicts"] * 6
+    assert all(verdict.alarms == 0 and verdict.score < verdict.threshold for verdict in last)
+
+
+def test_a_rarer_alarm_needs_a_higher_threshold():
+    often, rare = (Watch(RATE, alarms_per_hour=rate).threshold for rate in (10.0, 0.1))
+    assert rare - often == pytest.approx(np.log(100))
+
+
+def act(env, steps, first=0, scale=1.0):
+    kinds = []
+    for k in range(first, first + steps):
+        t = k / 200
+        action = scale * (3 * np.sin(12.07 * t) + 3 * np.sin(2.25 * t))
+        *_, info = env.step(np.array([action], dtype=np.float32))
+        kinds.append(info["watch"].kind)
+    return kinds, info
+
+
+def test_a_wrapper_watches_beside_others_and_a_reset_begins_anew():
+    env = WatchModel(EstimateParameters(RandomizePlant(gym.make(PENDULUM, rate=200), 0.1), schemes="dynamic"))
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+    for one in (env, again):
+        one.reset(seed=0)
+        kinds, info = act(one, 1600)
+        assert kinds[0] == "calibrating" and kinds[-1] == "predicts" and "dynamic" in info["estimates"]
+    copy = pickle.loads(pickle.dumps(env))
+    assert act(copy, 50, 1600)[1]["watch"] == act(env, 50, 1600)[1]["watch"]
+    _, info = env.reset()
+    assert info["watch"].kind == "calibrating"
+
+
+def test_a_model_that_is_given_is_compared_with_the_plant_as_it_is():
+    """One whose gravity is a fifth too small is found out at once; `accept` takes the plant as it is."""
+    theta = np.array([0.0895, 2.01, 0.3638, 0.9163])
+    env = gym.make(PENDULUM, rate=200, substeps=5, torque_noise=0.05)
+    for factor, kind in ((1.0, "predicts"), (0.8, "value")):
+        one = WatchModel(env, Model.build(BASE, theta * [1.0, factor, 1.0, 1.0]))
+        one.reset(seed=0)
+        _, info = act(one, 3000)
+        assert info["watch"].kind == kind
+    assert info["watch"].parameter == "gravity"
+    assert info["watch"].changes["gravity"][0] == pytest.approx(0.4, rel=0.05)
+    one.accept()
+    assert act(one, 2400, 3000)[0][-1] == "predicts"
+    with pytest.raises(ValueError, match="either model or terms"):
+        WatchModel(env, Model.build(BASE, theta), terms=["inertia"])
+
+
+def test_many_are_watched_like_one():
+    env = WatchModelVector(gym.make_vec(PENDULUM, num_envs=2, rate=200.0, torque_noise=0.05))
+    _, info = env.reset(seed=0)
+    assert [verdict.kind for verdict in info["watch"]] == ["calibrating"] * 2
+    for k in range(1500):
+        t = k / 200
+        torque = np.full((2, 1), 3 * np.sin(12.07 * t) + 3 * np.sin(2.25 * t), dtype=np.float32)
+        *_, info = env.step(torque)
+    assert [verdict.kind for verdict in info["watch"]] == ["predicts"] * 2
+
+
+def test_bad_options_are_refused():
+    with pytest.raises(ValueError, match="alarms_per_hour"):
+        Watch(RATE, alarms_per_hour=0.0)
+    with pytest.raises(ValueError, match="theta has 2 values, the model 4"):
+        Watch(RATE, theta=[1.0, 2.0])
+
+
+def test_a_gap_is_no_alarm():
+    """The joint goes on while nobody looks: what is missing between two samples is not a torque."""
+    experiment = Experiment(rate=RATE, seconds=12.0, counts=COUNTS, torque_noise=0.05, seed=4)
+    (recording,) = simulate([(BEFORE, experiment)])
+    watch = Watch(RATE, calibrate=4.0)
+    held = np.r_[0.0, recording.torque[:-1]]
+    for t, q, tau in zip(recording.time, recording.position, held, strict=True):
+        if not (5.0 < t < 5.5 or 8.0 < t < 8.01):
+            (verdict,) = watch.take(np.full(1, t), np.full(1, q), np.full(1, tau))
+    assert verdict.kind == "predicts"

@@ -1,0 +1,274 @@
+"""Least squares, cross-validation, standard errors, and searches over shape parameters: against first principles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from estimators.regression.equations import Equations
+from estimators.regression.least_squares import Balance, jackknife, least_squares, solve
+from estimators.weak_form.shapes import cross_entropy, gauss_newton
+from pendulum_env.physics import Samples, Term, effect
+
+
+def regression(seed: int, rows: int = 300, columns: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns of very different size, y, and the truth behind it."""
+    rng = np.random.default_rng(seed)
+    phi = rng.standard_normal((rows, columns)) * 10.0 ** np.arange(-2, columns - 2)
+    theta = rng.standard_normal(columns)
+    return phi, phi @ theta + 0.3 * rng.standard_normal(rows), theta
+
+
+def test_solve_minimises_the_weighted_squares():
+    phi, y, _ = regression(0)
+    weights = np.random.default_rng(1).uniform(0.2, 2, len(y))
+    fit = solve(Equations(phi, y), weights, np.arange(len(y)) // 10)
+    expected = np.linalg.solve(phi.T @ (phi * weights[:, None] ** 2), phi.T @ (y * weights**2))
+    np.testing.assert_allclose(fit.theta, expected, rtol=1e-9)
+    np.testing.assert_allclose(fit.residual, y - phi @ expected, atol=1e-9)
+    assert fit.rms == pytest.approx(np.sqrt(np.mean(fit.residual**2)))
+
+
+def test_solve_with_two_equal_columns_shares_between_them_and_says_so():
+    phi, y, _ = regression(0, columns=2)
+    fit = solve(Equations(np.column_stack([phi, phi[:, 1]]), y), np.ones(len(y)), np.arange(len(y)) // 10)
+    alone = solve(Equations(phi, y), np.ones(len(y)), np.arange(len(y)) // 10)
+    assert fit.theta[1] == pytest.approx(fit.theta[2])
+    assert fit.theta[1] + fit.theta[2] == pytest.approx(alone.theta[1])
+    assert fit.condition > 1e10
+    np.testing.assert_allclose(np.abs(fit.worst_direction), [0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
+
+
+def test_a_jacobian_of_shapes_widens_the_standard_errors_and_leaves_the_parameters():
+    phi, y, _ = regression(0)
+    clusters = np.arange(len(y)) // 10
+    plain = solve(Equations(phi[:, :3], y), np.ones(len(y)), clusters)
+    jacobian = (phi[:, 2] / 10 + 0.05 * np.random.default_rng(1).standard_normal(len(y)))[:, None]
+    fit = solve(Equations(phi[:, :3], y), np.ones(len(y)), clusters, jacobian)
+    np.testing.assert_array_equal(fit.theta, plain.theta)
+    assert fit.covariance.shape == (4, 4)
+    assert fit.std[2] > 1.5 * plain.std[2]
+
+
+def test_the_covariance_is_that_of_leaving_out_each_cluster_and_fitting_again():
+    phi, y, _ = regression(0)
+    clusters = np.sort(np.random.default_rng(2).integers(0, 12, len(y)))
+    whole = np.linalg.lstsq(phi, y, rcond=None)[0]
+    parts = [np.linalg.lstsq(phi[clusters != c], y[clusters != c], rcond=None)[0] - whole for c in range(12)]
+    expected = 11 / 12 * sum(np.outer(part, part) for part in parts)
+    found, _ = jackknife(phi, y - phi @ whole, clusters)
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / scale, expected / scale, atol=1e-6)
+
+
+def test_intervals_hold_the_truth_though_residuals_are_correlated_and_clusters_few():
+    """Twelve clusters with a common error each, columns that vary slowly: 95 % intervals hold in 90 to 99 %."""
+    inside, rng = [], np.random.default_rng(5)
+    for _ in range(400):
+        clusters = np.repeat(np.arange(12), 20)
+        phi = np.column_stack([np.ones(240), rng.standard_normal(12)[clusters] + 0.3 * rng.standard_normal(240)])
+        error = 0.3 * rng.standard_normal(12)[clusters] + 0.3 * rng.standard_normal(240)
+        fit = solve(Equations(phi, phi @ [1.0, 2.0] + error), np.ones(240), clusters)
+        inside += (np.abs(fit.theta - [1.0, 2.0]) < 1.96 * fit.std).tolist()
+    assert 0.9 <= np.mean(inside) <= 0.99
+
+
+def test_intervals_hold_the_truth_though_few_clusters_tell_of_it():
+    """Forty clusters, three of which move the second column: 95 % intervals hold in 90 to 99 %."""
+    inside, rng = [], np.random.default_rng(6)
+    for _ in range(600):
+        clusters = np.repeat(np.arange(40), 10)
+        moving = np.isin(clusters, rng.choice(40, 3, replace=False))
+        phi = np.column_stack([np.ones(400), moving * rng.standard_normal(40)[clusters]])
+        error = 0.3 * rng.standard_normal(40)[clusters] + 0.3 * rng.standard_normal(400)
+        fit = solve(Equations(phi, phi @ [1.0, 2.0] + error), np.ones(400), clusters)
+        inside.append(abs(fit.theta[1] - 2.0) < 1.96 * fit.std[1])
+    assert 0.9 <= np.mean(inside) <= 0.99
+
+
+def loaded(mu: float, noise: float, seed: int = 0, count: int = 2000) -> tuple[Balance, np.ndarray]:
+    """Torque of a gear whose friction grows with it, tau = phi theta + mu |tau| s, some of it unexplained."""
+    rng = np.random.default_rng(seed)
+    phi = np.column_stack([rng.choice([-1.0, 1.0], count) * rng.uniform(1.0, 2.0, count), np.ones(count)])
+    theta, sign = np.array([2.0, 0.3]), rng.choice([-1.0, 1.0], count)
+    driven = phi @ theta + noise * rng.standard_normal(count)
+    torque = driven / (1 - mu * sign * np.sign(driven))
+    column, slope = np.abs(torque) * sign, np.sign(torque) * sign
+    full = np.column_stack([phi, column])
+    by_torque = np.column_stack([np.zeros((count, 2)), slope])
+    bounds = np.array([-np.inf, -np.inf, -np.inf]), np.array([np.inf, np.inf, 0.7])
+    return Balance(full, torque, by_torque, np.ones(count), *bounds, np.ones(count)), np.array([*theta, mu])
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.3, 0.5])
+def test_torque_is_predicted_from_motion_and_not_explained_by_torque(mu):
+    balance, truth = loaded(mu, 1.0)
+    assert balance.solve() == pytest.approx(truth, rel=0.1, abs=0.03)
+    plain = np.linalg.lstsq(balance.phi, balance.y, rcond=None)[0]
+    assert plain[2] > balance.solve()[2]  # the more torque explains itself, the smaller is what is left
+    clean, truth = loaded(mu, 0.0)
+    assert clean.solve() == pytest.approx(truth, rel=1e-6)
+
+
+def test_errors_are_those_of_the_torque():
+    balance, truth = loaded(0.4, 0.0)
+    noise = 0.01 * np.random.default_rng(1).standard_normal(len(balance.y))
+    noisy = replace(balance, phi=balance.phi + balance.by_torque * noise[:, None], y=balance.y + noise)
+    assert noisy.error(truth) == pytest.approx(noise, abs=1e-9)
+
+
+def test_a_parameter_that_would_leave_its_bounds_stays_there_and_the_others_make_the_best_of_it():
+    balance, _ = loaded(0.3, 0.1)
+    held = replace(balance, most=np.array([np.inf, np.inf, 0.1]))
+    theta = held.solve()
+    assert theta[2] == 0.1
+    others = least_squares((balance.phi / (1 - 0.1 * balance.by_torque[:, 2:]))[:, :2], balance.error([0, 0, 0.1]))
+    assert theta[:2] == pytest.approx(others, rel=1e-2)
+
+
+def test_weights_multiply_the_errors():
+    balance, _ = loaded(0.0, 0.5)
+    weights = np.where(np.arange(len(balance.y)) < 500, 1.0, 1e-6)
+    few = replace(balance, weights=weights).solve()
+    assert few == pytest.approx(balance[np.arange(len(balance.y)) < 500].solve(), rel=1e-3, abs=1e-3)
+
+
+def coverage(memory: float, clustered: bool, trials: int = 200) -> np.ndarray:
+    """Errors of many estimates in units of their standard errors, (trials, P), under noise with memory."""
+    rng = np.random.default_rng(0)
+    scores = []
+    for _ in range(trials):
+        white = rng.standard_normal((3, 2400))
+        noise, *columns = lfilter([1.0], [1.0, -memory], white)
+        phi = np.column_stack(columns) + np.array([0.0, 1.0])
+        clusters = np.arange(2400) // (60 if clustered else 1)
+        fit = solve(Equations(phi, phi @ [2.0, -1.0] + noise), np.ones(2400), clusters)
+        scores.append((fit.theta - [2.0, -1.0]) / fit.std)
+    return np.array(scores)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.8])
+def test_standard_errors_from_clusters_cover_the_truth_under_correlated_noise(memory):
+    scores = coverage(memory, clustered=True)
+    assert np.all(np.abs(np.sqrt(np.mean(scores**2, axis=0)) - 1) < 0.25)
+    assert np.mean(np.abs(scores) < 2) > 0.88
+
+
+def test_standard_errors_that_take_noise_for_white_do_not():
+    scores = coverage(0.8, clustered=False, trials=40)  # of many clusters, which take time
+    assert np.all(np.sqrt(np.mean(scores**2, axis=0)) > 1.7)
+
+
+def samples() -> Samples:
+    rng = np.random.default_rng(0)
+    time = np.arange(600) / 100
+    position, velocity = rng.uniform(-3, 3, 600), 2 * rng.standard_normal(600)
+    return Samples(time, position, velocity, 4 * rng.standard_normal(600))
+
+
+def projected(x: Samples, y: np.ndarray):
+    """Residuals of y after a fit of a variant's columns, beside a constant and a friction."""
+
+    def residuals(variants: list[Term]) -> list[np.ndarray]:
+        found = []
+        for variant in variants:
+            columns = [column.torque(x, 0.0) for column in variant.columns]
+            fixed = sum((column.torque(x, 0.0) for column in variant.fixed), np.zeros(len(y)))
+            phi = np.column_stack([np.ones(len(y)), np.sign(x.velocity), *columns])
+            found.append(y - fixed - phi @ np.linalg.lstsq(phi, y - fixed, rcond=None)[0])
+        return found
+
+    return residuals
+
+
+@pytest.mark.parametrize(
+    ("id", "shape", "truth", "start", "theta"),
+    [
+        ("stribeck", "stribeck_velocity", 0.6, 1.5, [0.4]),
+        ("stribeck", "stribeck_velocity", 0.6, 0.25, [0.4]),
+        ("torque_saturation", "limit", 5.0, 12.0, []),
+        ("friction_drift", "warm_up", 2.0, 6.0, [0.2, 0.5]),
+        ("periodic_disturbance", "frequency", 20.0, 20.3, [0.2, -0.1]),
+        ("hard_stop", "upper", 1.2, 0.8, [30.0]),
+        ("hard_stop", "lower", -1.2, -1.6, [30.0]),
+    ],
+)
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_gauss_newton_finds_the_minimum_over_a_shape_parameter(id, shape, truth, start, theta, noise):
+    x, kind = samples(), effect(id)
+    term = kind(**{shape: truth})
+    y = 0.3 + 0.8 * np.sign(x.velocity) + noise * np.random.default_rng(1).standard_normal(600)
+    y = y + sum(c * column.torque(x, 0.0) for c, column in zip(theta, term.columns, strict=True))
+    y = y + sum(column.torque(x, 0.0) for column in term.fixed)
+    residuals = projected(x, y)
+    found = gauss_newton(kind(**{shape: start}), residuals)
+    assert found.shape[shape] == pytest.approx(truth, rel=1e-3 if noise == 0 else 0.05)
+    least = np.linalg.norm(residuals([found])[0])
+    nearby = [kind(**{shape: found.shape[shape] * factor}) for factor in (0.99, 1.01)]
+    assert all(np.linalg.norm(residual) > least for residual in residuals(nearby))
+
+
+def test_gauss_newton_stays_within_the_limits_of_a_shape_parameter():
+    x = samples()
+    towards_zero = gauss_newton(
+        effect("stribeck")(stribeck_velocity=0.05),
+        lambda variants: [np.full(5, v.shape["stribeck_velocity"]) for v in variants],
+    )
+    assert towards_zero.shape["stribeck_velocity"] == effect("stribeck").shapes[0].low
+    spring = effect("spring")()
+    assert gauss_newton(spring, projected(x, x.position)) is spring
+
+
+def test_gauss_newton_leaves_integers_alone():
+    x = samples()
+    start = effect("cogging")(order=9.0)
+    assert gauss_newton(start, projected(x, np.sin(12 * x.position))) == start
+
+
+def test_cross_entropy_finds_a_minimum_among_many():
+    truth = effect("backlash")(gap=0.013, resonance=75.0, damping=12.0, gravity=21.0)
+    target = np.log(list(truth.shape.values()))
+
+    def errors(variants: list[Term]) -> list[float]:
+        away = [np.log(list(variant.shape.values())) - target for variant in variants]
+        return [float(np.sum(d**2) + 0.02 * np.sum(1 - np.cos(25 * d))) for d in away]
+
+    x = samples()
+    grid = list(effect("backlash").grid(x, x.torque))
+    found = cross_entropy(grid, errors)
+    assert errors([found])[0] < 0.5 * min(errors(grid))
+    np.testing.assert_allclose(np.log(list(found.shape.values())), target, atol=0.35)
+    assert cross_entropy(grid, errors) == found
+
+
+def test_errors_beside_a_parameter_at_its_bound_are_those_of_a_fit_without_it():
+    rng = np.random.default_rng(3)
+    a = rng.standard_normal(400)
+    phi = np.column_stack([a, a + 0.3 * rng.standard_normal(400)])
+    y = phi @ [1.0, -0.2] + 0.1 * rng.standard_normal(400)  # the second may not be negative
+    nothing, most = np.zeros_like(phi), np.array([np.inf, np.inf])
+    balance = Balance(phi, y, nothing, np.ones(400), np.array([-np.inf, 0.0]), most, np.ones(400))
+    clusters = np.arange(400) // 10
+    bounded, alone = balance.fit(clusters), solve(Equations(phi[:, :1], y), np.ones(400), clusters)
+    assert bounded.theta == pytest.approx([alone.theta[0], 0.0])
+    assert bounded.std == pytest.approx([alone.std[0], 0.0])
+
+
+def test_a_fit_of_torque_on_both_sides_scatters_as_it_says():
+    """tau = 2 a + 0.3 |tau| s, solved for tau: the estimates of many data sets scatter by their standard errors."""
+    estimates, told = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        a, s = rng.standard_normal(600), np.sign(rng.standard_normal(600))
+        tau = 2 * a / (1 - 0.3 * s * np.sign(a))
+        seen = tau + 0.05 * rng.standard_normal(600)
+        phi = np.column_stack([a, np.abs(seen) * s])
+        slope = np.column_stack([np.zeros(600), np.sign(seen) * s])
+        free = np.full(2, np.inf)
+        fit = Balance(phi, seen, slope, np.ones(600), -free, free, np.ones(600)).fit(np.arange(600) // 10)
+        estimates.append(fit.theta)
+        told.append(fit.std)
+    scatter = np.std(estimates, axis=0)
+    assert np.mean(estimates, axis=0) == pytest.approx([2.0, 0.3], abs=0.01)
+    assert np.all((0.6 < scatter / np.mean(told, axis=0)) & (scatter / np.mean(told, axis=0) < 1.5))

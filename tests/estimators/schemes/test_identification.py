@@ -1,0 +1,124 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.schemes.identification import identify
+from estimators.schemes.six import PAPER, SCHEMES, Energy, Hamiltonian
+from pendulum_env.physics import BASE, Model, effects
+from pendulum_env.recording import Recording, read_recording
+
+PLANT = Plant()
+PRACTICE = Path(__file__).parents[3] / "../shared/practice"
+
+
+def std(model: Model) -> np.ndarray:
+    return np.array([model.estimates[column.name].std for column in model.columns])
+
+
+@pytest.mark.skipif(not PRACTICE.exists(), reason="needs the practice recordings")
+@pytest.mark.parametrize(
+    ("name", "tolerance"), [("null_a", 0.003), ("null_b", 0.015), ("null_c", 0.006), ("null_d", 0.003)]
+)
+def test_all_schemes_find_the_truth_in_recordings_of_another_simulator(name, tolerance):
+    plant = json.loads((PRACTICE / "truth.json").read_text())[name]["plant"]
+    truth = [plant[term.id] for term in BASE]
+    found = identify([read_recording(PRACTICE / f"{name}.train.csv.gz")])
+    for scheme in SCHEMES:
+        np.testing.assert_allclose(found[scheme.id].model.theta, truth, rtol=tolerance)
+
+
+def test_standard_errors_are_honest():
+    """Errors in standard errors have a root mean square near one over 18 recordings, the paper's energy included."""
+    rng, z = np.random.default_rng(0), {}
+    excitations = ["two_tone", "multisine", "chirp"]
+    schemes = (*SCHEMES, Energy(window=None))
+    of_all = {"rate": 500.0, "seconds": 10.0, "torque_noise": 0.0}
+    truth = [PLANT.inertia, PLANT.gravity, PLANT.viscous, PLANT.coulomb]
+    for run in simulate([(PLANT, Experiment(excitation=e, seed=k, **of_all)) for k, e in enumerate(excitations)]):
+        clean = Recording("clean", run.time, run.position, run.torque)
+        for _ in range(6):  # only the noise differs
+            noisy = clean.torque + 0.05 * rng.standard_normal(len(clean))
+            for scheme in schemes:
+                result = identify([Recording("noisy", clean.time, clean.position, noisy)], schemes=[scheme], points=2)
+                error = result[scheme.id].model.theta - truth
+                z.setdefault(scheme, []).append(error / std(result[scheme.id].model))
+    for scheme in schemes:
+        rms = float(np.sqrt(np.mean(np.square(z[scheme]))))
+        assert 0.6 < rms < 1.5, scheme
+
+
+def test_whitened_energy_is_more_precise_than_energy_from_the_start(paper_run):
+    white, plain = (identify([paper_run.recording], schemes=[Energy(window=w)])["energy"] for w in (0.05, None))
+    assert np.all(std(white.model) < std(plain.model))
+    assert white.condition < 0.2 * plain.condition
+
+
+def test_convergence_ends_at_the_model(paper_run):
+    found = identify([paper_run.recording], points=50)
+    for scheme in SCHEMES:
+        result = found[scheme.id]
+        assert result.convergence.theta.shape == (50, 4)
+        np.testing.assert_allclose(result.convergence.theta[-1], result.model.theta, rtol=1e-6)
+        np.testing.assert_allclose(result.convergence.std[-1], std(result.model), rtol=1e-6)
+        assert result.convergence.time[-1] == pytest.approx(paper_run.recording.duration, abs=0.1)
+
+
+def test_the_papers_hamiltonian_pair_borrows_inertia(paper_run):
+    found = identify([paper_run.recording], schemes=PAPER)
+    for borrower, lender in (("hamiltonian", "dynamic"), ("filtered_hamiltonian", "filtered_dynamic")):
+        np.testing.assert_allclose(found[borrower].model.theta, found[lender].model.theta, rtol=1e-4)
+        np.testing.assert_allclose(std(found[borrower].model), std(found[lender].model), rtol=0.1)
+        assert found[borrower].model.estimates["inertia"] == found[lender].model.estimates["inertia"]
+        assert np.all(found[borrower].convergence.theta[:, 0] == found[lender].model.theta[0])
+    with pytest.raises(ValueError, match="put dynamic before it"):
+        identify([paper_run.recording], schemes=[Hamiltonian(borrows="dynamic")])
+
+
+def test_several_recordings_share_one_set_of_parameters(record):
+    """The coarse one counts less, and filters do not run from one into the next."""
+    fine, other = record([PLANT, PLANT], rate=500.0, seconds=8.0)
+    count = 2 * np.pi / 2048
+    coarse = Recording(
+        "coarse",
+        other.recording.time,
+        np.round(other.recording.position / count) * count + 50.0,
+        other.recording.torque,
+    )
+    shifted = Recording("far", coarse.time, coarse.position - 50.0 + 16 * np.pi, coarse.torque)
+    joint, alone = identify([fine.recording, shifted]), identify([fine.recording])
+    for scheme in SCHEMES:
+        np.testing.assert_allclose(joint[scheme.id].model.theta, fine.theta, rtol=0.01)
+        assert np.abs(joint[scheme.id].model.theta / alone[scheme.id].model.theta - 1).max() < 0.005
+    assert joint["dynamic"].convergence.time[-1] == pytest.approx(16.0, abs=0.3)
+
+
+def test_slow_sampling_lowers_the_filters_and_says_so(record):
+    run = record([PLANT], rate=50.0, seconds=20.0, counts=None, torque_noise=0.0)[0]
+    found = identify([run.recording])
+    assert [doubt.text for doubt in found.doubts] == [
+        "at 50 Hz the filters would pass everything: their cutoff is lowered to 50 rad/s"
+    ]
+    for scheme in SCHEMES:
+        np.testing.assert_allclose(found[scheme.id].model.theta, run.theta, rtol=0.03)
+
+
+def test_result_is_plain_json(paper_run):
+    found = json.loads(json.dumps(identify([paper_run.recording], points=5).json(), allow_nan=False))
+    assert found["schema"] == "pendulum-ident/identification@1"
+    assert set(found["schemes"]) == {scheme.id for scheme in SCHEMES}
+    assert found["schemes"]["energy"]["residual"]["unit"] == "J"
+    assert found["schemes"]["dynamic"]["theta"]["inertia"]["unit"] == "kg m^2"
+    assert len(found["schemes"]["dynamic"]["convergence"]["theta"]) == 5
+
+
+@pytest.mark.parametrize("hidden", [True, False])
+def test_a_missing_effect_biases_and_its_term_cures(record, hidden):
+    """Test the no as well: Stribeck friction left out of the model biases Coulomb friction."""
+    run = record([Plant(effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})], rate=500.0, seconds=8.0)[0]
+    terms = BASE if hidden else (*BASE, effects()["stribeck"](stribeck_velocity=0.6))
+    for scheme in SCHEMES:
+        coulomb = identify([run.recording], terms, [scheme])[scheme.id].model.estimates["coulomb"].value
+        assert (abs(coulomb / run.theta[3] - 1) > 0.005) == hidden, scheme

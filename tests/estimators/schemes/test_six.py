@@ -1,0 +1,175 @@
+"""Laws that the six schemes obey, and what goes wrong without the care they take."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.signal import bilinear, lfilter
+
+from benchmarks.independent_plant import Plant
+from estimators.schemes.six import (
+    SCHEMES,
+    Dynamic,
+    Energy,
+    FilteredDynamic,
+    FilteredPower,
+    Scheme,
+    energy_view,
+    exponential_average,
+    give,
+    impulse_view,
+    scheme,
+    torque_view,
+)
+from estimators.signals.measurements import Smoothing, measure, remember
+from pendulum_env.physics import BASE, effects
+from pendulum_env.recording import Recording
+
+PLANT = Plant()
+TERMS = [*BASE, *(effect() for effect in effects().values())]
+
+
+def fit(scheme: Scheme, recording: Recording, smoothing: Smoothing | None = None) -> np.ndarray:
+    equations, usable = scheme.regression(measure(recording, smoothing), BASE)
+    return np.linalg.lstsq(equations.phi[usable], equations.y[usable], rcond=None)[0]
+
+
+def means(values: np.ndarray) -> np.ndarray:
+    """Mean over the sample before each one, by Simpson's rule on every other sample of a fine grid."""
+    return (values[:-2:2] + 4 * values[1:-1:2] + values[2::2]) / 6
+
+
+@pytest.mark.parametrize("term", TERMS, ids=lambda term: term.id)
+def test_power_is_torque_times_velocity_and_impulse_its_integral(term):
+    """Each view of each column of each effect, on a motion known in closed form on a fine grid."""
+    fine = np.arange(801) * 0.00025 + 1.03  # moves forwards, away from kinks of the default shapes
+    coarse = slice(0, None, 2)
+    q, v, a = 1.5 * np.sin(2 * fine - 2), 3 * np.cos(2 * fine - 2), -6 * np.sin(2 * fine - 2)
+    tau = 2 + np.sin(9 * fine)
+    period = 0.0005
+    m = measure(Recording("made", np.arange(500) * period, np.zeros(500), np.ones(500)), Smoothing(0))
+
+    def made(part: slice, step: float) -> dataclasses.dataclass:
+        held = np.convolve(tau[part], [0.5, 0.5])[: len(tau[part])]
+        plain = dataclasses.replace(
+            m, time=fine[part], position=q[part], velocity=v[part], acceleration=a[part], torque=tau[part], held=held
+        )
+        return remember(dataclasses.replace(plain, period=step), [term])
+
+    exact, sampled = made(slice(None), 0.5 * period), made(coarse, period)
+    if term.id in exact.memory:  # states are those of the samples
+        exact = dataclasses.replace(
+            exact, memory={term.id: tuple(np.interp(fine, fine[coarse], s) for s in sampled.memory[term.id])}
+        )
+    for column in (*term.columns, *term.fixed):
+        torque = torque_view(exact, column)
+        size = np.abs(torque).max() + 1e-9
+        inner = slice(20, -4)  # a delay of 5 ms does not know what was before
+        np.testing.assert_allclose(impulse_view(sampled, column)[1:][inner], means(torque)[inner], atol=2e-3 * size)
+        np.testing.assert_allclose(energy_view(sampled, column)[1:][inner], means(torque * v)[inner], atol=6e-3 * size)
+
+
+def test_filter_is_the_bilinear_one_of_the_paper():
+    """lambda (1 - F) of a running sum, F discretised by the bilinear rule, is the average of its increments."""
+    rng, cutoff, period = np.random.default_rng(0), 200.0, 0.001
+    rate = rng.normal(size=500)
+    total = np.cumsum(rate) * period
+    b, a = bilinear([cutoff], [1.0, cutoff], fs=1 / period)
+    # the sum is 0 up to its start
+    filtered = lfilter(b, a, np.r_[0.0, total])[1:]
+    np.testing.assert_allclose(exponential_average(rate, cutoff, period), cutoff * (total - filtered), atol=1e-9)
+
+
+def test_second_order_filters_twice():
+    step = np.ones(100)
+    once = exponential_average(step, 200.0, 0.001)
+    np.testing.assert_allclose(exponential_average(step, 200.0, 0.001, 2), exponential_average(once, 200.0, 0.001))
+
+
+def test_cutoff_beyond_nyquist_is_refused(exact):
+    with pytest.raises(ValueError, match=r"filter at 2000 rad/s needs samples at more than 636\.6 Hz"):
+        FilteredDynamic(cutoff=2000.0).regression(measure(exact.recording), BASE)
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES, Energy(window=None), FilteredPower(guard=None)], ids=lambda s: s.id)
+def test_known_parameters_are_recovered_from_exact_data(scheme, exact):
+    np.testing.assert_allclose(fit(scheme, exact.recording), exact.theta, rtol=5e-4)
+
+
+@pytest.mark.parametrize("pair", [("dynamic", "hamiltonian"), ("filtered_dynamic", "filtered_hamiltonian")])
+def test_hamiltonian_equals_dynamic_given_the_same_inertia(pair, paper_run):
+    """The paper's Table 2, to four digits."""
+    m = measure(paper_run.recording)
+    lender, borrower = (scheme(id).regression(m, BASE) for id in pair)
+    theta = fit(scheme(pair[0]), paper_run.recording)
+    given, usable = give(borrower.equations, [0], theta[:1]), borrower.usable
+    rest = np.linalg.lstsq(given.phi[usable], given.y[usable], rcond=None)[0]
+    assert given.phi.shape[1] == 3
+    np.testing.assert_allclose(rest, theta[1:], rtol=1e-4)
+    assert lender.equations.phi.shape == borrower.equations.phi.shape
+
+
+def test_stick_biases_whoever_keeps_it(sticky):
+    """Without the mask, gravity and Coulomb friction absorb what dry friction balances at rest."""
+    masked = fit(Dynamic(), sticky.recording) / sticky.theta - 1
+    naive = fit(Dynamic(guard=None), sticky.recording) / sticky.theta - 1
+    assert np.abs(masked).max() < 0.01
+    assert np.abs(naive[[1, 3]]).max() > 0.05
+
+
+def test_stick_leaves_the_filter_no_trace(sticky):
+    """The gate stands before F: a slow filter remembers stick beyond any guard, and a mask behind it comes too late."""
+    slow = FilteredDynamic(cutoff=20.0)
+    assert np.abs(fit(slow, sticky.recording) / sticky.theta - 1).max() < 0.01
+    m = measure(sticky.recording)
+    equations, _ = FilteredDynamic(cutoff=20.0, guard=None).regression(m, BASE)
+    late = m.clear(0.02)
+    behind = np.linalg.lstsq(equations.phi[late], equations.y[late], rcond=None)[0]
+    assert np.abs(behind / sticky.theta - 1).max() > 0.03
+
+
+def test_energy_needs_no_stick_mask(sticky):
+    assert np.abs(fit(Energy(), sticky.recording) / sticky.theta - 1).max() < 0.01
+
+
+def test_second_order_filter_keeps_encoder_noise_out_of_the_inertia(paper_run):
+    """Without smoothing; the paper's first-order filter leaves a bias."""
+    count = 2 * np.pi / 65_536
+    coarse = dataclasses.replace(paper_run.recording, position=np.round(paper_run.recording.position / count) * count)
+    raw = Smoothing(0, slowest=0.12)  # five times the noise of such a velocity
+    bias = [fit(FilteredDynamic(order=order), coarse, raw)[0] / paper_run.theta[0] - 1 for order in (1, 2)]
+    smoothed = fit(FilteredDynamic(), coarse)[0] / paper_run.theta[0] - 1
+    assert bias[0] < -0.005
+    assert abs(bias[1]) < 0.2 * abs(bias[0])
+    assert abs(smoothed) < 0.002
+
+
+def test_ignoring_the_hold_biases_slow_sampling(record):
+    """A command taken as it stands is half a sample early."""
+    run = record([PLANT], rate=200.0, seconds=8.0, counts=None, torque_noise=0.0)[0]
+    np.testing.assert_allclose(fit(Dynamic(), run.recording), run.theta, rtol=1e-3)
+    m = measure(run.recording)
+    early = dataclasses.replace(m, torque=np.r_[m.held[1:], m.held[-1]])
+    equations, usable = Dynamic().regression(early, BASE)
+    wrong = np.linalg.lstsq(equations.phi[usable], equations.y[usable], rcond=None)[0]
+    assert np.abs(wrong / run.theta - 1).max() > 0.02
+
+
+def test_a_mass_that_jumps_does_no_work():
+    payload = effects()["payload_change"](moment=0.5)
+    time = np.arange(2000) / 1000
+    m = measure(Recording("wave", time, np.sin(5 * time), np.cos(time)), Smoothing(0))
+    inertia = payload.columns[0]
+    energy = np.cumsum(energy_view(m, inertia)) * m.period
+    momentum = np.cumsum(impulse_view(m, inertia)) * m.period
+    at = int(np.searchsorted(m.time, 0.5))
+    assert np.abs(energy[: at - 1]).max() == np.abs(momentum[: at - 1]).max() == 0
+    after = m.velocity[at + 2 :]
+    np.testing.assert_allclose(energy[at + 2 :], 0.5 * (after**2 - m.velocity[at] ** 2), atol=0.03)
+    np.testing.assert_allclose(momentum[at + 2 :], after - m.velocity[at], atol=0.03)
+
+
+def test_unknown_scheme_is_named_with_its_nearest():
+    assert scheme("energy") == Energy()
+    with pytest.raises(ValueError, match=r"unknown scheme 'hamiltonain': did you mean hamiltonian\?"):
+        scheme("hamiltonain")

@@ -1,0 +1,135 @@
+"""The score: predictions of stretches that were not fitted, and how sure their sum is."""
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from estimators.regression.least_squares import Balance
+from estimators.selection.score import FOLDS, NU, Bootstrap, Stretches, cross_validated, predicted
+
+
+def linear(phi: np.ndarray, y: np.ndarray) -> Balance:
+    """Equations that do not depend on the torque."""
+    count, size = phi.shape
+    free = np.full(size, np.inf)
+    return Balance(phi, y, np.zeros_like(phi), np.ones(count), -free, free, np.ones(count))
+
+
+def stretches(recordings: int, each: int, rows: int) -> Stretches:
+    """`each` stretches of `rows` equations in each of some recordings."""
+    stretch = np.repeat(np.arange(recordings * each), rows)
+    of_stretch = np.repeat(np.arange(recordings), each)
+    return Stretches(stretch, of_stretch[stretch], of_stretch, stretch)
+
+
+def data(seed: int, where: Stretches, size: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    phi = rng.standard_normal((len(where.stretch), size))
+    return phi, phi @ np.arange(1.0, size + 1) + 0.3 * rng.standard_normal(len(phi))
+
+
+def test_a_stretch_is_predicted_by_the_fit_of_the_others():
+    where = stretches(2, 20, 30)
+    phi, y = data(0, where)
+    found = cross_validated(linear(phi, y), 0.0, where)
+    for stretch in (0, 7, 25):
+        fold, own = where.fold == stretch % FOLDS, where.recording == where.of_stretch[stretch]
+        theta = np.linalg.lstsq(phi[~fold], y[~fold], rcond=None)[0]
+        error = y - phi @ theta
+        _, _, scale = student.fit(error[own & ~fold], fdf=NU, floc=0)
+        expected = student.logpdf(error[where.stretch == stretch], NU, scale=scale).sum()
+        assert found[stretch] == pytest.approx(expected, abs=0.05)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_a_difference_of_models_does_not_depend_on_the_unit_of_torque(unit):
+    where = stretches(1, 20, 30)
+    phi, y = data(1, where)
+    one, other = (cross_validated(linear(phi[:, :size], y), 0.0, where) for size in (3, 2))
+    scaled, rescaled = (cross_validated(linear(unit * phi[:, :size], unit * y), 0.0, where) for size in (3, 2))
+    assert scaled - rescaled == pytest.approx(one - other, abs=1e-6)
+
+
+def test_a_recording_counts_by_its_own_scale():
+    """The louder of two recordings does not drown what the quieter one tells."""
+    where = stretches(2, 20, 30)
+    phi, y = data(2, where)
+    theta = np.array([1.0, 2.0, 3.0])
+    loud = y + np.where(where.recording == 1, 50.0, 0.0) * np.random.default_rng(0).standard_normal(len(y))
+    gains = [
+        predicted(theta, linear(phi, values), 0.0, where) - predicted(0.9 * theta, linear(phi, values), 0.0, where)
+        for values in (y, loud)
+    ]
+    first = where.of_stretch == 0
+    assert gains[1][first].sum() == pytest.approx(gains[0][first].sum())
+    assert gains[0][first].sum() > 100
+
+
+def test_a_column_of_noise_predicts_no_better_and_a_true_one_does():
+    rng = np.random.default_rng(3)
+    useless, useful = 0, 0
+    for seed in range(20):
+        where = stretches(1, 20, 25)
+        phi, y = data(seed, where)
+        bootstrap = Bootstrap(where.of_stretch, np.random.default_rng(0))
+        with_noise = np.column_stack([phi, rng.standard_normal((len(y), 3))])
+        full = cross_validated(linear(phi, y), 0.0, where)
+        useless += bootstrap.gain(cross_validated(linear(with_noise, y), 0.0, where), full, 3.0).chance < 0.05
+        useful += bootstrap.gain(full, cross_validated(linear(phi[:, :2], y), 0.0, where), 3.0).chance < 0.05
+    assert useless == 0
+    assert useful == 20
+
+
+def test_noise_that_a_model_takes_out_counts_as_error_all_the_same():
+    where = stretches(1, 20, 30)
+    phi, y = data(4, where)
+    square = 0.3**2
+    smoothed = linear(phi, phi @ [1.0, 2.0, 3.0] + 0.5 * (y - phi @ [1.0, 2.0, 3.0]))  # the same with half the noise
+    honest = cross_validated(smoothed, 0.75 * square, where).sum()
+    assert honest == pytest.approx(cross_validated(linear(phi, y), 0.0, where).sum(), abs=len(y) * 0.05)
+    assert cross_validated(smoothed, 0.0, where).sum() > honest + len(y) * 0.5
+
+
+# ------------------------------------------------------------------------------------------------ what is sure of a sum
+
+
+def chance(differences: list[list[float]]) -> float:
+    """Chance that nothing is gained, from the differences of each recording's stretches."""
+    owner = np.repeat(np.arange(len(differences)), [len(own) for own in differences])
+    after = np.concatenate([np.asarray(own, dtype=float) for own in differences])
+    return Bootstrap(owner, np.random.default_rng(0)).gain(after, np.zeros(len(after)), 5.0).chance
+
+
+def test_what_repeats_is_sure_and_what_happens_once_is_not():
+    assert chance([[10.0] * 20]) == 0.0
+    assert chance([[200.0] + [0.0] * 19]) > 0.01  # a single stretch may be a glitch
+    assert chance([[100.0] * 6 + [0.0] * 14]) < 1e-3  # a stop that is hit now and then
+
+
+def test_a_gain_in_one_recording_is_worth_little_if_another_loses():
+    assert chance([[30.0] * 10, [20.0] * 10]) < 1e-2
+    assert chance([[30.0] * 10, [-10.0] * 10]) > 0.1
+    assert chance([[30.0] * 20]) == 0.0
+
+
+def test_the_standard_error_is_that_of_a_sum_of_independent_stretches():
+    rng = np.random.default_rng(5)
+    totals, errors = [], []
+    for _ in range(300):
+        differences = 2.0 + 3.0 * rng.standard_normal(40)
+        gain = Bootstrap(np.zeros(40, dtype=int), np.random.default_rng(0)).gain(differences, np.zeros(40))
+        totals.append(gain.total)
+        errors.append(gain.error)
+    assert np.mean(errors) == pytest.approx(np.std(totals), rel=0.15)
+    assert np.mean(totals) == pytest.approx(80.0, abs=4.0)
+
+
+def test_models_that_predict_alike_share_the_probability_and_a_worse_one_gets_none():
+    rng = np.random.default_rng(6)
+    density = rng.standard_normal(30)
+    bootstrap = Bootstrap(np.zeros(30, dtype=int), np.random.default_rng(0))
+    found = bootstrap.probabilities([density, density, density - 3.0])
+    assert found == pytest.approx([0.5, 0.5, 0.0], abs=1e-6)
+    unsure = bootstrap.probabilities([density, density + 4.0 * rng.standard_normal(30)])
+    assert unsure.sum() == pytest.approx(1.0)
+    assert 0.02 < unsure.min()  # a difference that scatters so decides nothing

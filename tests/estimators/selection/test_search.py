@@ -1,0 +1,67 @@
+"""The search where its first step misleads, on recordings of a simulator that shares no model code."""
+
+import numpy as np
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.checks.physical import beyond
+from estimators.diagnosis.run import gather
+from estimators.selection.search import Search
+from pendulum_env.physics import BASE, effect
+from pendulum_env.recording import Recording
+
+
+def searched(plant: Plant, train: Experiment, test: Experiment) -> tuple[Search, list[str | None], float]:
+    """The search, what it adds, and the share of the held-out torque error that is left."""
+    runs = simulate([(plant, train), (plant, test)])
+    recordings = [
+        Recording(name, r.time, r.position, r.torque) for name, r in zip(("train", "test"), runs, strict=True)
+    ]
+    search = Search(*gather(recordings[:1], recordings[1:]))
+    steps = search.find(BASE)
+    old, new = (step.errors["holdout"].torque_rms for step in (steps[0], steps[-1]))
+    return search, [step.added for step in steps[1:]], new / old
+
+
+def test_an_effect_is_found_that_held_out_data_only_bear_out_beside_another():
+    hidden = {"torque_offset": {"offset": -0.4}, "hard_stop": {"wall_hi": 0.9, "wall_k": 60.0}}
+    train, test = (Experiment(rate=500.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
+    _, found, left = searched(Plant(effects=hidden), train, test)
+    assert set(found) == set(hidden)
+    assert left < 0.05
+
+
+def test_a_torque_that_wanders_is_given_no_name():
+    walk = {"random_walk_torque": {"walk_rms": 0.5}}
+    train, test = (Experiment(rate=200.0, seconds=10.0, seed=seed, excitation="chirp") for seed in (2, 3))
+    assert searched(Plant(effects=walk), train, test)[1] == []
+
+
+def test_no_body_has_a_link_of_negative_inertia():
+    terms = (*BASE, effect("joint_flexibility")())
+    assert not beyond(terms, np.array([0.09, 2.0, 0.35, 0.8, 0.05]))
+    ((column, value),) = beyond(terms, np.array([0.09, 2.0, 0.35, 0.8, -0.05]))
+    assert (column.name, value) == ("joint_flexibility", -0.05)
+
+
+def test_a_law_without_a_name_takes_the_place_of_what_imitates_it_alone():
+    """A rough spot and an offset: the offset keeps its name, and what the spot is like is said."""
+    hidden = {"torque_offset": {"offset": -0.3}, "friction_spot": {"spot_f": 0.8, "spot_q": 0.2}}
+    train, test = (Experiment(rate=500.0, seconds=12.0, seed=seed) for seed in (2, 3))
+    search, found, _ = searched(Plant(effects=hidden), train, test)
+    assert len(found) == 1 and found[0] in ("torque_offset", "coulomb_asymmetry")
+    assert search.unnamed is not None and search.unnamed.id == "any_friction_of_position"
+
+
+def test_a_law_that_imitates_another_does_not_fit_where_the_joint_moves_otherwise():
+    """Cubic damping looks like quadratic drag in each recording alone, with another coefficient in each."""
+    slow, fast = (Experiment(rate=250.0, seconds=12.0, seed=seed, scale=scale) for seed, scale in ((2, 0.6), (3, 1.2)))
+    cubic, quadratic = (
+        Plant(effects=law) for law in ({"cubic_damping": {"cubic": 0.006}}, {"quadratic_drag": {"drag": 0.03}})
+    )
+    model = (*BASE, effect("quadratic_drag")())
+    for plant, right in ((cubic, False), (quadratic, True)):
+        runs = simulate([(plant, slow), (plant, fast)])
+        train, test = (Recording("", run.time, run.position, run.torque) for run in runs)
+        search = Search(*gather([train], [test]))
+        assert search.fits(model) == right
+        assert search.is_noise(search.train, search.screen.residual(model))

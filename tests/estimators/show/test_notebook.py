@@ -1,0 +1,171 @@
+"""What results show of themselves in a notebook: the numbers they hold, well-formed, and nothing that could run."""
+
+from dataclasses import dataclass, replace
+from xml.etree import ElementTree
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import estimators.arguments
+from estimators import add, compare, diagnose, identify
+from estimators.checks.residual import Region
+from estimators.wrappers import EstimateParameters, EstimateParametersVector
+from pendulum_env.backends import record
+from pendulum_env.excitation import excitation
+from pendulum_env.notebook import BLUE, Curve, plot
+from pendulum_env.physics import Column, Model, Term, effects
+from pendulum_env.plant import make_plant
+from pendulum_env.recording import Recording
+from pendulum_env.words import plus_minus
+
+HOSTILE = "</div><script>alert('1')</script>&\"{{ 7 * 7 }}"
+PENDULUM = "pendulum_env/DirectDrivePendulum-v0"
+
+
+@pytest.fixture(scope="module")
+def runs() -> tuple[Recording, Recording]:
+    plant = make_plant(effects="stribeck=0.4")
+    return tuple(
+        record(plant, excitation("paper", seed, 8), 8, rate=500, rng=seed, name=f"{HOSTILE} {seed}") for seed in (1, 2)
+    )
+
+
+@pytest.fixture(scope="module")
+def results(runs):
+    """Every kind of result, by name."""
+    few = {id: effects()[id] for id in ("stribeck", "quadratic_drag", "torque_offset")}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimators.arguments, "effects", lambda: few)
+        diagnosis = diagnose(*runs)
+    found = identify(runs[0])
+    model = found["dynamic"].model
+    return {
+        "recording": runs[0],
+        "model": diagnosis.model,
+        "identification": found,
+        "scheme": found["energy"],
+        "comparison": compare(model, runs),
+        "diagnosis": diagnosis,
+        "addition": add(model, "stribeck", *runs),
+        "estimates": online(gym.make(PENDULUM, rate=500)),
+    }
+
+
+def online(env):
+    env = EstimateParameters(env, schemes=["energy"])
+    env.reset(seed=0)
+    for step in range(600):
+        info = env.step(np.array([3 * np.sin(0.025 * step)], dtype=np.float32))[-1]
+    return info["estimates"]
+
+
+def shown(result) -> str:
+    """Text that a reader sees; what is not well-formed does not parse."""
+    return " ".join("".join(ElementTree.fromstring(result._repr_html_()).itertext()).split())
+
+
+KINDS = ("recording", "model", "identification", "scheme", "comparison", "diagnosis", "addition", "estimates")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_markup_is_well_formed_small_and_runs_nothing(results, kind):
+    markup = results[kind]._repr_html_()
+    root = ElementTree.fromstring(markup)
+    assert not [part for part in root.iter() if part.tag == "script" or {"src", "href", "onload"} & set(part.attrib)]
+    assert len(markup) < 100_000
+    assert "http" not in markup
+
+
+@pytest.mark.parametrize("kind", ["recording", "identification", "comparison"])
+def test_names_are_shown_as_they_are(results, kind):
+    assert HOSTILE in shown(results[kind])
+
+
+@pytest.mark.parametrize("kind", ["recording", "identification", "scheme", "comparison", "diagnosis", "addition"])
+def test_plain_text_is_one_line(results, kind):
+    assert "\n" not in repr(results[kind]) and len(repr(results[kind])) < 300
+
+
+def test_recording_tells_length_rate_notes_and_a_missing_torque(runs):
+    text = shown(replace(runs[0], torque=0 * runs[0].torque, notes=("resampled to <500> Hz",)))
+    assert "8 s at 500 Hz, 4000 samples" in text
+    assert "resampled to <500> Hz" in text and "torque is never applied" in text
+    assert "never applied" not in shown(runs[0])
+
+
+def test_every_estimate_is_shown_with_its_error(results):
+    text = shown(results["identification"])
+    for result in results["identification"].schemes.values():
+        for estimate in result.model.estimates.values():
+            assert plus_minus(estimate.value, estimate.std) in text
+    for name, estimate in results["diagnosis"].model.estimates.items():
+        assert f"{name}{plus_minus(estimate.value, estimate.std)}{estimate.unit}" in shown(results["model"])
+
+
+def test_withheld_estimates_are_no_numbers(runs):
+    one_way = replace(runs[0], position=np.linspace(0, 20, len(runs[0])) + 0.05 * np.sin(5 * runs[0].time))
+    found = identify(one_way)
+    assert "coulomb" in found["dynamic"].withheld
+    value = found["dynamic"].model.estimates["coulomb"]
+    assert plus_minus(value.value, value.std) not in shown(found["dynamic"])
+    assert "unknown" in shown(found["dynamic"]) and "velocity never changes sign" in shown(found)
+
+
+def test_diagnosis_tells_what_is_missing_how_the_errors_fall_and_what_is_open(results):
+    found = results["diagnosis"]
+    region = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 rad the joint needs <more>")
+    text = shown(replace(found, unexplained=(region,), advice=("record wider swings",)))
+    assert text.startswith("Stribeck friction is missing, and more that no known effect explains")
+    for step in found.steps:
+        assert f"{step.errors['holdout'].torque_rms:.4g}" in text
+    assert all(candidate.effect in text for candidate in found.candidates)
+    assert "the joint needs <more>" in text and "Record wider swings" in text
+
+
+def test_headline_says_no_more_than_was_looked_for(results):
+    found = results["diagnosis"]
+    base = replace(found, steps=found.steps[:1])
+    region = Region("position", 0.1, 0.2, 0.05, 9.0, "for q from 0.1 rad")
+    assert base.headline == "Nothing is missing"
+    assert replace(base, unexplained=(region,)).headline == "Something is missing, and no known effect explains it"
+    assert replace(base, candidates=()).headline == "The model explains what was measured"
+    assert replace(base, candidates=(), unexplained=(region,)).headline == "Something is missing in this model"
+
+
+def test_comparison_tells_where(results):
+    text = shown(results["comparison"])
+    assert results["comparison"].regions
+    assert all(region.text in text for region in results["comparison"].regions)
+
+
+def test_online_estimates_are_those_of_the_info(results):
+    theta = results["estimates"]["energy"]["theta"]
+    std = np.sqrt(np.diag(results["estimates"]["energy"]["covariance"]))
+    text = shown(results["estimates"])
+    assert "energy" in text and all(plus_minus(*pair) in text for pair in zip(theta, std, strict=True))
+
+
+def test_estimates_of_a_batch_are_those_of_its_first_pendulum():
+    env = EstimateParametersVector(gym.make_vec(PENDULUM, num_envs=3, rate=500), schemes=["dynamic"])
+    _, info = env.reset(seed=0)
+    assert "of the first of 3 pendulums" in shown(info["estimates"])
+
+
+def test_laws_of_users_are_escaped():
+    @dataclass(frozen=True)
+    class Own(Term):
+        id = "own"
+        law = "c <b>q'</b>"
+        kind = "dissipative"
+
+        @property
+        def columns(self):
+            return (Column("own", "N m", force=lambda x: x.velocity),)
+
+    assert "c <b>q'</b>" in shown(Model.build([Own()], [1.0]))
+
+
+@pytest.mark.parametrize("values", [np.zeros(5), np.full(5, 3.0), np.array([0.0, 1e9, -1e9, 0.0, 0.0])])
+def test_any_curve_can_be_drawn(values):
+    ElementTree.fromstring(plot("flat", np.arange(5.0), [Curve(values, BLUE)]))

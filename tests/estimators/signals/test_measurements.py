@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+
+from estimators.regression.equations import IdentificationError
+from estimators.signals.measurements import Smoothing, choose_smoothing, measure, window
+from pendulum_env.recording import Recording
+
+
+@pytest.mark.parametrize("half_width", [0, 2, 5, 40])
+def test_window_has_unit_sum_and_no_second_moment(half_width):
+    weights, offsets = window(half_width), np.arange(-half_width, half_width + 1)
+    assert weights.sum() == pytest.approx(1)
+    assert weights @ offsets**2 == pytest.approx(0, abs=1e-12)
+    np.testing.assert_allclose(weights, weights[::-1])
+
+
+@pytest.mark.parametrize("half_width", [0, 2, 10])
+def test_held_torque_matches_acceleration_and_steps_of_velocity_exactly(half_width):
+    """Of a free inertia under random held commands, which moves in parabolas: no filter may break I q'' = tau."""
+    rng, period, inertia = np.random.default_rng(0), 0.005, 0.1
+    torque = rng.normal(size=1000)
+    velocity = np.r_[0, np.cumsum(torque[:-1])] * period / inertia
+    position = np.r_[0, np.cumsum(velocity[:-1] * period + 0.5 * torque[:-1] / inertia * period**2)]
+    m = measure(Recording("free", np.arange(1000) * period, position, torque), Smoothing(half_width))
+    np.testing.assert_allclose(inertia * m.acceleration, m.torque, atol=1e-9)
+    np.testing.assert_allclose(inertia * np.diff(m.velocity) / period, m.held[1:], atol=1e-9)
+
+
+def test_smooth_motion_is_differentiated_without_delay():
+    time = np.arange(2000) / 1000
+    m = measure(Recording("sine", time, np.sin(6 * time), np.sin(6 * time)), Smoothing(10))
+    np.testing.assert_allclose(m.position, np.sin(6 * m.time), atol=1e-6)
+    np.testing.assert_allclose(m.velocity, 6 * np.cos(6 * m.time), atol=3e-5)
+    np.testing.assert_allclose(m.acceleration, -36 * np.sin(6 * m.time), atol=1e-4)
+    # held commands act half a sample late
+    np.testing.assert_allclose(m.torque, np.sin(6 * (m.time - 0.0005)), atol=1e-5)
+
+
+def test_coarse_encoders_are_smoothed_longer():
+    time = np.arange(5000) / 1000
+    motion = 2 * np.sin(5 * time)
+
+    def chosen(counts: int) -> int:
+        count = 2 * np.pi / counts
+        return choose_smoothing(Recording("sine", time, np.round(motion / count) * count, motion)).half_width
+
+    assert chosen(1_024_000) < chosen(65_536) < chosen(8192)
+
+
+def test_guard_leaves_out_stick_and_reversals(exact):
+    m = measure(exact.recording)
+    clear = m.clear(0.02)
+    assert m.clear(None).all()
+    assert 0.5 < clear.mean() < 0.95
+    halted = np.flatnonzero(~m.moving | np.r_[False, np.diff(np.sign(m.velocity)) != 0])
+    distance = np.abs(np.flatnonzero(clear)[:, None] - halted).min(axis=1) * m.period
+    assert distance.min() > 0.02
+    assert clear.mean() > m.clear(0.05).mean()
+
+
+def test_too_short_a_recording_is_refused():
+    time = np.arange(20) / 1000
+    with pytest.raises(IdentificationError, match="20 samples are too few"):
+        measure(Recording("short", time, time**2, time))
+    time = np.arange(45) / 1000
+    with pytest.raises(IdentificationError, match="at least 50 are needed"):
+        measure(Recording("short", time, time**2, time), Smoothing(10))
+    assert len(measure(Recording("short", time, time**2, time))) > 20

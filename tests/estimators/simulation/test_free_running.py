@@ -1,0 +1,44 @@
+"""Flights: what a simulation does in many of them at once is what it does in each."""
+
+import numpy as np
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.selection.data import Evidence
+from estimators.simulation.free_running import fly, fly_all
+from estimators.weak_form.windows import trace_all
+from pendulum_env.physics import BASE, effect
+from pendulum_env.recording import Recording
+
+THETA = np.array([0.09, 2.0, 0.35, 0.8])
+
+
+def evidence(*rates: float) -> Evidence:
+    """One recording at each rate."""
+    cases = [(Plant(), Experiment(rate=rate, seconds=5.0, seed=k)) for k, rate in enumerate(rates)]
+    runs = simulate(cases)
+    return Evidence.of([Recording(f"run {k}", r.time, r.position, r.torque) for k, r in enumerate(runs)])
+
+
+def test_recordings_fly_together_as_they_fly_alone():
+    flights = evidence(250.0, 249.7, 400.0).flights
+    lagging = (*BASE, effect("actuator_lag")(time_constant=0.02), effect("dead_time")(dead_time=0.007))
+    models = [(lagging, THETA), (lagging, 1.1 * THETA)]
+    for flight, paths in zip(flights, fly_all(flights, models), strict=True):
+        for k, (terms, theta) in enumerate(models):
+            np.testing.assert_allclose(paths[:, k], fly(flight, terms, theta), atol=1e-9)
+
+
+def test_initial_states_are_nudged_where_that_is_asked_for():
+    flights = evidence(250.0, 249.7, 400.0).flights
+    nudges = np.array([[0.0, 0.0], [1e-3, 0.0]])
+    for path in fly_all(flights, [(BASE, THETA)] * 2, nudges):
+        np.testing.assert_allclose(path[0, 1] - path[0, 0], 1e-3, atol=1e-12)
+
+
+def test_state_along_several_recordings_is_that_along_each():
+    windows = evidence(250.0, 250.0).data.windows
+    kind = effect("backlash")
+    variants = [kind(gap=0.01), kind(gap=0.03, gravity=15.0)]
+    for w, together in zip(windows, trace_all(windows, variants), strict=True):
+        for one, alone in zip(together, w.trace(variants), strict=True):
+            np.testing.assert_allclose(one.memory["backlash"], alone.memory["backlash"], atol=1e-9)

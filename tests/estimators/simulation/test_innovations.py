@@ -1,0 +1,57 @@
+"""Errors of flights as innovations, on recordings of a simulator that shares no model code."""
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.selection.data import Evidence, fit_terms
+from estimators.simulation import output_error
+from estimators.simulation.free_running import take_off
+from estimators.simulation.output_error import Point
+from pendulum_env.physics import BASE
+from pendulum_env.recording import Recording
+
+TRUTH = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
+AT = Point(BASE, np.array(list(TRUTH.values())))
+
+
+def recorded(seeds: range, counts: int = 1_024_000) -> list[Evidence]:
+    of_all = {"rate": 500.0, "seconds": 10.0, "counts": counts, "torque_noise": 0.05}
+    runs = simulate([(Plant(**TRUTH), Experiment(seed=seed, **of_all)) for seed in seeds])
+    return [Evidence.of([Recording("run", run.time, run.position, run.torque)]) for run in runs]
+
+
+@pytest.mark.parametrize("counts", [8192, 1_024_000])
+def test_at_the_true_parameters_innovations_are_as_large_as_expected_and_unrelated(counts: int):
+    (evidence,) = recorded(range(5, 6), counts)
+    flights = [take_off(windows, 0.5) for windows in evidence.data.windows]
+    (new,) = output_error.residuals(flights, [AT], output_error.innovations(flights, AT))
+    (plain,) = output_error.residuals(flights, [AT])
+    new, plain = new[:, :, 0], plain[:, :, 0]
+    assert np.median(np.sqrt(np.mean(new**2, axis=1))) == pytest.approx(1.0, abs=0.25)
+
+    def relation(errors: np.ndarray) -> float:
+        return float(np.median(np.sum(errors[:, 1:] * errors[:, :-1], axis=1) / np.sum(errors**2, axis=1)))
+
+    assert relation(plain) > 0.6
+    assert abs(relation(new)) < 0.3
+
+
+def gain(seeds: range, counts: int = 1_024_000) -> float:
+    """Error of the fit by innovations over that of windows, geometric mean over the parameters."""
+    errors = []
+    for evidence in recorded(seeds, counts):
+        start, _ = fit_terms(evidence, BASE)
+        flights = [take_off(windows, 0.5) for windows in evidence.data.windows]
+        found = output_error.likeliest(flights, Point(BASE, start.theta))
+        errors.append(np.abs(np.array([start.theta, found.theta]) / AT.theta - 1))
+    windows, innovations = np.sqrt(np.mean(np.square(errors), axis=0))
+    return float(np.exp(np.mean(np.log(innovations / windows))))
+
+
+def test_a_coarse_encoder_hides_less_from_innovations_than_from_windows():
+    assert gain(range(10, 16), counts=8192) < 0.8
+
+
+def test_a_fine_encoder_hides_no_more_from_innovations_than_from_windows():
+    assert gain(range(30, 38)) < 1.2

@@ -1,0 +1,120 @@
+"""A plain mistake is answered with one sentence that says what to give instead."""
+
+import re
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from estimators import add, compare, diagnose, identify
+from estimators.schemes.six import Energy
+from pendulum_env.backends import record
+from pendulum_env.excitation import excitation
+from pendulum_env.physics import BASE, Gravity, Inertia, Model, ModelError
+from pendulum_env.plant import make_plant
+
+MODEL = Model.build(BASE, [0.09, 2.0, 0.35, 0.9])
+
+
+@pytest.mark.parametrize("call", [identify, diagnose, lambda r: compare(MODEL, r), lambda r: add(MODEL, "spring", r)])
+@pytest.mark.parametrize(
+    ("given", "kind", "says"),
+    [
+        ("monday.csv", TypeError, "'monday.csv' is not a recording: read a file with .*read_recording"),
+        (["monday.csv"], TypeError, "'monday.csv' is not a recording"),
+        (None, TypeError, "None is not a recording"),
+        (np.zeros(3), TypeError, "is not a recording"),
+        ([], ValueError, "there is no recording to work on"),
+    ],
+)
+def test_what_is_no_recording(call, given, kind, says):
+    with pytest.raises(kind, match=says) as raised:
+        call(given)
+    assert len(str(raised.value)) < 200
+
+
+def test_held_out_recordings_are_checked_too(swing):
+    with pytest.raises(TypeError, match=r"'tuesday\.csv' is not a recording"):
+        diagnose(swing, "tuesday.csv")
+    with pytest.raises(TypeError, match="is not a recording"):
+        add(MODEL, "spring", swing, [swing, 3])
+
+
+def test_what_is_no_effect(swing):
+    with pytest.raises(TypeError, match="an effect is added by its id, such as 'stribeck', got "):
+        add(MODEL, Gravity, swing)
+    with pytest.raises(ValueError, match="did you mean stribeck"):
+        add(MODEL, "stribek", swing)
+
+
+@pytest.mark.parametrize("call", [lambda m, r: compare(m, r), lambda m, r: add(m, "spring", r)])
+def test_what_is_no_model(call, swing):
+    with pytest.raises(TypeError, match=r"'model\.json' is not a model: read a file with Model\.load"):
+        call("model.json", swing)
+    with pytest.raises(ModelError, match="lacks the term inertia"):
+        call(Model.build([Gravity()], [2.0]), swing)
+
+
+@pytest.mark.parametrize(
+    ("terms", "kind", "says"),
+    [
+        (MODEL, TypeError, r"pass model\.terms"),
+        (["inertia", 3], TypeError, "3 is not a term: give its id"),
+        ([Inertia], TypeError, "is not a term: give its id, such as 'stribeck', or Stribeck"),
+        (["stribek"], ValueError, "did you mean stribeck"),
+        ([], ValueError, "needs at least one term"),
+    ],
+)
+def test_what_is_no_term(swing, terms, kind, says):
+    with pytest.raises(kind, match=says):
+        identify(swing, terms)
+    with pytest.raises(kind, match=says):
+        diagnose(swing, base=terms)
+
+
+@pytest.mark.parametrize(
+    ("schemes", "kind", "says"),
+    [
+        ([Energy], TypeError, "is not a scheme: give an id, such as 'energy', or Energy"),
+        ("enrgy", ValueError, "did you mean energy"),
+        ([3], TypeError, "3 is not a scheme"),
+        ([], ValueError, "no scheme to use"),
+        (["energy", Energy(window=0.1)], ValueError, "a scheme is named twice in energy, energy"),
+    ],
+)
+def test_what_is_no_scheme(swing, schemes, kind, says):
+    with pytest.raises(kind, match=says):
+        identify(swing, schemes=schemes)
+
+
+def test_one_recording_and_names_will_do(swing):
+    by_name = identify(swing, ["inertia", "gravity", "viscous", "coulomb"], "energy")
+    in_full = identify([swing], BASE, [Energy()])
+    np.testing.assert_array_equal(by_name["energy"].model.theta, in_full["energy"].model.theta)
+    with pytest.raises(ValueError, match=re.escape("unknown scheme 'dynamic': Known: energy")):
+        by_name["dynamic"]
+
+
+def test_no_effects_may_be_said_as_none():
+    assert make_plant(effects=None) == make_plant()
+    gym.make("pendulum_env/DirectDrivePendulum-v0", effects=None).close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"effects": [0.4]}, "an effect is given as a text such as 'stribeck=0.4', got 0.4"),
+        ({"theta": 0.1}, "theta is given by name or as 4 numbers"),
+        ({"theta": "inertia"}, "theta is given by name or as 4 numbers"),
+    ],
+)
+def test_what_is_no_plant(arguments, says):
+    with pytest.raises(TypeError, match=says):
+        make_plant(**arguments)
+
+
+def test_a_seed_is_a_generator():
+    first, second = (
+        record(None, excitation("paper", rng(3), 1.0), 1.0, rng=rng(4)) for rng in (int, np.random.default_rng)
+    )
+    np.testing.assert_array_equal(first.torque, second.torque)

@@ -1,0 +1,117 @@
+"""What a user chooses and fixes, and what is told of fits: percent, covariance, unstable stretches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators import add, compare, diagnose, identify
+from estimators.selection.data import Evidence, fit_terms
+from estimators.simulation.free_running import deviation, growth, select
+from pendulum_env.backends import record
+from pendulum_env.excitation import excitation
+from pendulum_env.mistake import Mistake
+from pendulum_env.physics import BASE, Model
+from pendulum_env.plant import make_plant, paper_plant
+from pendulum_env.recording import Recording
+
+TRUTH = {"inertia": 0.0895, "gravity": 2.01, "viscous": 0.3638, "coulomb": 0.9163}
+
+
+@pytest.fixture(scope="module")
+def days():
+    plant = make_plant(effects="stribeck")
+    return [record(plant, excitation("paper", k, 8.0), 8.0, 500.0, rng=k) for k in (1, 2)]
+
+
+def test_only_what_is_asked_for_is_looked_for(days):
+    found = diagnose(*days, only=["stribeck", "quadratic_drag", "cogging"], without=["cogging"])
+    assert found.selected == ("stribeck",)
+    assert {candidate.effect for candidate in found.candidates} == {"stribeck", "quadratic_drag"}
+    with pytest.raises(ValueError, match="did you mean stribeck"):
+        diagnose(*days, only=["stribek"])
+    with pytest.raises(Mistake, match="no effect is left"):
+        diagnose(*days, only=["stribeck"], without=["stribeck"])
+
+
+def test_what_is_known_is_kept_and_the_rest_is_recovered_beside_it(days):
+    found = diagnose(*days, only=["stribeck"], fixed={"gravity": 2.01}, bounds={"stribeck": (0.0, 0.44)})
+    told = found.model.estimates
+    assert (told["gravity"].value, told["gravity"].std) == (2.01, 0.0)
+    assert told["stribeck"].value == 0.44  # 0.45 is hidden
+    assert abs(told["inertia"].value - 0.0895) < 5e-5
+
+
+@pytest.mark.parametrize("scheme", ["dynamic", "energy", "filtered_hamiltonian"])
+def test_schemes_keep_what_is_known_and_stay_within_bounds(scheme):
+    run = record(None, excitation("paper", 1, 8.0), 8.0, 500.0, rng=1)
+    free = identify(run, schemes=scheme)[scheme].model.estimates
+    told = identify(run, schemes=scheme, fixed={"inertia": 0.0895}, bounds={"viscous": (0.0, 0.3)})[scheme].model
+    assert (told.estimates["inertia"].value, told.estimates["inertia"].std) == (0.0895, 0.0)
+    assert told.estimates["viscous"].value == 0.3 and told.estimates["coulomb"].value > free["coulomb"].value
+    known = identify(run, schemes=scheme, fixed={"viscous": TRUTH["viscous"]})[scheme].model.estimates
+    assert known["coulomb"].std < 0.8 * free["coulomb"].std  # the two are told apart by speed alone
+    assert abs(known["coulomb"].value - TRUTH["coulomb"]) < 4 * known["coulomb"].std
+
+
+def test_add_takes_limits_too(days):
+    added = add(Model.build(BASE, 0.1), "stribeck", *days, fixed={"gravity": 2.01}, bounds={"stribeck": (0.0, 0.3)})
+    assert added.model.estimates["gravity"].value == 2.01
+    assert added.model.estimates["stribeck"].value == pytest.approx(0.3)
+
+
+def test_fit_in_percent_is_relative_to_what_there_was_to_explain():
+    run = record(None, excitation("paper", 1, 6.0), 6.0, 500.0, rng=1)
+    evidence = Evidence.of([run])
+    errors = evidence.errors(paper_plant())
+    torque = evidence.data.torque()
+    expected = 100 * (1 - errors.torque_rms / np.std(torque))
+    assert errors.torque_fit == pytest.approx(expected) and 99 < errors.torque_fit < 100
+    assert errors.position_fit == pytest.approx(100 * (1 - errors.position_rms / deviation(evidence.flights)))
+    worse = evidence.errors(paper_plant({"gravity": 1.0}))
+    assert worse.torque_fit < errors.torque_fit and worse.position_fit < errors.position_fit
+
+
+def test_correlations_are_those_of_repeated_fits():
+    runs = [record(None, excitation("paper", 1, 4.0), 4.0, 500.0, rng=k, torque_noise=0.1) for k in range(40)]
+    models = [fit_terms(Evidence.of([run]), BASE)[0] for run in runs]
+    seen = np.corrcoef(np.array([model.theta for model in models]).T)
+    told = np.mean([model.correlation for model in models], axis=0)
+    assert seen[2, 3] < -0.5
+    np.testing.assert_allclose(told, seen, atol=0.35)
+
+
+def test_growth_of_an_error_upright_is_that_of_the_linear_equation():
+    run = record(None, excitation("paper", 1, 6.0), 6.0, 500.0, rng=1)
+    (flights,) = Evidence.of([run]).flights
+    count = len(flights.position) - 1
+    upright = replace(
+        flights,
+        position=np.full_like(flights.position, np.pi),
+        velocity=np.zeros_like(flights.velocity),
+        torque=np.zeros_like(flights.torque),
+    )
+    theta = np.array([0.0895, 2.01, 0.0, 0.0])
+    expected = np.cosh(np.sqrt(2.01 / 0.0895) * count / run.rate)
+    np.testing.assert_allclose(growth(upright, BASE, theta), expected, rtol=1e-3)
+    hanging = replace(upright, position=np.zeros_like(flights.position))
+    assert (growth(hanging, BASE, theta) < 1.01).all()
+    some = np.arange(len(flights.first)) % 2 == 0
+    np.testing.assert_array_equal(growth(select(upright, some), BASE, theta), growth(upright, BASE, theta)[some])
+
+
+def test_windows_with_the_arm_upright_are_not_counted():
+    time = np.arange(0, 10, 0.002)
+    model = paper_plant({"viscous": 0.05, "coulomb": 0.0})
+    lift = np.pi / 2 * (1 + np.tanh(2 * (time - 5)))  # hangs for five seconds, then stands
+    position = lift + 0.3 * np.sin(5 * time) + 0.2 * np.sin(8 * time)
+    velocity, acceleration = np.gradient(position, time), np.gradient(np.gradient(position, time), time)
+    torque = 0.0895 * acceleration + 2.01 * np.sin(position) + 0.05 * velocity
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(time))
+    held = compare(model, Recording("lifted", time, position, torque + noise))
+    assert 0.3 < held.joint.unstable < 0.6 and "small error grows tenfold" in str(held.caveat)
+    assert held.json()["joint"]["unstable"] == held.joint.unstable
+    lifted = Evidence.of([Recording("lifted", time, position, torque + noise)])
+    assert held.joint.errors.position_rms < 0.5 * lifted.errors(model).position_rms
+    calm = record(None, excitation("paper", 1, 6.0), 6.0, 500.0, rng=1)
+    assert compare(paper_plant(), calm).caveat is None

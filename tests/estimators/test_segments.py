@@ -1,0 +1,107 @@
+"""A gap ends a segment: nothing reaches across it, and what stands clear of it is as if there were none."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import compare, diagnose, identify
+from estimators.selection.data import Evidence, fit_terms
+from estimators.simulation.free_running import take_off
+from estimators.simulation.link_segments import tiles
+from estimators.weak_form.windows import cut
+from pendulum_env.physics import BASE
+from pendulum_env.physics.actuation import ActuatorLag
+from pendulum_env.physics.friction import Presliding
+from pendulum_env.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def whole() -> Recording:
+    """Ten seconds with Stribeck friction, from an independent simulator."""
+    plant = Plant(effects={"stribeck": {"strib_d": 0.4, "strib_v": 0.5}})
+    run = simulate([(plant, Experiment(rate=500.0, seconds=10.0, seed=3))], workers=1)[0]
+    return Recording("whole", run.time, run.position, run.torque)
+
+
+def with_gaps(recording: Recording, gaps: list[tuple[int, int]]) -> Recording:
+    """The recording without the samples of each gap."""
+    kept = np.ones(len(recording), dtype=bool)
+    for first, stop in gaps:
+        kept[first:stop] = False
+    index = np.flatnonzero(kept)
+    starts = (0, *(np.flatnonzero(np.diff(index) > 1) + 1).tolist())
+    return Recording("gaps", recording.time[index], recording.position[index], recording.torque[index], starts=starts)
+
+
+GAPS = [(900, 1000), (2300, 2301), (2307, 2500), (3600, 3850)]
+
+
+@pytest.fixture(scope="module")
+def gapped(whole) -> Recording:
+    return with_gaps(whole, GAPS)
+
+
+def test_windows_that_do_not_touch_a_gap_are_those_of_the_whole_recording(whole, gapped):
+    full, parts = cut(whole, 0.012), cut(gapped, 0.012)
+    shared, of_full, of_parts = np.intersect1d(
+        np.round(full.at_centers().time, 6), np.round(parts.at_centers().time, 6), return_indices=True
+    )
+    assert len(shared) > 100
+    for term in BASE:
+        ((left, _),), ((right, _),) = full.columns([term]), parts.columns([term])
+        assert right[of_parts] == pytest.approx(left[of_full], rel=1e-9, abs=1e-9)
+    assert parts.torque()[of_parts] == pytest.approx(full.torque()[of_full], rel=1e-12)
+
+
+def test_no_window_and_no_simulated_stretch_reaches_across_a_gap(gapped):
+    windows = cut(gapped, 0.012)
+    bounds = list(pairwise((*gapped.starts, len(gapped))))
+
+    def within(first, last):
+        return all(any(b <= f and stop < e for b, e in bounds) for f, stop in zip(first, last, strict=True))
+
+    reach = len(windows.kernel) // 2 + 1
+    assert within(windows.centers - reach, windows.centers + reach)
+    flights = take_off(windows)
+    assert within(flights.first, flights.first + len(flights.torque))
+    assert len(flights.first) >= 5
+    starts = tiles(windows)
+    assert within(starts, starts + 100)
+
+
+@pytest.mark.parametrize("term", [ActuatorLag(0.02), Presliding(0.05)])
+def test_memory_starts_anew_in_each_segment(gapped, term):
+    windows = cut(gapped, 0.012)
+    (state,) = windows.trace([term])[0].memory[term.id]
+    for begin, end in pairwise((*gapped.starts, len(gapped))):
+        if end - begin > 60:
+            alone = cut(gapped.slice(begin, end), 0.012)
+            (own,) = alone.trace([term])[0].memory[term.id]
+            assert state[begin:end] == pytest.approx(own, abs=0.05 * np.abs(own).max())
+
+
+def test_parameters_are_found_across_gaps_within_their_intervals(whole, gapped):
+    for id, found in identify([gapped]).schemes.items():
+        full = identify([whole], BASE, [id] if "hamiltonian" not in id else [id.replace("hamiltonian", "dynamic"), id])
+        for name, estimate in found.model.estimates.items():
+            other = full[id].model.estimates[name]
+            assert abs(estimate.value - other.value) < 4 * max(estimate.std, other.std)
+
+
+def test_the_verdict_is_that_of_the_recording_without_gaps(whole, gapped):
+    found = diagnose([gapped])
+    assert found.selected == ("stribeck",)
+    assert found.model.estimates["stribeck"].value == pytest.approx(0.4, rel=0.1)
+    errors = compare(found.model, [whole]).joint.errors
+    assert errors.torque_rms < 1.3 * diagnose([whole]).steps[-1].errors["train"].torque_rms
+
+
+def test_seconds_that_were_glued_together_are_simulated_in_flights_that_fit_in(whole):
+    """Steps of a second with gaps between them, as some benches log them."""
+    glued = with_gaps(whole, [(first - 6, first) for first in range(500, len(whole), 500)])
+    data = Evidence.of([glued])
+    model, _ = fit_terms(data, BASE)
+    assert len(data.flights[0].first) >= 9
+    assert np.isfinite(data.errors(model).position_rms)

@@ -1,0 +1,55 @@
+"""Instruments of the reference: right where a disturbance that a controller answers misleads least squares."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.excitation import smooth_reference
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import Evidence, IdentificationError, fit_terms
+from estimators.weak_form.instruments import fit_by_reference
+from pendulum_env.physics import BASE, effect
+from pendulum_env.recording import Recording
+
+TRUTH = np.array([0.09, 2.0, 0.35, 0.8])
+
+
+@pytest.fixture(scope="module")
+def disturbed() -> list[Recording]:
+    """Six runs in which a random torque as large as friction drives the controller."""
+    plant = Plant(effects={"random_walk_torque": {"walk_rms": 1.2, "walk_T": 0.15}})
+    experiments = [
+        Experiment(rate=500.0, seconds=20.0, excitation="pd_loop", scale=0.6, seed=seed, gains=(40.0, 4.0))
+        for seed in range(6)
+    ]
+    runs = simulate([(plant, experiment) for experiment in experiments])
+    return [
+        Recording(
+            f"run {e.seed}",
+            r.time,
+            r.position,
+            r.torque,
+            reference=smooth_reference(np.random.default_rng([e.seed, 0]), r.time, e.scale),
+        )
+        for r, e in zip(runs, experiments, strict=True)
+    ]
+
+
+def test_instruments_are_unbiased_where_least_squares_finds_the_controller(disturbed):
+    least_squares = fit_terms(Evidence.of(disturbed), BASE)[0].theta
+    model = fit_by_reference(disturbed, BASE)
+    off = np.abs(model.theta - TRUTH)
+    std = np.array([estimate.std for estimate in model.estimates.values()])
+    assert (off < 3 * std).all()
+    assert (off < np.abs(least_squares - TRUTH))[:2].all()  # inertia and gravity
+
+
+def test_what_instruments_cannot_do_is_refused(disturbed):
+    with pytest.raises(IdentificationError, match="has no reference"):
+        fit_by_reference([replace(disturbed[0], reference=None)], BASE)
+    with pytest.raises(IdentificationError, match="dead_time depends on more than the motion"):
+        fit_by_reference(disturbed, (*BASE, effect("dead_time")()))
+    still = replace(disturbed[0], reference=np.zeros(len(disturbed[0])))
+    with pytest.raises(IdentificationError, match="reference moves too little"):
+        fit_by_reference([still], BASE)

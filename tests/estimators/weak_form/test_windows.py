@@ -1,0 +1,233 @@
+"""Weak-form equations: clear of stick, exact on sampled data, honest about noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
+from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import solve
+from estimators.selection.data import Evidence, fit_terms
+from estimators.signals.differentiation import white_noise
+from estimators.weak_form.dataset import choose_half_width, dataset, prepare
+from estimators.weak_form.windows import bump, cut
+from pendulum_env.physics import BASE, Inertia, Viscous, effect
+from pendulum_env.recording import Recording
+
+TRUTH = np.array([0.09, 2.0, 0.35, 0.8])  # of the default plant
+
+
+def recorded(run: SimulatedRecording) -> Recording:
+    return Recording("run", run.time, run.position, run.torque)
+
+
+@pytest.fixture(scope="module")
+def sticky_runs() -> list[SimulatedRecording]:
+    """Weak excitation through encoders and noise of all kinds: the joint rests a fair share of the time."""
+    experiments = [
+        Experiment(rate=1000, seconds=8, scale=0.45),
+        Experiment(rate=200, seconds=16, scale=0.45, counts=65_536, torque_noise=0.05),
+        Experiment(rate=500, seconds=8, scale=0.45, counts=8192),
+        Experiment(rate=500, seconds=8, excitation="multisine", scale=0.7, seed=2),
+    ]
+    return simulate([(Plant(), experiment) for experiment in experiments])
+
+
+@pytest.mark.parametrize("which", range(4))
+@pytest.mark.parametrize("half_width", [None, 0.02, 0.05])
+def test_windows_never_touch_stick_or_a_reversal(sticky_runs, which, half_width):
+    run = sticky_runs[which]
+    (windows,) = prepare([recorded(run)], half_width and [half_width]).windows
+    reach = len(windows.kernel) // 2
+    assert 0.02 < np.mean(~run.sliding)
+    assert len(windows.centers) >= 20
+    for center in windows.centers:
+        window = slice(center - reach - 1, center + reach + 2)
+        assert run.sliding[window].all()
+        assert abs(np.sign(run.velocity[window]).sum()) == 2 * reach + 3
+        assert np.all(np.sign(windows.samples.velocity[window]) == np.sign(run.velocity[window]))
+
+
+def test_most_of_the_motion_that_is_clear_of_stick_is_used():
+    (run,) = simulate([(Plant(), Experiment(rate=500, seconds=8))])
+    windows = cut(recorded(run), 0.01)
+    used = np.zeros(len(run.time), bool)
+    for center in windows.centers:
+        used[center - 5 : center + 6] = True
+    fast = np.abs(run.velocity) > 2
+    assert np.mean(used[fast]) > 0.7
+
+
+def drifting(rate: float, seconds: float, inertia: float, seed: int = 0) -> Recording:
+    """A free inertia that drifts one way under a torque that is new at every sample and held until the next."""
+    rng, period = np.random.default_rng(seed), 1 / rate
+    torque = 0.3 * rng.standard_normal(round(rate * seconds))
+    a = torque / inertia
+    v = 5 + np.r_[0, np.cumsum(a)[:-1]] * period
+    q = np.r_[0, np.cumsum(v * period + 0.5 * a * period**2)[:-1]]
+    return Recording("drifting", period * np.arange(len(q)), q, torque)
+
+
+@pytest.mark.parametrize("rate", [200.0, 1000.0])
+def test_equations_are_exact_on_a_free_inertia_whatever_torque_is_held(rate):
+    recording = drifting(rate, 5.0, inertia=0.09)
+    data = prepare([recording], [max(0.02, 2 / rate)])
+    equations = data.equations((Inertia(),))
+    assert np.std(equations.y) > 0.02
+    np.testing.assert_allclose(0.09 * equations.phi[:, 0], equations.y, atol=1e-7)
+
+
+def test_equations_of_a_smooth_motion_with_friction_are_exact_to_the_order_of_the_window():
+    """I q'' + b q' = 0 has the solution q = 1 - exp(-b t / I)."""
+    time = np.arange(2000) / 1000
+    q = 1 - np.exp(-4 * time)
+    data = prepare([Recording("coasting", time, 3 * q, np.zeros(2000))], [0.01])
+    equations = data.equations((Inertia(), Viscous()))
+    error = equations.phi @ [0.1, 0.4]
+    assert np.abs(error).max() < 2e-4 * np.abs(0.1 * equations.phi[:, 0]).max()
+
+
+NOISY = {
+    "fine": Experiment(rate=1000, seconds=8, seed=1),
+    "coarse": Experiment(rate=500, seconds=8, counts=16_384, seed=2),
+    "slow": Experiment(rate=200, seconds=12, counts=65_536, torque_noise=0.05, seed=3),
+    "noisy": Experiment(rate=1000, seconds=8, counts=8192, torque_noise=0.1, excitation="filtered_noise", seed=4),
+    "analogue": Experiment(rate=500, seconds=8, counts=None, position_noise=2e-5, torque_noise=0.005, seed=5),
+}
+
+
+@pytest.fixture(scope="module")
+def noisy_runs() -> dict[str, SimulatedRecording]:
+    return dict(zip(NOISY, simulate([(Plant(), experiment) for experiment in NOISY.values()]), strict=True))
+
+
+@pytest.mark.parametrize("name", NOISY)
+def test_the_residual_of_the_true_model_is_the_noise_that_was_predicted(noisy_runs, name):
+    data = prepare([recorded(noisy_runs[name])])
+    equations = data.equations(BASE)
+    residual = equations.y - equations.phi @ TRUTH
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(data.noise(TRUTH[0]), rel=0.3)
+
+
+def test_white_noise_is_measured_beside_a_smooth_signal_and_its_steps():
+    time = np.arange(5000) / 1000
+    signal = 3 * np.sin(5 * time) + (time > 2) - 2 * (time > 3)
+    noisy = signal + 0.02 * np.random.default_rng(0).standard_normal(5000)
+    assert white_noise(noisy) == pytest.approx(0.02, rel=0.05)
+    assert white_noise(np.round(signal / 1e-3) * 1e-3) == pytest.approx(1e-3 / np.sqrt(12), rel=0.3)
+
+
+def test_windows_grow_with_the_coarseness_of_the_encoder():
+    counts = [None, 65_536, 8192, 1024]
+    runs = simulate([(Plant(), Experiment(rate=1000, seconds=5, counts=count)) for count in counts])
+    widths = [choose_half_width(recorded(run)) for run in runs]
+    assert widths == sorted(widths)
+    assert widths[0] < widths[-1]
+
+
+@pytest.mark.parametrize("half_width", [2, 5, 40])
+def test_a_window_is_an_average(half_width):
+    window = bump(half_width)
+    assert len(window) == 2 * half_width + 1
+    assert window.sum() == pytest.approx(1)
+    np.testing.assert_allclose(window, window[::-1])
+    assert np.all(window > 0)
+
+
+def test_windows_of_several_recordings_share_equations_and_folds_but_no_cluster():
+    runs = simulate([(Plant(), Experiment(rate=500, seconds=6, seed=seed)) for seed in range(2)])
+    parts = [cut(recorded(run), 0.012) for run in runs]
+    data = dataset(parts)
+    equations = data.equations(BASE)
+    first = len(parts[0].centers)
+    assert len(equations.y) == len(data.weights) == first + len(parts[1].centers)
+    assert not set(data.clusters[:first]) & set(data.clusters[first:])
+    assert np.all(np.diff(data.clusters) >= 0)
+    assert set(data.blocks[:first]) == set(data.blocks[first:]) == set(range(10))
+    np.testing.assert_array_equal(equations.y[:first], dataset(parts[:1]).equations(BASE).y)
+
+
+def test_a_noisier_recording_counts_less():
+    experiments = [Experiment(rate=500, seconds=6, torque_noise=noise) for noise in (0.02, 0.2)]
+    data = prepare([recorded(run) for run in simulate([(Plant(), e) for e in experiments])], [0.012, 0.012])
+    first = len(data.windows[0].centers)
+    assert data.weights[0] > 3 * data.weights[first]
+
+
+@pytest.fixture(scope="module")
+def coarse() -> SimulatedRecording:
+    (run,) = simulate([(Plant(), Experiment(rate=500, seconds=8, counts=4096))])
+    return run
+
+
+def test_a_measured_velocity_is_used_where_it_is_less_noisy_and_agrees(coarse):
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(coarse.time))
+    plain = recorded(coarse)
+    measured = replace(plain, velocity=coarse.velocity + noise)
+    without, with_velocity = cut(plain, 0.02), cut(measured, 0.02)
+    assert with_velocity.acceleration_noise < 0.5 * without.acceleration_noise
+    error = [np.std(w.samples.velocity - coarse.velocity) for w in (without, with_velocity)]
+    assert error[1] < error[0]
+    fits = []
+    for windows in (without, with_velocity):
+        data = dataset((windows,))
+        fits.append(solve(data.equations(BASE), data.weights, data.clusters))
+    assert fits[1].std[0] < fits[0].std[0]
+    assert fits[1].rms < fits[0].rms
+    np.testing.assert_allclose(fits[1].theta, TRUTH, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda v: np.degrees(v), lambda v: -v, lambda v: 1.05 * v, lambda v: np.r_[np.zeros(5), v[:-5]], np.zeros_like],
+    ids=["degrees", "sign", "scale", "late", "absent"],
+)
+def test_a_measured_velocity_that_disagrees_with_the_position_is_left_alone(coarse, spoil):
+    plain = recorded(coarse)
+    spoiled = cut(replace(plain, velocity=spoil(coarse.velocity)), 0.02)
+    without = cut(plain, 0.02)
+    np.testing.assert_array_equal(spoiled.acceleration, without.acceleration)
+    np.testing.assert_array_equal(spoiled.samples.velocity, without.samples.velocity)
+
+
+def test_a_velocity_that_is_noisier_than_the_encoder_is_left_alone():
+    (run,) = simulate([(Plant(), Experiment(rate=500, seconds=6))])
+    noise = 0.1 * np.random.default_rng(0).standard_normal(len(run.time))
+    plain = recorded(run)
+    noisy = cut(replace(plain, velocity=run.velocity + noise), 0.02)
+    np.testing.assert_array_equal(noisy.acceleration, cut(plain, 0.02).acceleration)
+
+
+def test_a_recording_that_rests_is_refused_with_what_to_do():
+    time = np.arange(2000) / 500
+    with pytest.raises(IdentificationError, match=r"resting: only 0 stretches .* clear of stick .* record longer"):
+        prepare([Recording("resting", time, np.zeros(2000), 0.3 * np.sin(time))])
+
+
+def test_a_moment_while_the_joint_rests_is_not_known_better_than_the_rest_lasts():
+    time = np.arange(5000) / 500
+    command = 3 * np.sin(12 * time) + 3 * np.sin(2.3 * time)
+    paused = np.where((time > 2.5) & (time < 5.0), 0.0, command)
+    plant = Plant(effects={"payload_change": {"pay_t": 4.0, "pay_I": 0.04, "pay_mgl": 0.0}})
+    runs = simulate([(plant, Experiment(seed=1, seconds=10.0, rate=500.0))] * 2, [command, paused])
+    terms = (*BASE, effect("payload_change")(moment=4.0))
+    moving, resting = (fit_terms(Evidence.of([recorded(r)]), terms)[0] for r in runs)
+    assert moving.estimates["payload_change.moment"].std < 0.05
+    assert 0.5 < resting.estimates["payload_change.moment"].std < 2.0
+
+
+@pytest.mark.parametrize("coarse", [{"position_noise": 2e-4, "counts": None}, {"torque_noise": 0.2}])
+def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
+    """Encoder noise turns the sign from window to window, torque noise keeps it: neither is told as something there."""
+    runs = simulate([(Plant(coulomb=0.1), Experiment(rate=500, seconds=10, seed=seed, **coarse)) for seed in range(6)])
+    told = []
+    for run in runs:
+        evidence = Evidence.of([recorded(run)])
+        model, fit = fit_terms(evidence, BASE)
+        told.append(evidence.data.structure(fit.residual, model.estimates["inertia"].value)[1])
+        without = evidence.data.structure(
+            fit.residual + 3 * fit.rms * np.sin(0.05 * np.arange(len(fit.residual))), 0.09
+        )
+        assert without[1] > 10  # what goes on from window to window is
+    assert np.abs(np.mean(told)) < 2 and np.max(np.abs(told)) < 4.5

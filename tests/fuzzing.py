@@ -1,0 +1,370 @@
+"""Files and requests that nobody meant: `python -m tests.fuzzing --minutes 60`, or `make fuzz`.
+
+Good files of each kind are changed by hypothesis, and what the page may ask for is asked with anything. What is found
+is kept in tests/corpus, which the tests read every time; a file there is `READER-DIGEST.ending`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import hashlib
+import io
+import json
+import random
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import zipfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from agents.config import Config, read_settings
+from agents.network import SHIPPED, Network
+from pendulum_env.backends.hardware.config import load as load_rig
+from pendulum_env.physics import Model
+from pendulum_env.plant import hide, paper_plant
+from pendulum_env.recording import Recording, read_recording, write_recording
+from pendulum_env.recording.study import read_sources
+from workbench.inputs import read_suggestion
+from workbench.mistakes import sentence
+
+CORPUS = Path(__file__).parent / "corpus"
+MEMORY = 4_000_000_000  # bytes that a reader may map, libraries included
+HANG = 10  # [s] that a reader may take
+ROUND = 40  # examples of a target before it is the turn of the next
+
+RIG = 'adapter = "serial"\nrate = 500\n[serial]\nport = "/dev/ttyACM0"\n[limits]\ntorque = 3.5\n[encoder]\nzero = 7\n'
+STUDY = (
+    '[columns]\ntorque = "i:A*0.09"\n[[recording]]\nfile = "a.csv"\nrange = [1, 2.5]\n'
+    'load = {mass = 0.5, length = 0.2}\n[[recording]]\nfile = "b.csv"\nrole = "holdout"\n'
+)
+TRAINING = 'hidden = 32\nsteps = 1000\nlevels = [-1.0, 0.0, 1.0]\nconstraint = "rms"\n'
+SUGGESTION = {
+    "reach": [-1.0, 1.5],
+    "seconds": 20.0,
+    "peak_torque": 3.0,
+    "peak_speed": 9.0,
+    "settles": [{"effect": "spring", "instead": None}, {"effect": "cogging", "instead": "gravity"}],
+    "signal": {"kind": "multisine", "amplitude": 3.0, "base": 0.1, "harmonics": [2, 9], "phases": [0.1, 2.0]},
+}
+DIAGNOSIS = {"schema": "pendulum-ident/diagnosis@1", "suggestion": SUGGESTION, "inseparable": [["a", "b"]]}
+
+
+def train(path: Path) -> Config:
+    return Config.of(read_settings(path))
+
+
+# ------------------------------------------------------------------------------------------------------ good files
+
+
+def signals() -> dict[str, np.ndarray]:
+    at = np.arange(300) / 100.0
+    return {"time": at, "position": np.sin(3 * at), "torque": np.cos(3 * at)}
+
+
+def written(path: Path) -> bytes:
+    write_recording(Recording("run", **signals()), path)
+    return path.read_bytes()
+
+
+def matlab(path: Path) -> bytes:
+    packed = io.BytesIO()
+    savemat(packed, signals())
+    return packed.getvalue()
+
+
+def hdf5(path: Path) -> bytes:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, values in signals().items():
+            file.create_dataset(name, data=values, compression="gzip" if name == "torque" else None)
+    return path.read_bytes()
+
+
+KIND = "application/vnd.oasis.opendocument.spreadsheet"
+
+
+def ods(path: Path) -> bytes:
+    """The least that is a workbook of OpenDocument."""
+    names = {"office": "office:1.0", "table": "table:1.0", "text": "text:1.0"}
+    spaces = " ".join(f'xmlns:{short}="urn:oasis:names:tc:opendocument:xmlns:{long}"' for short, long in names.items())
+    words = "".join(
+        f'<table:table-cell office:value-type="string"><text:p>{word}</text:p></table:table-cell>' for word in signals()
+    )
+    rows = "".join(
+        "<table:table-row>"
+        + "".join(f'<table:table-cell office:value-type="float" office:value="{value!r}"/>' for value in row)
+        + "</table:table-row>"
+        for row in zip(*(values.tolist() for values in signals().values()), strict=True)
+    )
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr("mimetype", KIND)
+        archive.writestr(
+            "META-INF/manifest.xml",
+            '<?xml version="1.0"?>'
+            '<manifest:manifest xmlns:manifest="urn:oasis:names:tc:opendocument:xmlns:manifest:1.0">'
+            f'<manifest:file-entry manifest:full-path="/" manifest:media-type="{KIND}"/></manifest:manifest>',
+        )
+        archive.writestr(
+            "content.xml",
+            f'<?xml version="1.0"?><office:document-content {spaces}><office:body><office:spreadsheet>'
+            f'<table:table table:name="Run"><table:table-row>{words}</table:table-row>{rows}</table:table>'
+            "</office:spreadsheet></office:body></office:document-content>",
+        )
+    return packed.getvalue()
+
+
+def bag(path: Path, kind: str = "mcap") -> bytes:
+    from tests.pendulum_env.recording.test_formats import write_bag
+
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / ("run.bag" if kind == "ros1" else "run")
+        write_bag(place, kind)
+        inner = place if kind == "ros1" else next(file for file in place.iterdir() if file.suffix in (".mcap", ".db3"))
+        return inner.read_bytes()
+
+
+Reader = Callable[[Path], object]
+READERS: dict[str, tuple[str, Reader, Callable[[Path], bytes]]] = {  # a file's ending, its reader, and a good one
+    "model": (".json", Model.load, lambda _: json.dumps(hide(paper_plant(), "stribeck").json()).encode()),
+    "diagnosis": (".json", lambda path: read_suggestion(str(path)), lambda _: json.dumps(DIAGNOSIS).encode()),
+    "rig": (".toml", load_rig, lambda _: RIG.encode()),
+    "study": (".toml", read_sources, lambda _: STUDY.encode()),
+    "training": (".toml", train, lambda _: TRAINING.encode()),
+    "policy": (".npz", Network.load, lambda _: (SHIPPED / "peak.npz").read_bytes()),
+    **{f"recording{end}": (end, read_recording, written) for end in (".csv", ".csv.gz", ".npz", ".parquet")},
+}
+BINARY: dict[str, tuple[str, Reader, Callable[[Path], bytes]]] = {  # what the libraries of others unpack
+    "recording.mat": (".mat", read_recording, matlab),
+    "recording.h5": (".h5", read_recording, hdf5),
+    "recording.ods": (".ods", read_recording, ods),
+    "recording.mcap": (".mcap", read_recording, bag),
+    "recording.bag": (".bag", read_recording, functools.partial(bag, kind="ros1")),
+    "recording.db3": (".db3", read_recording, functools.partial(bag, kind="sqlite3")),
+}
+ALL = READERS | BINARY
+
+
+@functools.cache
+def good(name: str) -> bytes:
+    """A good file of a kind."""
+    ending, _, make = ALL[name]
+    with tempfile.TemporaryDirectory() as folder:
+        return make(Path(folder) / f"run{ending}")
+
+
+def check(read: Reader, path: Path) -> None:
+    """Read a file, or be told in one sentence that names it why not."""
+    try:
+        read(path)
+    except ValueError as error:
+        told = sentence(error)
+        assert len(told) <= 500 and told.isprintable()
+        if read is not train:  # whose settings may come from elsewhere
+            assert str(path) in str(error)
+        assert type(error) is not ValueError or read is train
+
+
+# --------------------------------------------------------------------------------------------------------- changes
+
+TOKENS = [b"null", b"-1", b"1e999", b"[", b"{", b'"', b"\\u0000", b"9" * 30, b"inf", b"nan", b"\x00", b"\xff" * 4]
+LIES = [0, 1, 0x7F, 0xFF, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**62, 2**63 - 1, 2**64 - 1]  # of sizes
+
+
+@st.composite
+def changed(draw: Any, content: bytes) -> bytes:
+    """Bytes replaced, cut out, put in and said twice, sizes that lie, and mere bytes."""
+    for _ in range(draw(st.integers(0, 4))):
+        place = draw(st.integers(0, len(content)))
+        match draw(st.sampled_from(["bytes", "size", "end", "again"])):
+            case "bytes":
+                end = place + draw(st.integers(0, 8))
+                content = content[:place] + draw(st.sampled_from(TOKENS) | st.binary(max_size=8)) + content[end:]
+            case "size":
+                kind, lie = draw(st.sampled_from("BHIQ")), draw(st.sampled_from(LIES))
+                told = struct.pack(f"{draw(st.sampled_from('<>'))}{kind}", lie % 2 ** (8 * struct.calcsize(kind)))
+                content = content[:place] + told + content[place + len(told) :]
+            case "end":
+                content = content[:place] if draw(st.booleans()) else content[place:]
+            case "again":
+                content = content[:place] + content[place : place + 64] * draw(st.integers(2, 50)) + content[place:]
+    return content if draw(st.integers(0, 19)) else draw(st.binary(max_size=40))
+
+
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just(10**400) | st.just(1e308),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+# ---------------------------------------------------------------------------------------------------------- the app
+
+
+class Page:
+    """The app without a browser, and without work that goes on by itself."""
+
+    ID = "f" * 32
+
+    def __init__(self) -> None:
+        from workbench.app import live
+        from workbench.app.server import make_app
+        from workbench.app.session import Session
+        from workbench.mistakes import InputError
+
+        def idle(*_: object) -> None:
+            raise InputError("nothing is started here")
+
+        self._before = Session.start, live.Run.__init__
+        Session.start = live.Run.__init__ = idle  # type: ignore[assignment, method-assign]
+        self.bench = make_app()
+        self.client = self.bench.app.server.test_client()
+        self.client.get("/_dash-layout")
+        self.callbacks = self.client.get("/_dash-dependencies").get_json()
+        self.session = self.bench.sessions.of(self.ID)
+
+    def close(self) -> None:
+        from workbench.app import live
+        from workbench.app.session import Session
+
+        Session.start, live.Run.__init__ = self._before  # type: ignore[method-assign]
+        self.bench.close()
+
+    def ask(self, callback: dict[str, Any], values: list[Any]) -> int:
+        """Ask a callback with values for what it depends on; returns the status."""
+
+        def part(of: dict[str, Any]) -> Any:
+            id = of["id"]
+            if id.startswith("{"):
+                known = json.loads(id)
+                many = any(value == ["ALL"] for value in known.values())
+                id = {key: "run.csv" if isinstance(value, list) else value for key, value in known.items()}
+                one = {"id": id, "property": of["property"], "value": values.pop() if values else None}
+                return [one] if many else one
+            value = self.ID if id == "session" else values.pop() if values else None
+            return {"id": id, "property": of["property"], "value": value}
+
+        def output(text: str) -> dict[str, Any]:
+            id, _, name = text.rpartition(".")
+            return {"id": json.loads(id) if id.startswith("{") else id, "property": name.partition("@")[0]}
+
+        told = callback["output"]
+        outputs: Any = [output(one) for one in told[2:-2].split("...")] if told.startswith("..") else output(told)
+        inputs = [part(one) for one in callback["inputs"]]
+        first = inputs[0][0] if inputs and isinstance(inputs[0], list) else inputs[0] if inputs else None
+        name = first["id"] if first else None
+        name = json.dumps(name, separators=(",", ":")) if isinstance(name, dict) else name
+        ask = {
+            "output": told,
+            "outputs": outputs,
+            "inputs": inputs,
+            "state": [part(one) for one in callback.get("state", [])],
+            "changedPropIds": [f"{name}.{first['property']}"] if first else [],
+        }
+        return self.client.post(
+            "/_dash-update-component", data=json.dumps(ask), content_type="application/json"
+        ).status_code
+
+
+VALUES = (
+    ANYTHING
+    | st.sampled_from(["#data", "#compare", "run.csv", "../../x", "-1", "<script>alert(1)</script>", "paper", 1, 0, -5])
+    | st.just(["run.csv"])
+    | st.builds(lambda body: [f"data:text/csv;base64,{body}"], st.sampled_from(["AAAA", "dGltZSxhLGIKMCwxLDIK", "%%%"]))
+)
+
+
+def ask_anything(page: Page, data: st.DataObject) -> None:
+    """One request with anything in it: an answer, or a refusal, but no failure of the server."""
+    callback = data.draw(st.sampled_from([one for one in page.callbacks if not one.get("clientside_function")]))
+    count = len(callback["inputs"]) + len(callback.get("state", []))
+    values = data.draw(st.lists(VALUES, min_size=count, max_size=count))
+    status = page.ask(callback, values)
+    assert status in (200, 204, 400), (callback["output"], values, status)
+
+
+# ----------------------------------------------------------------------------------------------------- an hour of it
+
+
+def fuzz(name: str, number: int, folder: Path) -> None:
+    """One round of a target; raises what was found, the file that did it being in the folder."""
+    chance = settings(
+        deadline=None, max_examples=ROUND, database=None, suppress_health_check=list(HealthCheck),
+        phases=[Phase.generate, Phase.shrink],
+    )  # fmt: skip
+    if name == "app":
+        page = Page()
+        try:
+            seed(number)(chance(given(data=st.data())(lambda data: ask_anything(page, data))))()
+        finally:
+            page.close()
+        return
+    ending, read, _ = ALL[name]
+    path = folder / f"input{ending}"
+
+    def one(content: bytes) -> None:
+        path.write_bytes(content)
+        signal.alarm(HANG)
+        try:
+            check(read, path)
+        finally:
+            signal.alarm(0)
+
+    seed(number)(chance(given(content=changed(good(name)))(one)))()
+
+
+def keep(name: str, folder: Path) -> Path | None:
+    """Put what was found into the corpus."""
+    for path in folder.glob("input*"):
+        content = path.read_bytes()
+        kept = CORPUS / f"{name.partition('.')[0]}-{hashlib.sha256(content).hexdigest()[:12]}{path.name[5:]}"
+        CORPUS.mkdir(exist_ok=True)
+        kept.write_bytes(content)
+        return kept
+    return None
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--target", choices=["app", *ALL], action="append", help="only this one (may be repeated)")
+    parser.add_argument("--round", help=argparse.SUPPRESS)  # SEED:FOLDER, one round in a process of its own
+    arguments = parser.parse_args(sys.argv[1:] if argv is None else argv)
+    targets = arguments.target or ["app", *ALL]
+    if arguments.round is not None:
+        number, _, folder = arguments.round.partition(":")
+        import resource  # unknown to Windows
+
+        with suppress(ValueError, OSError):
+            resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        fuzz(targets[0], int(number), Path(folder))
+        return 0
+    until, rounds, found = time.monotonic() + 60 * arguments.minutes, 0, 0
+    while time.monotonic() < until:
+        name, number = targets[rounds % len(targets)], random.randrange(2**32)
+        rounds += 1
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-m", "tests.fuzzing", "--target", name, "--round", f"{number}:{folder}"]
+            done = subprocess.run(command, capture_output=True, text=True)
+            if done.returncode:
+                found += 1
+                print(f"{name}, seed {number}: {keep(name, Path(folder)) or ''}\n{done.stderr[-3000:]}", flush=True)
+    print(f"{rounds} rounds of {ROUND} inputs: {found} found something")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+
+from benchmarks.two_link import TwoLink
+from pendulum_env.arms.body import BodyError, read_body
+
+ARM = TwoLink()
+
+
+def written(tmp_path, text, name="arm.urdf"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture
+def body(tmp_path):
+    return read_body(written(tmp_path, ARM.urdf()))
+
+
+@pytest.fixture
+def motion():
+    return np.random.default_rng(0).uniform(-3, 3, (3, 200, 2))
+
+
+def test_torque_and_mass_matrix_are_those_of_the_textbook(body, motion):
+    q, v, a = motion
+    told = [ARM.mass_matrix(x) @ z + ARM.bias(x, y) for x, y, z in zip(q, v, a, strict=True)]
+    assert np.abs(body.torque(q, v, a) @ body.values - told).max() < 1e-9
+    matrices = [ARM.mass_matrix(x) for x in q]
+    assert np.abs(body.mass_matrix(q, body.values) - matrices).max() < 1e-9
+
+
+def test_hamiltons_equation_is_the_torque_balance(body, motion):
+    q, v, a = motion
+    h = 1e-5
+    p_dot = (body.momentum(q + h * v, v + h * a) - body.momentum(q - h * v, v - h * a)) / (2 * h)
+    assert np.abs(p_dot + body.exchange(q, v) - body.torque(q, v, a)).max() < 1e-7
+    gravity = [ARM.bias(x, np.zeros(2)) for x in q]
+    still = body.exchange(q, np.zeros_like(v)) @ body.values
+    assert np.abs(still - gravity).max() < 1e-9
+
+
+def test_stored_energy_is_kinetic_plus_potential(body, motion):
+    q, v, _ = motion
+    told = np.array([ARM.energy(x, y) for x, y in zip(q, v, strict=True)])
+    assert np.ptp(body.stored(q, v) @ body.values - told) < 1e-12  # up to a constant
+
+
+def test_energy_grows_by_what_the_torque_supplies(body, motion):
+    q, v, a = motion
+    h = 1e-5
+    power = (body.stored(q + h * v, v + h * a) - body.stored(q - h * v, v - h * a)) / (2 * h)
+    supplied = np.einsum("ni,nip->np", v, body.torque(q, v, a))
+    assert np.abs(power - supplied).max() < 1e-6
+
+
+def test_base_parameters_of_two_links_are_six_said_in_words(body):
+    assert [parameter.text for parameter in body.base] == [
+        "mx@shoulder",
+        "mz@shoulder - 0.45 m@elbow",
+        "Iyy@shoulder + 0.2025 m@elbow",
+        "mx@elbow",
+        "mz@elbow",
+        "Iyy@elbow",
+    ]
+    m1, m2 = ARM.mass
+    assert body.values[1] == pytest.approx(-m1 * ARM.center[0] - m2 * ARM.length)
+
+
+def test_a_rotor_shows_beside_its_link_where_another_link_moves_it(tmp_path):
+    body = read_body(written(tmp_path, ARM.urdf()), rotors=True)
+    assert body.names[-1] == "rotor@elbow"
+    assert body.base[2].text == "Iyy@shoulder + 0.2025 m@elbow + rotor@shoulder"
+
+
+def test_mjcf_gives_the_same_body(tmp_path, body, motion):
+    (m1, m2), (c1, c2), (i1, i2) = ARM.mass, ARM.center, ARM.inertia
+    text = f"""<mujoco model="two"><worldbody><body name="upper"><joint name="shoulder" axis="0 -1 0"/>
+      <inertial pos="0 0 {-c1}" mass="{m1}" diaginertia="{i1} {i1} {i1 / 10}"/>
+      <body name="fore" pos="0 0 {-ARM.length}"><joint name="elbow" axis="0 -1 0" armature="0.01"/>
+      <inertial pos="0 0 {-c2}" mass="{m2}" diaginertia="{i2} {i2} {i2 / 10}"/></body></body></worldbody></mujoco>"""
+    other = read_body(written(tmp_path, text, "arm.xml"))
+    q, v, a = motion
+    rotor = np.array([0.0, 0.01])
+    told = body.torque(q, v, a) @ body.values + rotor * a
+    assert other.joints == body.joints and other.rotors
+    assert np.abs(other.torque(q, v, a) @ other.values - told).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda text: text.replace('<mass value="0.8"/>', '<mass value="0"/>'), "link behind joint 'elbow' has no in"),
+        (lambda text: text.replace('ixx="0.008"', 'ixx="0.8"'), "'elbow' has an inertia that no body has"),
+        (lambda text: text.replace('<child link="upper"/>', '<child link="fore"/>'), "'fore' hangs on two joints"),
+        (lambda text: text.replace('type="continuous"', 'type="planar"', 1), "joint 'shoulder' is Planar: only rev"),
+        (lambda text: text.replace("</robot>", ""), "is no XML"),
+        (lambda text: text.replace("robot", "car"), "holds <car>, neither"),
+        (lambda text: text.replace('type="continuous"', 'type="fixed"'), "has no joint that moves"),
+        (lambda text: text.replace("</joint></robot>", '<mimic joint="shoulder"/></joint></robot>'), "mimics another"),
+    ],
+)
+def test_a_robot_that_cannot_be_identified_is_refused_in_one_sentence(tmp_path, change, told):
+    with pytest.raises(BodyError, match=told) as error:
+        read_body(written(tmp_path, change(ARM.urdf())))
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_file_is_said(tmp_path):
+    with pytest.raises(BodyError, match=r"none\.urdf: No such file"):
+        read_body(tmp_path / "none.urdf")

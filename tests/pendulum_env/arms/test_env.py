@@ -1,0 +1,121 @@
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import pendulum_env  # noqa: F401  (makes the environments known)
+from benchmarks.two_link import Multisine, TwoLink
+from pendulum_env.arms.body import read_body
+from pendulum_env.arms.planar import TWO_LINK, Link
+from pendulum_env.arms.recording import read_arm_recording
+from pendulum_env.wrappers import RecordMeasurements
+
+ID = "pendulum_env/PlanarArm-v0"
+ARM = TwoLink()
+FREE = tuple(replace(link, viscous=0.0, coulomb=0.0) for link in TWO_LINK)
+
+
+def test_the_arm_moves_as_the_textbook_integrated_between_events():
+    """The paper's friction and amplitude; stronger torque makes the arm tumble, which is chaotic."""
+    time = np.arange(0, 10, 1e-3)
+    signal = Multisine.paper(0, (3.0, 1.5))
+    told, _ = ARM.simulate(signal, time)
+    env = gym.make(ID, counts=0).unwrapped
+    positions = [env.reset()[1]["position"]]
+    for torque in signal.held(time, 1e-3)[:-1]:
+        positions.append(env.step(torque)[4]["position"])
+    assert np.ptp(told, axis=0).min() > 1.0
+    assert np.sqrt(np.mean((np.array(positions) - told) ** 2, axis=0)).max() < 1e-3
+
+
+def test_energy_is_conserved_without_friction():
+    env = gym.make(ID, links=FREE, counts=0, velocity="ideal", substeps=2).unwrapped
+    _, info = env.reset(options={"position": [2.0, 1.0], "velocity": [1.0, -2.0]})
+    energies = []
+    for _ in range(5000):
+        energies.append(ARM.energy(info["position"], info["velocity"]))
+        info = env.step(np.zeros(2))[4]
+    assert np.ptp(energies) < 5e-3  # [J], of some 10 J that go to and fro
+    assert abs(np.mean(energies[-500:]) - energies[0]) < 2e-3
+
+
+def test_a_joint_sticks_exactly_where_friction_can_hold_it():
+    env = gym.make(ID, counts=0).unwrapped
+    env.reset()
+    for _ in range(300):
+        info = env.step(np.array([0.9, 0.0]))[4]
+    assert np.abs(info["position"]).max() < 1e-5
+    for _ in range(300):
+        info = env.step(np.array([1.2, 0.0]))[4]
+    assert info["position"][0] > 0.01
+
+
+def test_an_effect_at_a_joint_acts_there():
+    runs = []
+    for effects in ((), "torque_offset@elbow=0.5", "torque_offset@shoulder=0.5"):
+        env = gym.make(ID, links=FREE, effects=effects).unwrapped
+        env.reset()
+        for _ in range(50):
+            info = env.step(np.array([0.0, 0.5]))[4]
+        runs.append(info["position"])
+    assert np.abs(runs[0]).max() > 0.01
+    assert np.abs(runs[1]).max() < 1e-4  # takes the elbow's torque away
+    assert abs(runs[2][0] - runs[0][0]) > 1e-3
+
+
+@pytest.mark.filterwarnings("ignore:.*we recommend using a symmetric and normalized space")
+def test_the_environment_passes_gymnasiums_checks():
+    check_env(gym.make(ID, render_mode="rgb_array").unwrapped, skip_render_check=False)
+    env = gym.make(ID, links=(Link(), Link(), Link()), torque_noise=0.1)
+    assert env.action_space.shape == (3,) and env.observation_space.shape == (9,)
+    env.reset(seed=3)
+    first = env.step(np.ones(3, dtype=np.float32))[4]["torque"]
+    env.reset(seed=3)
+    assert np.array_equal(env.step(np.ones(3, dtype=np.float32))[4]["torque"], first)
+
+
+def test_many_arms_step_together():
+    envs = gym.make_vec(ID, num_envs=3)
+    envs.reset(seed=0)
+    observation, *_ = envs.step(np.ones((3, 2), dtype=np.float32))
+    assert observation.shape == (3, 6)
+    envs.close()
+
+
+def test_a_recording_has_columns_of_each_joint_and_the_robot_is_a_file(tmp_path):
+    env = RecordMeasurements(gym.make(ID), tmp_path / "run.csv")
+    env.reset()
+    for k in range(1101):
+        env.step(np.array([3 * np.sin(0.05 * k), 2 * np.cos(0.03 * k)], dtype=np.float32))
+    env.close()
+    (tmp_path / "arm.urdf").write_text(env.unwrapped.urdf)
+    body = read_body(tmp_path / "arm.urdf")
+    recording = read_arm_recording(tmp_path / "run.csv", body.joints)
+    assert recording.names == ("shoulder", "elbow") and len(recording) == 1101
+    assert recording.torque[1, 0] == pytest.approx(3 * np.sin(0.05), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"effects": "stribek@elbow"}, "unknown effect 'stribek': did you mean stribeck"),
+        ({"effects": "stribeck@elbo"}, "unknown joint 'elbo': did you mean elbow"),
+        ({"effects": "stribeck"}, "should say at which joint"),
+        ({"effects": "backlash@elbow"}, "cannot sit at a joint of an arm"),
+        ({"rate": 0.0}, "rate of an arm cannot be 0"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(arguments, told):
+    with pytest.raises(ValueError, match=told):
+        gym.make(ID, **arguments)
+
+
+def test_actions_and_options_of_another_shape_are_refused():
+    env = gym.make(ID).unwrapped
+    env.reset()
+    with pytest.raises(ValueError, match="action of an arm with 2 joints needs as many numbers"):
+        env.step(np.zeros(3))
+    with pytest.raises(ValueError, match="unknown option of reset 'positon'"):
+        env.reset(options={"positon": [0, 0]})

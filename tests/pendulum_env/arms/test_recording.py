@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+
+from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
+from pendulum_env.recording import RecordingError
+
+JOINTS = ("shoulder", "elbow")
+TIME = np.arange(400) / 200
+POSITION = np.column_stack([np.sin(3 * TIME), np.cos(5 * TIME)])
+TORQUE = np.column_stack([np.cos(3 * TIME), np.sin(4 * TIME)])
+
+
+def table(path, **columns):
+    names = ",".join(columns)
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=names, comments="")
+    return path
+
+
+def test_what_is_written_is_read(tmp_path):
+    recording = ArmRecording.of("run", JOINTS, TIME, POSITION, TORQUE)
+    write_arm_recording(recording, tmp_path / "run.csv")
+    again = read_arm_recording(tmp_path / "run.csv", JOINTS)
+    assert np.array_equal(again.position, POSITION) and np.array_equal(again.torque, TORQUE)
+    assert again.summary.endswith("400 samples, 2 joints")
+
+
+def test_a_gap_ends_a_segment_of_all_joints(tmp_path):
+    kept = np.r_[:150, 250:400]
+    columns = {"position_1": POSITION[kept, 0], "position_2": POSITION[kept, 1]}
+    columns |= {"torque_1": TORQUE[kept, 0], "torque_2": TORQUE[kept, 1]}
+    recording = read_arm_recording(table(tmp_path / "run.csv", time=TIME[kept], **columns), JOINTS)
+    assert [len(segment) for segment in recording.segments] == [150, 150]
+
+
+def test_columns_are_named_with_units_where_their_names_do_not_tell(tmp_path):
+    path = table(
+        tmp_path / "run.csv",
+        t=TIME,
+        a=np.degrees(POSITION[:, 0]),
+        position_elbow=POSITION[:, 1],
+        **{"torque_shoulder": TORQUE[:, 0], "torque_elbow": TORQUE[:, 1]},
+    )
+    recording = read_arm_recording(path, JOINTS, columns={"position_shoulder": "a:deg"})
+    assert np.allclose(recording.position, POSITION)
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        (
+            {"position_shoulder": 0, "torque_shoulder": 0, "torque_elbow": 1},
+            "2 joints need as many columns of position",
+        ),
+        ({"position_1": 0, "torque_1": 0}, "none for shoulder, elbow"),
+        (
+            {"position_shoulder": 0, "position_elbow": 1, "position_wrist": 1, "torque_1": 0, "torque_2": 1},
+            "column 'position_wrist' is of no joint",
+        ),
+    ],
+)
+def test_columns_that_do_not_fit_the_robot_are_refused(tmp_path, columns, told):
+    values = {name: (POSITION if name.startswith("position") else TORQUE)[:, k] for name, k in columns.items()}
+    with pytest.raises(RecordingError, match=told):
+        read_arm_recording(table(tmp_path / "run.csv", time=TIME, **values), JOINTS)
+
+
+def test_an_unknown_name_of_a_column_is_refused(tmp_path):
+    path = table(tmp_path / "run.csv", time=TIME)
+    with pytest.raises(ValueError, match="unknown column of the arm 'torque_elbo': did you mean torque_elbow"):
+        read_arm_recording(path, JOINTS, columns={"torque_elbo": "x"})
+    with pytest.raises(RecordingError, match="position has shape"):
+        ArmRecording.of("run", JOINTS, TIME, POSITION[:, :1], TORQUE)

@@ -1,0 +1,240 @@
+"""Files of other programs: MATLAB, HDF5, Excel, Parquet of robot learning, bags of ROS and MCAP."""
+
+import zipfile
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from scipy.io import savemat
+
+from pendulum_env.recording import Recording, RecordingError, read_recording
+from pendulum_env.recording.preview import preview
+from pendulum_env.recording.storage import READERS, RECIPES
+
+TIME = np.arange(1000) / 250
+
+
+def signals() -> dict[str, np.ndarray]:
+    return {"time": TIME, "position": np.sin(3 * TIME), "velocity": 3 * np.cos(3 * TIME), "torque": np.cos(2 * TIME)}
+
+
+def assert_read(recording: Recording, atol: float = 1e-9) -> None:
+    for quantity, values in signals().items():
+        found = getattr(recording, quantity)
+        if found is not None or quantity != "velocity":
+            np.testing.assert_allclose(found - (found[0] if quantity == "time" else 0), values, atol=atol)
+
+
+# MATLAB and HDF5
+
+
+def test_matlab(tmp_path: Path) -> None:
+    savemat(tmp_path / "row.mat", signals())  # vectors become rows
+    assert_read(read_recording(tmp_path / "row.mat"))
+    savemat(tmp_path / "column.mat", signals(), oned_as="column")
+    assert_read(read_recording(tmp_path / "column.mat"))
+
+
+def test_matlab_structures_and_matrices(tmp_path: Path) -> None:
+    s = signals()
+    log = {"t": s["time"], "x": np.column_stack([s["position"], s["velocity"]]), "note": "bench 3"}
+    savemat(tmp_path / "run.mat", {"log": log, "u": s["torque"], "gain": 3.0})
+    named = {"position": "log.x[0]", "velocity": "log.x[1]"}
+    assert_read(read_recording(tmp_path / "run.mat", columns=named))
+
+
+def test_simulink_structure_with_time(tmp_path: Path) -> None:
+    s = signals()
+    parts = [
+        {"values": s[name], "label": label, "dimensions": 1}
+        for name, label in (("position", "theta"), ("torque", "tau"))
+    ]
+    savemat(tmp_path / "run.mat", {"out": {"time": s["time"], "signals": np.array(parts, dtype=object)}})
+    assert_read(read_recording(tmp_path / "run.mat"))
+
+
+def test_hdf5_and_matlab_7_3(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    s = signals()
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for name, values in s.items():
+            file.create_dataset(f"bench/joint/{name}", data=values)
+        file.attrs["rig"] = "three"
+    assert_read(read_recording(tmp_path / "run.h5"))
+    with h5py.File(tmp_path / "run.mat", "w", userblock_size=512) as file:
+        for name, values in s.items():
+            file[name] = values[None, :]  # a column of MATLAB is a row here
+        file["#refs#/a"] = np.zeros(3)
+    with (tmp_path / "run.mat").open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    assert_read(read_recording(tmp_path / "run.mat"))
+
+
+# Parquet
+
+
+def test_vectors_of_a_robot_learning_dataset(tmp_path: Path) -> None:
+    s = signals()
+    table = {
+        "observation.state": np.column_stack([s["position"], 0 * TIME]).tolist(),
+        "action": np.column_stack([s["position"] + 0.1, 0 * TIME]).tolist(),
+        "observation.effort": np.column_stack([s["torque"], 0 * TIME]).tolist(),
+        "timestamp": np.tile(TIME[:500], 2),
+        "episode_index": np.repeat([7, 8], 500),
+    }
+    pq.write_table(pa.table(table), tmp_path / "file-000.parquet")
+    with pytest.raises(
+        RecordingError, match=r"'observation.state\[0\]' and 'observation.state\[1\]' could both be position"
+    ):
+        read_recording(tmp_path / "file-000.parquet")
+    named = {"position": "observation.state[0]", "torque": "observation.effort[0]", "reference": "action[0]"}
+    recording = read_recording(tmp_path / "file-000.parquet", columns=named)
+    assert recording.starts == (0, 500) and recording.rate == pytest.approx(250)
+    np.testing.assert_allclose(recording.position, s["position"])
+    np.testing.assert_allclose(recording.reference, s["position"] + 0.1)
+
+
+@pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+def test_time_stamps_in_parquet(tmp_path: Path, unit: str) -> None:
+    stamps = np.datetime64("2026-03-01", unit) + np.round(1000 * TIME).astype("timedelta64[ms]")
+    pq.write_table(pa.table(signals() | {"time": pa.array(stamps)}), tmp_path / "run.parquet")
+    assert_read(read_recording(tmp_path / "run.parquet"))
+
+
+# Excel
+
+
+def write_xlsx(path: Path, rows: list[list[object]]) -> None:
+    """The least that is a workbook."""
+
+    def cell(value: object) -> str:
+        if isinstance(value, str):
+            return f'<c t="inlineStr"><is><t>{escape(value)}</t></is></c>'
+        return f"<c><v>{float(value)!r}</v></c>"  # type: ignore[arg-type]
+
+    main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+    package = "http://schemas.openxmlformats.org/package/2006"
+    sheet = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
+    kind = "application/vnd.openxmlformats-officedocument.spreadsheetml"
+    parts = {
+        "[Content_Types].xml": f'<Types xmlns="{package}/content-types">'
+        '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+        f'<Override PartName="/xl/workbook.xml" ContentType="{kind}.sheet.main+xml"/>'
+        f'<Override PartName="/xl/worksheets/sheet1.xml" ContentType="{kind}.worksheet+xml"/></Types>',
+        "_rels/.rels": f'<Relationships xmlns="{package}/relationships">'
+        f'<Relationship Id="r1" Type="{office}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
+        "xl/workbook.xml": f'<workbook xmlns="{main}" xmlns:r="{office}">'
+        '<sheets><sheet name="Run" sheetId="1" r:id="r1"/></sheets></workbook>',
+        "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{package}/relationships">'
+        f'<Relationship Id="r1" Type="{office}/worksheet" Target="worksheets/sheet1.xml"/></Relationships>',
+        "xl/worksheets/sheet1.xml": f'<worksheet xmlns="{main}"><sheetData>{sheet}</sheetData></worksheet>',
+    }
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name, f'<?xml version="1.0" encoding="UTF-8"?>{content}')
+
+
+def test_excel_with_a_title_and_units(tmp_path: Path) -> None:
+    pytest.importorskip("python_calamine")
+    s = signals()
+    rows = np.column_stack([1e3 * s["time"], np.degrees(s["position"]), s["torque"]]).tolist()
+    head = [["Bench 3", "", ""], ["Time", "Angle", "Torque"], ["ms", "deg", "Nm"]]
+    write_xlsx(tmp_path / "run.xlsx", [*head, *rows])
+    assert_read(read_recording(tmp_path / "run.xlsx"))
+
+
+# ROS
+
+
+def write_bag(path: Path, kind: str) -> None:
+    """Joint states of two joints, whose order changes, and the torque of the first under a topic of its own."""
+    rosbags = pytest.importorskip("rosbags")
+    assert rosbags
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
+    JointState, Float64 = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Float64"]
+    Header, Time = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    s = signals()
+    if kind == "ros1":
+        writer, serialize = Writer1(path), store.serialize_ros1
+    else:
+        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+        writer, serialize = Writer2(path, version=9, storage_plugin=plugin), store.serialize_cdr
+    with writer:
+        joints = writer.add_connection("/joint_states", JointState.__msgtype__, typestore=store)
+        motor = writer.add_connection("/motor/torque", Float64.__msgtype__, typestore=store)
+        for k, seconds in enumerate(TIME):
+            stamp = 1_700_000_000_000_000_000 + round(1e9 * seconds)
+            seq = {"seq": k} if kind == "ros1" else {}
+            header = Header(**seq, stamp=Time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="")
+            first = -1 if k % 2 else 1
+            message = JointState(
+                header=header,
+                name=["elbow", "wrist"][::first],
+                position=np.array([s["position"][k], 9.0])[::first].copy(),
+                velocity=np.array([s["velocity"][k], 9.0])[::first].copy(),
+                effort=np.array([s["torque"][k], 9.0])[::first].copy(),
+            )
+            late = stamp + 700_000  # when it was received
+            writer.write(motor, late - 900_000, serialize(Float64(data=s["torque"][k]), Float64.__msgtype__))
+            writer.write(joints, late, serialize(message, JointState.__msgtype__))
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+def test_bags_of_ros(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / ("run.bag" if kind == "ros1" else "run")
+    write_bag(path, kind)
+    elbow = {
+        what: f"/joint_states/elbow/{where}" for what, where in (("position", "position"), ("velocity", "velocity"))
+    }
+    recording = read_recording(path, columns=elbow | {"torque": "-/joint_states/elbow/effort*-1"})
+    assert recording.name == "run"
+    assert_read(recording, atol=1e-6)
+    other = read_recording(path, columns=elbow | {"torque": "/motor/torque/data"})
+    assert_read(other, atol=1e-6)
+    assert "torque is taken from /motor/torque at the times of /joint_states" in other.notes
+    seen = preview(path)
+    assert {"/motor/torque/data", *elbow.values()} < set(seen.headers) and all(x is not None for x in seen.values)
+    np.testing.assert_allclose(seen.values[seen.headers.index(elbow["position"])], signals()["position"], atol=1e-6)
+    np.testing.assert_allclose(seen.seconds("time"), TIME - TIME[0], atol=1e-6)
+    with pytest.raises(RecordingError, match="'/joint_states/elbow/position' and '/joint_states/wrist/position' could"):
+        read_recording(path)
+    if kind != "ros1":
+        (inner,) = (file for file in path.iterdir() if file.suffix in (".mcap", ".db3"))
+        assert_read(read_recording(inner, columns=elbow | {"torque": "/motor/torque/data"}), atol=1e-6)
+
+
+# What is refused
+
+
+@pytest.mark.parametrize("suffix", sorted(set(READERS) - {".csv", ".csv.gz", ".parquet", ".npz"}))
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", bytes(range(256)), b"MATLAB 7.3 MAT-file" + bytes(600)])
+def test_damaged_files_are_refused_in_one_sentence(tmp_path: Path, suffix: str, content: bytes) -> None:
+    path = tmp_path / f"run{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError) as refusal:
+        read_recording(path)
+    assert str(refusal.value).startswith(f"{path}: ") and "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("suffix", RECIPES)
+def test_formats_that_are_not_read_come_with_a_recipe(tmp_path: Path, suffix: str) -> None:
+    with pytest.raises(RecordingError) as refusal:
+        read_recording(tmp_path / f"run{suffix}")
+    assert RECIPES[suffix] in str(refusal.value)
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".xlsx", ".mcap"])
+def test_a_missing_extra_is_named(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / f"run{suffix}").write_bytes(b"anything")
+    monkeypatch.setattr("pendulum_env.recording.table.find_spec", lambda name: None)
+    with pytest.raises(RecordingError, match=r"pip install 'pendulum-ident\[formats\]'"):
+        read_recording(tmp_path / f"run{suffix}")

@@ -1,0 +1,260 @@
+"""Reading a log that lost samples, or whose samples cannot all be true: no gap is a reason to refuse."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
+
+Columns = dict[str, np.ndarray]
+COUNT = 2 * np.pi / 16384  # [rad] of a 14-bit encoder
+FORMATS = (".csv", ".csv.gz", ".parquet", ".npz")
+
+
+def motion(time: np.ndarray) -> Columns:
+    """A smooth run at any times [s]."""
+    position = np.sin(7 * time) + 0.6 * np.sin(2.3 * time + 1)
+    velocity = 7 * np.cos(7 * time) + 0.6 * 2.3 * np.cos(2.3 * time + 1)
+    return {"time": time, "position": position, "velocity": velocity, "torque": 2 * np.cos(7 * time + 0.3)}
+
+
+@pytest.fixture
+def save(tmp_path: Path):
+    def _save(columns: Columns) -> Path:
+        np.savez(tmp_path / "run.npz", **columns)
+        return tmp_path / "run.npz"
+
+    return _save
+
+
+def without(columns: Columns, gone: np.ndarray) -> Columns:
+    return {quantity: np.delete(values, gone) for quantity, values in columns.items()}
+
+
+def test_two_percent_lost_at_random_are_bridged(save) -> None:
+    rng = np.random.default_rng(1)
+    whole = motion(np.arange(30_000) / 1000)
+    whole["position"] = COUNT * np.round(whole["position"] / COUNT)
+    recording = read_recording(save(without(whole, rng.choice(30_000, 600, replace=False))))
+    assert len(recording.starts) == 1 and len(recording) == 30_000
+    truth = motion(recording.time)
+    assert np.abs(recording.position - truth["position"]).max() < COUNT
+    assert np.abs(recording.torque - truth["torque"]).max() < 1e-3
+    assert recording.notes[0].endswith("filled in by interpolation")
+
+
+def test_gaps_end_segments_and_are_told(save) -> None:
+    rng = np.random.default_rng(2)
+    whole = motion(np.arange(30_000) / 1000)
+    begins = 2000 + 2500 * np.arange(10)
+    lengths = rng.integers(10, 500, 10)
+    gone = np.concatenate([np.arange(a, a + n) for a, n in zip(begins, lengths, strict=True)])
+    recording = read_recording(save(without(whole, gone)))
+    assert recording.starts == (0, *(begins - np.concatenate([[0], np.cumsum(lengths[:-1])])))
+    assert recording.rate == pytest.approx(1000)
+    np.testing.assert_array_equal(recording.position, np.delete(whole["position"], gone))
+    (note,) = recording.notes
+    assert note.startswith("10 gaps of 0.0") and "after 1.999, 4.499, 6.999, 9.499, 11.999 s and 5 more times" in note
+
+
+@pytest.mark.parametrize("jitter", [0.05, 0.1, 0.2])
+def test_gaps_amid_jitter_leave_segments_of_one_period(save, jitter: float) -> None:
+    rng = np.random.default_rng(3)
+    time = (np.arange(20_000) + rng.uniform(-jitter, jitter, 20_000)) / 1000
+    gone = np.concatenate([[500, 900, 901], np.arange(5000, 5300), np.arange(12_000, 12_020)])
+    recording = read_recording(save(without(motion(time), gone)))
+    assert len(recording.starts) == 3
+    assert recording.rate == pytest.approx(1000, rel=1e-3)
+    truth = motion(recording.time)
+    assert np.abs(recording.position - truth["position"]).max() < 1e-5
+    held = motion(recording.time + 0.5e-3)["torque"]  # each torque is held for a period
+    assert np.sqrt(np.mean((recording.torque - held) ** 2)) < 0.01
+
+
+def test_a_long_hole_is_a_gap_where_the_motion_is_fast_for_the_rate(save) -> None:
+    time = np.arange(1000) / 50
+    gone = [300, 301, 600, 601, 602]
+    fast = motion(3 * time) | {"time": time, "velocity": 3 * motion(3 * time)["velocity"]}
+    assert len(read_recording(save(without(fast, gone))).starts) == 3
+    slow = motion(0.1 * time) | {"time": time, "velocity": 0.1 * motion(0.1 * time)["velocity"]}
+    assert len(read_recording(save(without(slow, gone))).starts) == 1
+
+
+def test_segments_too_short_to_use_are_left_out_and_told(save) -> None:
+    whole = motion(np.arange(5000) / 1000)
+    gone = np.concatenate([np.arange(2000, 2100), np.arange(2150, 2300)])  # leaves 50 samples between
+    recording = read_recording(save(without(whole, gone)))
+    assert [len(part) for part in recording.segments] == [2000, 2700]
+    assert "50 samples in a segment shorter than 0.2 s are left out" in recording.notes
+
+
+def test_nothing_but_short_segments_is_refused(save) -> None:
+    time = np.concatenate([np.arange(50) / 1000 + second for second in range(20)])
+    with pytest.raises(RecordingError, match=r"none of its 20 segments between gaps lasts 0\.2 s"):
+        read_recording(save(motion(time)))
+
+
+def test_cells_that_are_empty_are_as_good_as_lost(save) -> None:
+    columns = motion(np.arange(5000) / 1000)
+    columns["torque"][100] = np.nan
+    columns["position"][2000:2400] = np.nan
+    columns["velocity"][4000] = np.inf
+    recording = read_recording(save(columns))
+    assert [len(part) for part in recording.segments] == [2000, 2600]
+    truth = motion(recording.time)
+    for quantity in ("position", "torque", "velocity"):
+        np.testing.assert_allclose(getattr(recording, quantity), truth[quantity], atol=1e-4)
+    assert "torque is empty or NaN in data row 101: left out" in recording.notes
+    assert "position is empty or NaN in 400 data rows (2001, 2002, 2003, 2004, 2005 and 395 more): left out" in (
+        recording.notes
+    )
+
+
+def test_an_optional_column_that_is_mostly_empty_is_left_out(save) -> None:
+    columns = motion(np.arange(5000) / 1000)
+    columns["velocity"][np.arange(5000) % 10 > 0] = np.nan
+    recording = read_recording(save(columns))
+    assert recording.velocity is None and len(recording) == 5000
+    assert recording.notes == ("velocity is left out: it is empty or NaN in 4500 of 5000 rows",)
+
+
+def test_a_log_that_was_cut_off_is_read_up_to_there(tmp_path: Path) -> None:
+    columns = motion(np.arange(5000) / 1000)
+    lines = [",".join(columns), *(",".join(map(repr, map(float, row))) for row in zip(*columns.values(), strict=True))]
+    (tmp_path / "run.csv").write_text("\n".join([*lines[:-1], "4.99"]))
+    recording = read_recording(tmp_path / "run.csv")
+    np.testing.assert_array_equal(recording.position, columns["position"][:-1])
+    assert recording.notes == ("the last row is cut off: left out",)
+
+
+def test_topics_in_rows_of_their_own_are_brought_together(tmp_path: Path) -> None:
+    """As PlotJuggler merges them: a row a message, other cells empty."""
+    time, late = np.arange(5000) / 1000, 0.0004
+    torque = np.floor(5 * np.sin(3 * time))  # held
+    rows = [(t, q, "", "") for t, q in zip(time, motion(time)["position"], strict=True)]
+    rows += [(t + late, "", u, "") for t, u in zip(time - 1e-3, torque, strict=True)]
+    rows += [
+        (t + 2 * late, "", "", v) for t, v in zip(time[::10], motion(time[::10] + 2 * late)["velocity"], strict=True)
+    ]
+    lines = [",".join(map(str, row)) for row in sorted(rows, key=lambda row: row[0])]
+    header = "__time,/arm/elbow/position,/motor/torque,/arm/elbow/velocity"
+    (tmp_path / "run.csv").write_text("\n".join([header, *lines]))
+    recording = read_recording(tmp_path / "run.csv")
+    truth = motion(recording.time)
+    np.testing.assert_array_equal(recording.position, truth["position"])
+    np.testing.assert_array_equal(recording.torque, torque)
+    np.testing.assert_allclose(recording.velocity[:4990], truth["velocity"][:4990], atol=0.01)
+    assert "torque stands in other rows than position: taken as it was last" in recording.notes
+
+
+def test_rows_that_came_twice_are_left_out(save) -> None:
+    columns = motion(np.arange(5000) / 1000)
+    twice = {quantity: np.repeat(values, 1 + (np.arange(5000) % 1000 == 7)) for quantity, values in columns.items()}
+    recording = read_recording(save(twice))
+    np.testing.assert_array_equal(recording.position, columns["position"])
+    assert recording.notes[0].startswith("time repeats that of the row before in 5 data rows (9, 1010,")
+
+
+def test_a_glitch_of_one_sample_is_left_out_and_told(save) -> None:
+    columns = motion(np.arange(5000) / 1000)
+    truth = columns["position"].copy()
+    columns["position"][[777, 3000]] += [1.0, -2000.0]
+    recording = read_recording(save(columns))
+    np.testing.assert_allclose(recording.position, truth, atol=1e-6)
+    assert recording.notes[0] == "position jumps for one sample in 2 data rows (778 and 3001): left out"
+
+
+@pytest.mark.parametrize("run", [1, 2, 30])
+def test_a_value_that_stays_behind_the_motion_is_left_out_and_told(save, run: int) -> None:
+    time = np.arange(5000) / 1000
+    columns = motion(time) | {"position": COUNT * np.round((9 * time + np.sin(time)) / COUNT)}
+    columns["velocity"] = 9 + np.cos(time)
+    truth = columns["position"].copy()
+    columns["position"][3000 : 3000 + run] = columns["position"][2999]
+    recording = read_recording(save(columns), columns={"position": "position:rad"})
+    assert recording.notes[0].startswith("position stays behind while the joint moves on in")
+    assert len(recording.starts) == 1 + (run > 3)
+    kept = np.isin(time, recording.time)
+    assert np.abs(recording.position - truth[kept]).max() < 2 * COUNT
+    assert np.count_nonzero(~kept) == (run if run > 3 else 0)
+
+
+def test_what_joints_do_is_no_glitch(save) -> None:
+    time = np.arange(5000) / 1000
+    resting = np.where(time % 1 < 0.5, np.sin(np.pi * (time % 1) / 0.5), 0.0)  # moves, stops, and rests
+    bouncing = np.abs(np.sin(9 * time)) + 0.1  # turned round within a sample
+    toggling = COUNT * (np.arange(5000) % 97 == 0) + COUNT * np.round(np.sin(time) / COUNT)  # noise of one count
+    for position in (resting, bouncing, toggling):
+        columns = {"time": time, "position": position, "torque": np.cos(time)}
+        assert read_recording(save(columns)).notes == ()
+
+
+def test_a_wrapped_angle_is_unwrapped_on_either_side_of_a_gap(save) -> None:
+    time = np.delete(np.arange(5000) / 1000, np.arange(2000, 2400))
+    turns = 11 * time + np.sin(time)
+    columns = {"time": time, "position": np.angle(np.exp(1j * turns)), "torque": np.cos(time)}
+    with pytest.raises(RecordingError, match="as an angle wrapped at 2 pi does"):
+        read_recording(save(columns))
+    recording = read_recording(save(columns), unwrap=True)
+    for part, truth in zip(recording.segments, np.split(turns, [2000]), strict=True):
+        off = part.position - truth
+        np.testing.assert_allclose(off, off[0], atol=1e-9)
+        assert np.cos(off[0]) == pytest.approx(1)
+
+
+def test_a_joint_may_be_anywhere_after_a_gap(save) -> None:
+    columns = motion(np.delete(np.arange(5000) / 1000, np.arange(2000, 2400)))
+    columns["position"][2000:] += 40.0
+    assert len(read_recording(save(columns)).starts) == 2
+
+
+def test_runs_that_a_column_counts_are_segments_even_if_each_clock_begins_anew(save) -> None:
+    columns = motion(np.tile(np.arange(500) / 500, 4)) | {"episode_index": np.repeat([3.0, 4.0, 5.0, 9.0], 500)}
+    recording = read_recording(save(columns))
+    assert recording.starts == (0, 500, 1000, 1500)
+    for part in recording.segments:
+        np.testing.assert_allclose(part.time - part.time[0], np.arange(500) / 500, atol=1e-9)
+        np.testing.assert_array_equal(part.position, columns["position"][:500])
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_segments_and_reference_come_back_exactly(tmp_path: Path, suffix: str) -> None:
+    time = np.arange(900) / 300 + np.repeat([0.0, 0.0021, 5.0], 300)  # the first gap is shorter than a period
+    run = motion(time)
+    recording = Recording("run", **run, starts=(0, 300, 600), reference=np.sin(time))
+    write_recording(recording, tmp_path / f"run{suffix}")
+    back = read_recording(tmp_path / f"run{suffix}")
+    assert (back.starts, back.notes) == (recording.starts, ())
+    for quantity in ("time", "position", "torque", "velocity", "reference"):
+        np.testing.assert_array_equal(getattr(back, quantity), getattr(recording, quantity))
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    gone=st.lists(st.tuples(st.integers(0, 1990), st.integers(1, 150)), max_size=8),
+    jitter=st.sampled_from([0.0, 0.0, 0.1]),
+    seed=st.integers(0, 9),
+)
+def test_whatever_is_lost_the_rest_is_true(
+    tmp_path_factory: pytest.TempPathFactory, gone: list[tuple[int, int]], jitter: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    time = (np.arange(2000) + rng.uniform(-jitter, jitter, 2000)) / 500
+    lost = np.unique(np.concatenate([np.arange(0), *(np.arange(a, min(a + n, 2000)) for a, n in gone)]))
+    path = tmp_path_factory.getbasetemp() / "lost.npz"
+    np.savez(path, **without(motion(time), lost))
+    recording = read_recording(path)  # of 2000 samples, 800 are left at least, in 9 pieces
+    assert recording.rate == pytest.approx(500, rel=5e-3)
+    np.testing.assert_allclose(recording.position, motion(recording.time)["position"], atol=2e-4)
+    assert recording.duration >= 2000 / 500 - (len(lost) + 9 * 105) / 500
+
+
+def test_a_bare_motor_that_turns_many_times_is_not_taken_for_degrees() -> None:
+    folder = Path(__file__).parents[4] / "shared" / "data" / "odrive"
+    if not folder.is_dir():
+        pytest.skip("the real recordings are not on this machine")
+    for path in folder.glob("*.csv.gz"):
+        assert np.ptp(read_recording(path).position) > 6

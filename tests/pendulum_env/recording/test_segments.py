@@ -1,0 +1,106 @@
+"""A recording with gaps: segments of one period."""
+
+import numpy as np
+import pytest
+
+from pendulum_env.recording import Load, Recording, RecordingError
+
+RATE = 500.0  # [Hz]
+LENGTHS = (700, 2, 900, 400)
+
+
+@pytest.fixture
+def gappy() -> Recording:
+    """Four segments, with gaps that are no multiples of the period."""
+    gaps = np.repeat([0.0, 0.0131, 0.7, 3.14159], LENGTHS)
+    time = np.arange(sum(LENGTHS)) / RATE + np.cumsum(np.diff(gaps, prepend=0.0))
+    return Recording(
+        "gappy",
+        time,
+        np.sin(time),
+        np.cos(3 * time),
+        velocity=np.cos(time),
+        notes=("as it came",),
+        starts=tuple(np.cumsum((0, *LENGTHS[:-1]))),
+        reference=np.sin(time + 0.01),
+        load=Load(0.02, 1.0),
+    )
+
+
+def test_segments_are_recordings_without_gaps_that_hold_every_sample(gappy: Recording) -> None:
+    parts = gappy.segments
+    assert [len(part) for part in parts] == list(LENGTHS)
+    for quantity in ("time", "position", "torque", "velocity", "reference"):
+        np.testing.assert_array_equal(np.concatenate([getattr(p, quantity) for p in parts]), getattr(gappy, quantity))
+    for part in parts:
+        assert (part.starts, part.name, part.load, part.notes) == ((0,), "gappy", gappy.load, gappy.notes)
+        assert part.rate == pytest.approx(RATE)
+        assert part.segments == (part,)
+
+
+def test_gaps_count_neither_for_rate_nor_for_duration(gappy: Recording) -> None:
+    assert gappy.rate == pytest.approx(RATE, rel=1e-12)
+    assert gappy.duration == pytest.approx(sum(n - 1 for n in LENGTHS) / RATE)
+    assert gappy.summary == "4 s at 500 Hz, 2002 samples in 4 segments"
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "lengths"),
+    [
+        (0, 2002, LENGTHS),
+        (None, 700, (700,)),
+        (10, 702, (690, 2)),
+        (699, None, (2, 900, 400)),  # one sample of the first is no segment
+        (700, 703, (2,)),
+        (701, 703 + 5, (6,)),
+        (-401, None, (400,)),
+        (701, -399, (900,)),
+        (5, -5, (695, 2, 900, 395)),
+    ],
+)
+def test_a_slice_keeps_the_gaps(gappy: Recording, start: int | None, stop: int | None, lengths: tuple) -> None:
+    part = gappy.slice(start, stop)
+    assert tuple(len(segment) for segment in part.segments) == lengths
+    assert set(part.time) <= set(gappy.time[start:stop])
+
+
+@pytest.mark.parametrize(("start", "stop"), [(699, 701), (5, 6), (2001, None), (9, 3), (3000, 4000)])
+def test_a_slice_needs_two_samples_of_one_segment(gappy: Recording, start: int, stop: int | None) -> None:
+    with pytest.raises(RecordingError, match="needs at least 2"):
+        gappy.slice(start, stop)
+
+
+def test_a_split_keeps_the_gaps(gappy: Recording) -> None:
+    first, rest = gappy.split(0.5)
+    assert [len(part) for part in (*first.segments, *rest.segments)] == [700, 2, 299, 601, 400]
+
+
+@pytest.mark.parametrize("starts", [(), (1,), (0, 1), (0, 300, 300), (0, 500, 400), (0, 2001), (0, 2002), (0, -5)])
+def test_segments_start_in_order_and_hold_two_samples(gappy: Recording, starts: tuple[int, ...]) -> None:
+    with pytest.raises(RecordingError, match="segments that start at"):
+        Recording("r", gappy.time, gappy.position, gappy.torque, starts=starts)
+
+
+def test_time_increases_throughout_with_one_period(gappy: Recording) -> None:
+    whole = np.arange(100.0)
+    for time in (
+        np.append(whole, whole + 50),  # back in time
+        np.append(whole, 200 + 1.001 * whole),  # another period
+        np.append(whole, 99 + whole),  # a time twice
+    ):
+        with pytest.raises(RecordingError, match="not uniform and increasing"):
+            Recording("r", time, time, time, starts=(0, 100))
+    with pytest.raises(RecordingError, match="not uniform and increasing"):
+        Recording("r", gappy.time, gappy.position, gappy.torque)  # its gaps not told
+
+
+def test_a_reference_is_as_long_as_time() -> None:
+    time = np.arange(5.0)
+    with pytest.raises(RecordingError, match=r"reference of shape \(4,\)"):
+        Recording("r", time, time, time, reference=np.zeros(4))
+
+
+@pytest.mark.parametrize(("inertia", "gravity"), [(-0.1, 0), (np.nan, 0), (np.inf, 0), (0, np.nan)])
+def test_a_load_is_a_body(inertia: float, gravity: float) -> None:
+    with pytest.raises(RecordingError, match="a load has"):
+        Load(inertia, gravity)

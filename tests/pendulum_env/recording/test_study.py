@@ -1,0 +1,225 @@
+"""A study: which recordings there are, how they are read, and what they are for."""
+
+import math
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pendulum_env.recording import (
+    Load,
+    Recording,
+    RecordingError,
+    Source,
+    StudyError,
+    read_study,
+    write_recording,
+    write_study,
+)
+from pendulum_env.recording.study import read_sources
+
+TEXT = st.text(st.characters(exclude_categories=("Cs",), exclude_characters="\0"), min_size=1, max_size=15).filter(
+    str.strip
+)
+NAMES = st.from_regex(r"[a-z][a-z0-9 äß'#\[\]=.-]{0,8}\.csv", fullmatch=True)
+SECONDS = st.floats(0, 1e4)
+LOADS = st.builds(Load, st.floats(0, 1e3), st.floats(-1e3, 1e3))
+COLUMNS = st.dictionaries(st.sampled_from(["time", "position", "velocity", "torque", "reference"]), TEXT, max_size=4)
+RANGES = st.tuples(SECONDS, SECONDS).map(sorted).filter(lambda pair: pair[0] < pair[1]).map(tuple)
+
+
+@st.composite
+def studies(draw: st.DrawFn) -> list[Source]:
+    files = draw(st.lists(NAMES, min_size=1, max_size=4, unique=True))
+    return [
+        Source(
+            Path(file),
+            draw(st.sampled_from(["fit", "holdout"])),
+            draw(COLUMNS),
+            draw(st.booleans()),
+            draw(st.none() | RANGES),
+            draw(st.none() | LOADS),
+        )
+        for file in files
+    ]
+
+
+@settings(deadline=None, max_examples=100)
+@given(sources=studies())
+def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, sources: list[Source]) -> None:
+    folder = tmp_path_factory.getbasetemp() / "studies"
+    folder.mkdir(exist_ok=True)
+    sources = [Source(folder / s.file, s.role, s.columns, s.unwrap, s.range, s.load) for s in sources]
+    write_study(folder / "study.toml", sources)
+    assert list(read_sources(folder / "study.toml")) == sources
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just(10**400),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(["mass", "length", "x"]), inner, max_size=3)
+    ),
+    max_leaves=5,
+)
+
+
+def toml(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, str):
+        return "'" + re.sub(r"[^a-z0-9]", "", value) + "'"
+    return {"None": '""'}.get(repr(value), repr(value))
+
+
+@settings(deadline=None, max_examples=300)
+@given(
+    keys=st.lists(
+        st.tuples(st.sampled_from(["file", "role", "columns", "unwrap", "range", "load", "rnage", "torque"]), VALUES),
+        max_size=4,
+    ),
+    head=st.sampled_from(["[[recording]]", "[recording]", "[columns]", "", "[[recording]]\nfile = 'a.csv'\n[columns]"]),
+)
+def test_any_study_is_read_or_refused_in_one_sentence(
+    tmp_path_factory: pytest.TempPathFactory, keys: list[tuple[str, object]], head: str
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.toml"
+    text = "\n".join([head, *(f"{key} = {toml(value)}" for key, value in dict(keys).items())])
+    path.write_text(text)
+    try:
+        sources = read_sources(path)
+    except StudyError as error:
+        assert "\n" not in str(error) and str(error).startswith(str(path))
+    else:
+        assert sources and tomllib.loads(text)["recording"]
+
+
+@settings(deadline=None, max_examples=100)
+@given(content=st.binary(max_size=60))
+def test_any_bytes_are_refused_in_one_sentence(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    path = tmp_path_factory.getbasetemp() / "bytes.toml"
+    path.write_bytes(content)
+    with pytest.raises(StudyError):  # 60 random bytes name no recording
+        read_sources(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "match"),
+    [
+        ("[columns", None, "is not TOML"),
+        ("[[recording]]\nfile = 'a.csv'\nrole = fit", 3, "is not TOML"),
+        ("", None, "names no recordings: write"),
+        ("[columns]\ntorque = 'tau'", None, "names no recordings"),
+        ("[recording]\nfile = 'a.csv'", 1, "names no recordings"),
+        ("[[recordings]]\nfile = 'a.csv'", 1, "unknown key 'recordings': did you mean recording"),
+        ("# bench\n\n[[recording]]\nfile = 'a.csv'\n\nrol = 'fit'", 6, "unknown key 'rol': did you mean role"),
+        ("[[recording]]\nrole = 'fit'", 1, "a recording needs its file"),
+        ("[[recording]]\nfile = 3", 2, "a recording needs its file"),
+        (
+            "[[recording]]\nfile = 'a.csv'\n[[recording]]\nfile = 'b.csv'\nrole = 'test'",
+            5,
+            "role is 'test': write \"fit\"",
+        ),
+        ("[[recording]]\nfile = 'a.csv'\nunwrap = 1", 3, "unwrap is 1: write true or false"),
+        ("[[recording]]\nfile = 'a.csv'\nrange = [3, 1]", 3, r"range is \[3, 1\]: write \[from, to\]"),
+        ("[[recording]]\nfile = 'a.csv'\nrange = 3", 3, "range is 3"),
+        ("[[recording]]\nfile = 'a.csv'\nload = 3", 3, "load is 3: write"),
+        ("[[recording]]\nfile = 'a.csv'\nload = {mass = 1}", 3, "by mass and length, or by inertia and gravity"),
+        (
+            "[[recording]]\nfile = 'a.csv'\n[recording.load]\nmass = 1\nlength = -2",
+            5,
+            "length is -2: write a number from 0",
+        ),
+        ("[[recording]]\nfile = 'a.csv'\nload = {inertia = 1, gravity = inf}", 3, "gravity is inf: write a number"),
+        (
+            "[[recording]]\nfile = 'a.csv'\nload = {mass = 1e300, length = 1e300}",
+            3,
+            r"mass is 1e\+300: write a number from 0 to 1e\+09",
+        ),
+        ("[columns]\ntorqe = 'tau'\n[[recording]]\nfile = 'a.csv'", 2, "columns are named for time, position"),
+        ("[columns]\ntorque = 3\n[[recording]]\nfile = 'a.csv'", 2, "torque is 3: write the name of a column"),
+        ("[[recording]]\nfile = 'a.csv'\n[recording.columns]\n\ntorqe = 'tau'", 5, "columns are named for"),
+        ("columns = 3\n[[recording]]\nfile = 'a.csv'", 1, "columns are a table"),
+        ("[[recording]]\nfile = 'a.csv'\n[[recording]]\nfile = 'a.csv'\nrole = 'holdout'", 4, "a.csv is named twice"),
+        (
+            "[[recording]]\nfile = 'a.csv'\nrange = [0, 5]\n[[recording]]\nfile = './a.csv'\nrange = [4, 9]",
+            5,
+            "a.csv is named twice: give ranges that do not overlap",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, line: int | None, match: str) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    with pytest.raises(StudyError, match=match) as refusal:
+        read_sources(path)
+    told = re.search(r"line (\d+)", str(refusal.value))
+    assert (int(told[1]) if told else None) == line
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """Two files whose columns are those of a servo, in a folder of their own."""
+    time = np.arange(5000) / 500
+    for name, factor in (("a", 1.0), ("b", 2.0)):
+        motor = -6 * np.degrees(factor * np.sin(time)) + 45
+        rows = np.column_stack([1e3 * time, motor, factor * np.cos(time)])
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="clock,motor,i", comments="")
+    return tmp_path
+
+
+STUDY = """
+[columns]
+time = "clock:ms"
+position = "-motor:deg/6+7.5"
+torque = "i:A*0.5"
+
+[[recording]]
+file = "a.csv"
+range = [2, 8]
+load = {mass = 0.5, length = 0.2}
+
+[[recording]]
+file = "b.csv"
+role = "holdout"
+columns = {torque = "i:A*0.25"}
+"""
+
+
+def test_a_study_reads_its_recordings(bench: Path) -> None:
+    (bench / "study.toml").write_text(STUDY)
+    study = read_study(bench / "study.toml")
+    (a,), (b,) = study.fitted, study.held_out
+    assert study.recordings == (a, b)
+    assert (a.time[0], a.time[-1], len(a)) == (2.0, pytest.approx(7.998), 3000)
+    np.testing.assert_allclose(a.position, np.sin(a.time), atol=1e-9)
+    np.testing.assert_allclose(a.torque, 0.5 * np.cos(a.time), atol=1e-9)
+    np.testing.assert_allclose(b.torque, 0.25 * 2 * np.cos(b.time), atol=1e-9)
+    assert a.load is not None and b.load is None
+    assert (a.load.inertia, a.load.gravity) == (pytest.approx(0.5 * 0.2**2), pytest.approx(0.5 * 9.81 * 0.2))
+    assert all(part.load == a.load for part in a.segments)
+
+
+def test_a_range_needs_samples(bench: Path) -> None:
+    source = Source(
+        bench / "a.csv", columns={"time": "clock:ms", "position": "motor:deg", "torque": "i*1"}, range=(20, 30)
+    )
+    with pytest.raises(RecordingError, match=r"a\.csv: holds no two samples from 20 to 30 s: it lasts 10 s"):
+        source.read()
+
+
+def test_files_below_the_study_are_named_relative_to_it(tmp_path: Path) -> None:
+    time = np.arange(1000) / 500
+    (tmp_path / "one" / "data").mkdir(parents=True)
+    write_recording(Recording("run", time, np.sin(time), np.cos(time)), tmp_path / "one" / "data" / "run.csv")
+    write_study(tmp_path / "one" / "study.toml", [Source(tmp_path / "one" / "data" / "run.csv")])
+    (tmp_path / "one").rename(tmp_path / "other")
+    (recording,) = read_study(tmp_path / "other" / "study.toml").recordings
+    assert math.isclose(recording.rate, 500)

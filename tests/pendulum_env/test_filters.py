@@ -1,0 +1,31 @@
+"""The two filters are SciPy's."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter, savgol_filter
+
+from pendulum_env.filters import lag, savitzky_golay
+
+
+@pytest.mark.parametrize("shape", [(300,), (300, 3)])
+def test_lag_is_the_first_order_recursion(shape):
+    series = np.random.default_rng(0).standard_normal(shape)
+    np.testing.assert_allclose(lag(series, 0.9), lfilter([0.1], [1, -0.9], series, axis=0), rtol=1e-12, atol=1e-14)
+
+
+def test_lag_goes_on_from_where_it_was():
+    series = np.random.default_rng(1).standard_normal(300)
+    whole = lag(series, 0.7, 2.0)
+    np.testing.assert_allclose(lag(series[100:], 0.7, whole[99]), whole[100:], rtol=1e-12, atol=1e-14)
+    assert lag(series[:1], 0.7, 2.0) == pytest.approx(1.4 + 0.3 * series[0])
+
+
+@pytest.mark.parametrize("derivative", [0, 1, 2])
+@pytest.mark.parametrize("length", [5, 31, 99])
+def test_savitzky_golay_is_scipys(length, derivative):
+    series = np.cumsum(np.random.default_rng(2).standard_normal(100))
+    wanted = savgol_filter(series, length, 3, deriv=derivative, delta=0.01)
+    scale = np.abs(wanted).max()
+    np.testing.assert_allclose(
+        savitzky_golay(series, length, 3, derivative, 0.01), wanted, rtol=1e-7, atol=1e-9 * scale
+    )

@@ -1,0 +1,51 @@
+"""A minute of what `make fuzz` does for an hour, and all that it has ever found."""
+
+import os
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tests.fuzzing import ALL, BINARY, CORPUS, Page, ask_anything, changed, check, good
+
+for module in ("dash", "h5py", "python_calamine", "rosbags"):
+    pytest.importorskip(module)
+
+FOUND = sorted(CORPUS.glob("*-*"))
+
+
+@pytest.mark.parametrize("path", FOUND, ids=lambda path: path.name)
+def test_what_was_found_before_is_read_or_refused_in_one_sentence(path):
+    name = path.name.partition("-")[0]
+    reader = next(read for known, (ending, read, _) in ALL.items() if known == name or known == f"{name}{ending}")
+    check(reader, path)
+
+
+@pytest.mark.parametrize("name", BINARY)
+def test_files_with_sizes_that_lie_are_read_or_refused_in_one_sentence(name, tmp_path_factory):
+    ending, read, _ = BINARY[name]
+    path = tmp_path_factory.getbasetemp() / f"fuzz-{os.getpid()}{ending}"
+
+    @settings(deadline=None, max_examples=25, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    @given(content=changed(good(name)))
+    def each(content):
+        path.write_bytes(content)
+        check(read, path)
+
+    path.write_bytes(good(name))
+    check(read, path)
+    each()
+
+
+def test_whatever_the_page_asks_for_it_gets_an_answer():
+    page = Page()
+
+    @settings(deadline=None, max_examples=60, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    @given(data=st.data())
+    def each(data):
+        ask_anything(page, data)
+
+    try:
+        each()
+    finally:
+        page.close()

@@ -1,0 +1,256 @@
+"""Input that once ended a command in a traceback, a hang, gigabytes or a wrong result: now one line and exit 2."""
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.config import Config
+from pendulum_env.plant import hide, paper_plant
+from pendulum_env.recording import Recording, write_recording
+from workbench.cli import main
+from workbench.mistakes import LONGEST, InputError, sentence
+
+MODEL = paper_plant().json()
+DIAGNOSIS: dict[str, Any] = {"schema": "pendulum-ident/diagnosis@1", "suggestion": None}
+SUGGESTION: dict[str, Any] = {
+    "reach": [-1.0, 1.5],
+    "seconds": 20.0,
+    "peak_torque": 3.0,
+    "peak_speed": 9.0,
+    "settles": [{"effect": "spring", "instead": None}],
+    "signal": {"kind": "two_tone", "amplitude": 3.0, "phases": [0.1, 2.0]},
+}
+
+
+def theta(**entries: object) -> str:
+    return json.dumps({**MODEL, "theta": {**MODEL["theta"], **entries}})
+
+
+def suggested(**changes: object) -> str:
+    return json.dumps({**DIAGNOSIS, "suggestion": {**SUGGESTION, **changes}})
+
+
+def signal(**changes: object) -> str:
+    return suggested(signal={**SUGGESTION["signal"], **changes})
+
+
+MODELS = [
+    ("[" * 100_000 + "]" * 100_000, "nests more than 32 deep"),
+    ('{"a":' * 100_000 + "1" + "}" * 100_000, "nests more than 32 deep"),
+    (theta(inertia={"value": 0.0}), "'theta.inertia.value' of the model is 0.0: it has to be a number above zero"),
+    (theta(inertia={"value": -1.0}), "it has to be a number above zero"),
+    (theta(inertia={"value": True}), "'theta.inertia.value' of the model is True: it has to be a finite number"),
+    (theta(gravity={"value": 1e308}), "'theta.gravity.value' of the model is 1e+308"),
+    (theta(gravity={"value": 10**399}), "theta.gravity.value has more than 18 digits"),
+    (theta(gravity={"value": "@"}).replace('"@"', "9" * 5000), "'theta.gravity.value' of the model is inf"),
+    (theta(gravity={"value": 2.0, "std": 1e308}), "'theta.gravity.std' of the model is 1e+308"),
+    (theta(gravity={"value": 2.0, "std": -1}), "'theta.gravity.std' of the model is -1"),
+    (json.dumps({**MODEL, "torque_unit": "A" * 10_000}), "'torque_unit' of the model is 'AAA"),
+    (json.dumps({**MODEL, "torque_unit": "\ud800"}), "torque_unit holds '\\ud800', which is no text"),
+    (json.dumps({**MODEL, "terms": ["x" * 100_000]}), "'terms[0]' of the model is 'xxx"),
+    (json.dumps({**MODEL, "terms": ["inertia"] * 10_000}), "is a list of 10000: at most 100 are read"),
+    (json.dumps({**MODEL, "terms": ["\x1b[31m"]}), "unknown effect '\\x1b[31m'"),
+    (json.dumps({**MODEL, "torque_constant": {"value": 1.0, "std": 0.1}}), "lacks 'unit' under 'torque_constant'"),
+]
+DIAGNOSES = [
+    (json.dumps({**DIAGNOSIS, "inseparable": 3}), "'inseparable' of the diagnosis is 3: it has to be a list"),
+    (json.dumps({**DIAGNOSIS, "inseparable": [3]}), "'inseparable[0]' of the diagnosis is 3: it has to be a list"),
+    (json.dumps({**DIAGNOSIS, "inseparable": [[3]]}), "'inseparable[0][0]' of the diagnosis is 3"),
+    (json.dumps({**DIAGNOSIS, "inseparable": {"a": 1}}), "'inseparable' of the diagnosis is a table"),
+    (json.dumps({**DIAGNOSIS, "forbidden": ["a"]}), "'forbidden' of the diagnosis is ['a']: it has to be a text"),
+    (suggested(reach=[1.0]), "'suggestion.reach' of the diagnosis is [1.0]: it has to be a list of two angles"),
+    (suggested(seconds=1e308), "'suggestion.seconds' of the diagnosis is 1e+308: it has to be a number above 0"),
+    (suggested(seconds=0), "'suggestion.seconds' of the diagnosis is 0"),
+    (suggested(settles=[{}]), "lacks 'effect' under 'suggestion.settles[0]'"),
+    (suggested(settles=3), "'suggestion.settles' of the diagnosis is 3"),
+    (suggested(signal=3), "'suggestion.signal' of the diagnosis is 3"),
+    (signal(amplitude=1e308), "'suggestion.signal.amplitude' of the diagnosis is 1e+308"),
+    (signal(phases=[1.0] * 3), "a signal is one of two_tone"),
+    (signal(kind=["a"]), "'suggestion.signal.kind' of the diagnosis is ['a']"),
+    (
+        signal(kind="multisine", base=1.0, harmonics=[10**9]),
+        "'suggestion.signal.harmonics[0]' of the diagnosis is 1000000000",
+    ),
+    (signal(kind="multisine", base=1.0, harmonics=[1.5]), "a signal is one of two_tone"),
+    (signal(kind="multisine", base=1.0, harmonics=[2] * 101), "a list of 101: at most 100"),
+    (signal(kind="levels", edges=[2.0, 1.0], levels=[1.0, 1.0]), "a signal is one of two_tone"),
+    (signal(kind="levels", edges=[1.0], levels=[4.0]), "within its amplitude"),
+    (
+        signal(kind="chirp", low=1.0, high=1e308, seconds=1.0, phase=0.0),
+        "'suggestion.signal.high' of the diagnosis is 1e+308",
+    ),
+]
+RIG = 'adapter = "serial"\n[serial]\n'
+RIGS = [
+    (f'{RIG}port = "/dev/tty\\u0000"', "serial.port holds '/dev/tty\\x00', which is no text"),
+    (f'{RIG}port = "{"a" * 2000}"', "it has to be a text in quotes, of up to 1000 characters"),
+    (f'{RIG}port = "a"\n[limits]\nslew = 1e308', "limits.slew is 1e+308: it has to be 1e+09 at most"),
+    (f'{RIG}port = "a"\n[encoder]\ncounts = {"9" * 400}', "encoder.counts has more than 18 digits"),
+    (f'{RIG}port = "a"\n[encoder]\ncounts = {"9" * 5000}', "holds a number of more than 18 digits"),
+    (f"{RIG}port = {'[' * 100_000}", "line 3: nests more than 32 deep"),
+    (f"{'a.' * 100_000}b = 1", "line 1: nests more than 32 deep"),
+    (f"{'a' * 100_000} = 1", "unknown key 'aaa"),
+]
+TRAININGS = [
+    ("hidden = 1_000_000_000", "hidden should be a whole number, from 1 to 4096, not 1000000000"),
+    ("pendulums = 1_000_000_000", "pendulums should be a whole number, from 1 to 100000"),
+    ("pendulums = 100_000\nrollout = 1000", "pendulums times rollout is 100000000, at most 50000000 decisions"),
+    ("replay = 1_000_000_000", "replay should be a whole number, from 1 to 10000000"),
+    ("entropy = inf", "entropy should be a number, from 0 to 1000000, not inf"),
+    ("levels = [[1.0], 2.0]", "a level should be a number"),
+    (f"levels = {[0.5] * 2000}", "levels should be a list of 2 to 1000 shares"),
+    (f"seed = {'9' * 400}", "seed has more than 18 digits"),
+]
+OPTIONS = [
+    (["evaluate", "--plants", "1000000000000"], "should be a whole number from 2 to 10000"),
+    (["evaluate", "--plants", "1e12"], "'1e12' should be a whole number from 2 to 10000"),
+    (["evaluate", "--plants", "9" * 5000], "should be a whole number from 2 to 10000"),
+    (["evaluate", "--workers", "1000000"], "should be a whole number from 1 to 1000"),
+    (["paper", "--runs", "1000000000"], "should be a whole number from 1 to 10000"),
+    (["record", "--amplitude", "1e308", "-o", "x.csv"], "'1e308' should be a number from 0 to 1e+06"),
+    (["record", "--amplitude", "nan", "-o", "x.csv"], "'nan' should be a number"),
+    (["record", "--noise", "1e308", "-o", "x.csv"], "'1e308' should be a number from 0 to 1e+06"),
+    (["record", "--counts", "9" * 400, "-o", "x.csv"], "should be a whole number from 0 to 4294967296"),
+    (["record", "--seconds", "1e12", "--excitation", "prbs", "-o", "x.csv"], "should be a number from 1 to 500000"),
+    (["record", "--theta", "inertia=1e308", "-o", "x.csv"], "inertia of a plant cannot be 1e+308"),
+    (["record", "--effect", "stribeck=1e308", "-o", "x.csv"], "stribeck of stribeck cannot be 1e+308"),
+    (["record", "--effect", "x" * 100_000, "-o", "x.csv"], "unknown effect 'xxx"),
+]
+FILES = [
+    *((["compare", "model.json", "run.csv"], "model.json", *case) for case in MODELS),
+    *(
+        (["record", "--excitation", "suggested", "--diagnosis", "d.json", "-o", "x.csv"], "d.json", *case)
+        for case in DIAGNOSES
+    ),
+    *((["record", "--backend", "dm1015b", "--config", "rig.toml", "-o", "x.csv"], "rig.toml", *case) for case in RIGS),
+]
+
+
+def refused(argv: list[str], reason: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """What a command that has to fail says: one line, nothing else, and no warning."""
+    before = sorted(Path.cwd().iterdir())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert main(argv) == 2
+    error = capsys.readouterr().err
+    assert reason in error and error.count("\n") == 1 and len(error) <= LONGEST + len("pendulum-ident: \n")
+    assert sorted(Path.cwd().iterdir()) == before
+    return error
+
+
+@pytest.mark.parametrize(("argv", "name", "content", "reason"), FILES, ids=range(len(FILES)))
+def test_a_document_that_cannot_be_is_refused_with_file_and_key(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    argv: list[str],
+    name: str,
+    content: str,
+    reason: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text(content)
+    assert name in refused(argv, reason, capsys)
+
+
+@pytest.mark.parametrize(("content", "reason"), TRAININGS, ids=range(len(TRAININGS)))
+def test_a_training_that_cannot_be_is_refused(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    content: str,
+    reason: str,
+) -> None:
+    pytest.importorskip("torch")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "config.toml").write_text(content)
+    assert "config.toml" in refused(["train", "--config", "config.toml", "-o", "x.npz"], reason, capsys)
+
+
+@pytest.mark.parametrize(("argv", "reason"), OPTIONS, ids=range(len(OPTIONS)))
+def test_options_have_upper_ends_that_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], argv: list[str], reason: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused(argv, reason, capsys)
+
+
+@pytest.mark.parametrize("command", [["identify"], ["compare", "model.json"], ["diagnose"]])
+@pytest.mark.parametrize(
+    ("column", "everywhere", "value", "reason"),
+    [
+        ("torque", False, 1e308, "torque is 1e+308 at data row 151 (header not counted), of which 1e+09 is the most"),
+        ("torque", True, 1e160, "torque is 1e+160 at data row 1 "),
+        ("torque", False, -1e10, "torque is -1e+10 at data row 151 "),
+        ("position", False, 1e308, "position is 1e+308 at data row 151 "),
+        ("position", True, 1e300, "position is"),
+        ("time", True, 1e300, "time is"),
+        ("velocity", False, 1e308, "velocity is 1e+308 at data row 151 "),
+    ],
+)
+def test_numbers_that_nothing_measures_are_refused_with_their_row(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: list[str],
+    column: str,
+    everywhere: bool,
+    value: float,
+    reason: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    paper_plant().save("model.json")
+    time = np.arange(300) / 100
+    columns = {"time": time, "position": np.sin(3 * time), "torque": 2 + np.cos(time), "velocity": 3 * np.cos(3 * time)}
+    if everywhere:
+        columns[column] = columns[column] / columns[column].max() * value if column != "torque" else 0 * time + value
+    else:
+        columns[column][150] = value
+    np.savetxt("run.csv", np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    assert "run.csv" in refused([*command, "run.csv"], reason, capsys)
+
+
+def test_the_largest_numbers_that_are_taken_give_no_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for options in (
+        ["--amplitude", "1e6"],
+        ["--noise", "1e6"],
+        ["--theta", "gravity=1e9,inertia=1e-9"],
+        ["--theta", "viscous=1e9"],
+        ["--effect", "quadratic_drag=1e9"],
+        ["--effect", "spring=1e9"],
+    ):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert main(["record", "--seconds", "1.5", *options, "-o", "run.csv"]) in (0, 2)
+        assert capsys.readouterr().err.count("\n") <= 1
+
+
+def test_a_recording_above_the_size_that_is_allowed_is_refused_with_the_option(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(30_000) / 1000
+    write_recording(Recording("run", time, np.sin(3 * time), np.cos(3 * time)), "run.csv")
+    assert "run.csv" in refused(["identify", "run.csv", "--max-size", "1"], "allow more by --max-size", capsys)
+    Path("study.toml").write_text('[[recording]]\nfile = "run.csv"\n')
+    assert "run.csv" in refused(["identify", "study.toml", "--max-size", "1"], "allow more by --max-size", capsys)
+
+
+def test_a_sentence_is_short_and_holds_nothing_that_a_terminal_obeys() -> None:
+    told = sentence(InputError(f"a{'b' * 1000}c \x1b[31m\n\td"))
+    assert len(told) == LONGEST and told.startswith("ab") and told.endswith("bc \\x1b[31m d") and " ... " in told
+    assert sentence(InputError("plain ± text")) == "plain ± text"
+
+
+def test_what_is_usual_is_far_from_the_ends() -> None:
+    for constraint in ("peak", "rms"):
+        for algorithm in ("ppo", "sac"):
+            assert Config.of({"constraint": constraint, "algorithm": algorithm})
+    assert hide(paper_plant(), "hard_stop").json()

@@ -1,0 +1,88 @@
+"""However a command ends, it says so in a line, and nothing that it began goes on without it."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.disks import full_after
+from workbench.cli import main
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and devices of Unix")
+
+COMMAND = [sys.executable, "-c", "import sys; from workbench.entry import main; sys.exit(main())"]
+POOL = """
+import sys, time
+from concurrent.futures import ProcessPoolExecutor
+from workbench.processes import QuietContext, attend, end_workers, interrupts_wait
+if __name__ == "__main__":
+    with ProcessPoolExecutor(2, QuietContext(), initializer=attend) as pool:
+        try:
+            futures = [pool.submit(time.sleep, 0.0 if k < 2 else 1000.0) for k in range(4)]
+            if sys.argv[1] == "ready":
+                futures[0].result()
+            print("running", flush=True)
+            futures[3].result()
+        except BaseException:
+            with interrupts_wait():
+                end_workers()
+            print("ended", flush=True)
+"""
+
+
+def run(redirection: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    line = f'"$@" {redirection}'
+    return subprocess.run(["sh", "-c", line, "sh", *COMMAND, *arguments], capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.parametrize("redirection", [">&-", "2>&-", ">&- 2>&- <&-", ">/dev/null"])
+def test_a_stream_that_is_closed_is_no_mistake(redirection):
+    done = run(redirection, "effects")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_file_does_not_become_the_standard_output_that_was_closed(tmp_path):
+    done = run(">&-", "record", "--seconds", "2", "-o", str(tmp_path / "run.csv"))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "run.csv").read_text().startswith("time,position,torque\n")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("redirection", [">/dev/full", ">/dev/full 2>/dev/full"])
+def test_a_standard_output_that_is_full_is_told(redirection):
+    done = run(redirection, "effects")
+    assert done.returncode == 2
+    if "2>" not in redirection:
+        assert done.stderr == "pendulum-ident: standard output: No space left on device\n"
+
+
+@pytest.mark.parametrize("moment", ["ready", "loading"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_workers_end_with_their_command_and_say_nothing(tmp_path, moment, number):
+    """A signal of the keyboard goes to all processes of the terminal; a kill to the command alone."""
+    script = tmp_path / "pool.py"  # a file, as workers import it
+    script.write_text(POOL)
+    with subprocess.Popen(
+        [sys.executable, script, moment], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    ) as process:  # fmt: skip
+        assert process.stdout.readline() == "running\n"
+        (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
+        out, err = process.communicate(timeout=60)  # ends when the last process has closed the streams
+    if number == signal.SIGINT:
+        assert (out, err) == ("ended\n", "")
+    else:
+        assert "Traceback" not in err
+
+
+def test_a_disk_without_room_is_told_and_nothing_is_left(tmp_path, capsys):
+    recording, path = str(tmp_path / "run.csv"), tmp_path / "model.json"
+    assert main(["record", "--seconds", "4", "-o", recording]) == 0
+    capsys.readouterr()
+    with full_after(100):
+        assert main(["identify", recording, "-o", str(path)]) == 2
+    assert capsys.readouterr().err == f"pendulum-ident: {path}: File too large\n"
+    assert [file.name for file in tmp_path.iterdir()] == ["run.csv"]

@@ -1,0 +1,304 @@
+"""What is exported moves as the model does, and is read back by the formats' own libraries."""
+
+import ctypes
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from types import ModuleType
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from pendulum_env.excitation import excitation
+from pendulum_env.physics import Column, Model, Samples, Term, effects
+from pendulum_env.physics.library import _registered
+from pendulum_env.plant import PAPER, hide, paper_plant
+from workbench.cli import main
+from workbench.export import FORMATS, ExportError, Request, export
+
+TORQUE = np.r_[0.0, np.where(np.arange(600) % 300 < 150, 3.0, -2.5), np.zeros(300)]  # [N m], comes to rest in the end
+COMPILER = shutil.which("gcc")
+STIRRED = ("periodic_disturbance", "joint_flexibility")  # effects that still move the joint then
+STOP = "hard_stop:hysteresis=0,damping_time=0.005"
+
+
+def plant(*hidden: str) -> Model:
+    model = paper_plant()
+    for text in hidden:
+        model = hide(model, text)
+    return model
+
+
+def simulated(model: Model, torque=TORQUE, position=0.2) -> np.ndarray:
+    return model.simulate(1e-3, torque, position, 0.0).position
+
+
+def in_python(text: str, monkeypatch, torque=TORQUE) -> np.ndarray:
+    module = ModuleType("exported")
+    monkeypatch.setitem(sys.modules, "exported", module)
+    exec(text, module.__dict__)
+    state = module.start(0.2)
+    path = [state.position]
+    for value in torque.tolist():
+        state = module.step(state, value)
+        path.append(state.position)
+    return np.array(path)
+
+
+def in_c(text: str, folder, torque=TORQUE) -> np.ndarray:
+    source, library = folder / "exported.c", folder / "exported.so"
+    source.write_text(text)
+    options = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
+    subprocess.run([COMPILER, *options, "-o", library, source, "-lm"], check=True)
+    compiled, state = ctypes.CDLL(str(library)), (ctypes.c_double * 100)()
+    compiled.pendulum_start.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double]
+    compiled.pendulum_step.argtypes = [ctypes.c_void_p, ctypes.c_double]
+    compiled.pendulum_start(state, 0.2, 0.0)
+    path = [state[1]]
+    for value in torque.tolist():
+        compiled.pendulum_step(state, value)
+        path.append(state[1])
+    return np.array(path)
+
+
+@pytest.mark.parametrize("hidden", [None, *effects()])
+def test_python_is_the_simulators_own_step(hidden, monkeypatch):
+    model = plant() if hidden is None else plant(hidden)
+    path = in_python(export(model, "python").content, monkeypatch)
+    np.testing.assert_allclose(path, simulated(model)[:, 0], rtol=0, atol=1e-12)
+    if hidden not in STIRRED:
+        assert path[-1] == path[-2]  # dry friction holds it, exactly
+
+
+@pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+def test_c_compiles_without_a_warning_and_equals_python(tmp_path, monkeypatch):
+    memories = plant("stribeck", "cogging", "presliding", "backlash", "actuator_lag", "dead_time=0.0043", "hard_stop")
+    others = [id for id in effects() if id not in {*memories.effects, "joint_flexibility"}]
+    for k, model in enumerate((plant(), memories, plant("joint_flexibility", *others))):
+        folder = tmp_path / str(k)  # of its own: a library is loaded once
+        folder.mkdir()
+        paths = [in_python(export(model, "python").content, monkeypatch), in_c(export(model, "c").content, folder)]
+        np.testing.assert_allclose(*paths, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("hidden", [(), ("stribeck", "actuator_lag", "hard_stop"), ("backlash", "payload_change=0.1")])
+def test_onnx_steps_a_batch_as_the_simulator_does(hidden):
+    onnx, reference = pytest.importorskip("onnx"), pytest.importorskip("onnx.reference")
+    model = plant(*hidden)
+    content = onnx.load_from_string(export(model, "onnx").content)
+    graph = reference.ReferenceEvaluator(content)
+    names = [port.name for port in content.graph.input]
+    assert [port.name for port in content.graph.output] == [f"next_{name}" for name in names[:-1]]
+    assert names[-1] == "torque"
+    position = np.array([0.0, 0.3])
+    state = [0 * position, position, *(0 * position for _ in names[2:-1])]
+    if "backlash" in hidden:
+        state[3] = model.terms[4].start(_at(position))[0]
+    path = [position]
+    for value in TORQUE[:200]:
+        state = graph.run(None, dict(zip(names, [*state, np.full(2, value)], strict=True)))
+        path.append(state[1])
+    np.testing.assert_allclose(path, simulated(model, TORQUE[:200], position), rtol=0, atol=1e-12)
+
+
+def _at(position: np.ndarray) -> Samples:
+    return Samples(0 * position, position, 0 * position, 0 * position)
+
+
+def test_a_users_own_effect_is_exported_like_any_other(monkeypatch):
+    @dataclass(frozen=True)
+    class Magnet(Term):
+        id, law, kind = "magnet", "m sin 2q */ \"(1 + q'^2)", "potential"
+
+        @property
+        def columns(self):
+            return (Column("magnet.gamma", "N m", force=lambda x: np.sin(2 * x.position) / (1 + x.velocity**2)),)
+
+    monkeypatch.setitem(_registered, "magnet", Magnet)
+    model = paper_plant().add(Magnet(), [0.4])
+    text = export(model, "python").content
+    np.testing.assert_allclose(in_python(text, monkeypatch), simulated(model)[:, 0], rtol=0, atol=1e-12)
+
+
+def test_a_law_that_is_no_formula_is_refused_in_a_sentence():
+    @dataclass(frozen=True)
+    class Table(Term):
+        id, law, kind = "table", "t(q)", "potential"
+
+        @property
+        def columns(self):
+            return (Column("table", "N m", force=lambda x: np.interp(x.position, [0.0, 1.0], [0.0, 1.0])),)
+
+    with pytest.raises(ExportError, match="law"):
+        export(paper_plant().add(Table(), [0.4]), "c")
+
+
+MUJOCO = {  # effects that a model for MuJoCo holds, and how far it may be off, of the motion
+    "base": ((), 0.002),
+    "spring": (("spring",), 0.002),
+    "stop": ((STOP,), 0.002),
+    "one elastic stop": (("hard_stop:upper=0.9,lower=-inf,hysteresis=0",), 0.002),
+    "lag": (("actuator_lag",), 0.002),
+    "lag and delay": (("actuator_lag", "dead_time"), 0.002),
+    "delay": (("dead_time=0.0043",), 0.002),
+    "tilt, offset and drag": (("gravity_tilt", "torque_offset", "quadratic_drag"), 0.002),
+    "flexibility": (("joint_flexibility",), 0.002),
+}
+
+
+@pytest.mark.parametrize("name", MUJOCO)
+def test_mujoco_moves_the_exported_model_as_this_simulator_does(name):
+    mujoco = pytest.importorskip("mujoco")
+    hidden, tolerance = MUJOCO[name]
+    model = plant(*hidden)
+    exported = export(model, "mjcf")
+    assert not exported.notes
+    torque = np.r_[0.0, excitation("paper", np.random.default_rng(0)).signal(np.arange(6000) / 1000)]
+    world = mujoco.MjModel.from_xml_string(exported.content)
+    data, path = mujoco.MjData(world), [0.0]
+    for value in torque:
+        data.ctrl[0] = value
+        mujoco.mj_step(world, data)
+        path.append(data.qpos[0])
+    own = simulated(model, torque, 0.0)[:, 0]
+    assert np.sqrt(np.mean((path - own) ** 2)) < tolerance * np.std(own)
+
+
+def test_a_robot_description_is_read_back_by_its_own_library_and_by_mujoco():
+    urdf, mujoco = pytest.importorskip("urdf_parser_py.urdf"), pytest.importorskip("mujoco")
+    model = plant("gravity_tilt", "hard_stop")
+    with pytest.raises(ExportError, match="elasticity of hard_stop"):
+        export(model, "urdf")
+    exported = export(model, "urdf", Request(approximate=True))
+    assert "the limits are rigid" in exported.notes[0]
+    robot = urdf.URDF.from_xml_string(exported.content.encode())
+    joint = robot.joints[0]
+    assert (joint.dynamics.damping, joint.dynamics.friction) == (PAPER["viscous"], PAPER["coulomb"])
+    assert (joint.limit.lower, joint.limit.upper) == (-1.2, 1.2)
+    world = mujoco.MjModel.from_xml_string(exported.content)
+    data = mujoco.MjData(world)
+    inertia = np.zeros((1, 1))
+    for q in (0.0, 0.7, 2.0):  # weight and inertia are those of the model at every angle
+        data.qpos[0] = q
+        mujoco.mj_forward(world, data)
+        mujoco.mj_fullM(world, data, inertia)
+        assert data.qfrc_bias[0] == pytest.approx(PAPER["gravity"] * np.sin(q) + 0.2 * np.cos(q), abs=1e-6)
+        assert inertia[0, 0] == pytest.approx(PAPER["inertia"], rel=1e-6)
+
+
+def test_a_model_for_gazebo_holds_spring_and_stops(tmp_path):
+    model = plant("spring", STOP)
+    text = export(model, "sdf").content
+    axis = ElementTree.fromstring(text).find("model/joint/axis")
+    values = {element.tag: element.text for element in axis.iter() if element.text and not len(element)}
+    wanted = {
+        "damping": PAPER["viscous"], "friction": PAPER["coulomb"], "spring_stiffness": 0.25, "spring_reference": -0.4,
+        "lower": -1.2, "upper": 1.2, "stiffness": 40.0, "dissipation": 40.0 * 0.005,
+    }  # fmt: skip
+    assert {tag: float(values[tag]) for tag in wanted} == pytest.approx(wanted)
+    if gazebo := shutil.which("gz"):  # its own library, where it is installed
+        (tmp_path / "model.sdf").write_text(text)
+        subprocess.run([gazebo, "sdf", "--check", tmp_path / "model.sdf"], check=True)
+
+
+@pytest.mark.parametrize("format", ["mjcf", "urdf", "sdf"])
+def test_what_a_format_cannot_hold_is_named_and_approximated_only_when_asked(format):
+    if format != "sdf":
+        pytest.importorskip({"mjcf": "mujoco", "urdf": "urdf_parser_py"}[format])
+    model = plant("stribeck", "cogging")
+    with pytest.raises(ExportError, match=rf"{format} cannot hold cogging .*; nor stribeck .*--approximate"):
+        export(model, format)
+    exported = export(model, format, Request(approximate=True))
+    assert [note.split("(")[0] for note in exported.notes] == [
+        f"{format} cannot hold {id} " for id in ("cogging", "stribeck")
+    ]
+    assert all(note in exported.content for note in exported.notes)
+
+
+def test_friction_that_stands_in_for_a_law_of_speed_is_closest_to_it():
+    pytest.importorskip("mujoco")
+    text = export(plant("stribeck", "viscous_asymmetry"), "mjcf", Request(approximate=True)).content
+    joint = ElementTree.fromstring(text).find(".//joint")
+    speed = np.linspace(0.05, 5.0, 100)
+    law = PAPER["coulomb"] + PAPER["viscous"] * speed + 0.45 * np.exp(-((speed / 0.5) ** 2))
+    viscous, dry = np.polyfit(speed, law, 1)
+    assert float(joint.get("damping")) == pytest.approx(viscous, rel=1e-4)
+    assert float(joint.get("frictionloss")) == pytest.approx(dry, rel=1e-4)
+
+
+def test_a_known_mass_moves_the_centre_and_nothing_else():
+    pytest.importorskip("mujoco")
+    text = export(plant(), "mjcf", Request(mass=0.8)).content
+    inertial = ElementTree.fromstring(text).find(".//inertial")
+    lever = -float(inertial.get("pos").split()[2])
+    assert 0.8 * 9.81 * lever == pytest.approx(PAPER["gravity"], rel=1e-4)
+    about = float(inertial.get("diaginertia").split()[0])
+    assert about + 0.8 * lever**2 == pytest.approx(PAPER["inertia"], rel=1e-4)
+    with pytest.raises(ExportError, match=r"--mass has to be above 0.46"):
+        export(plant(), "mjcf", Request(mass=0.4))
+
+
+def test_a_known_armature_is_part_of_the_inertia():
+    mujoco = pytest.importorskip("mujoco")
+    text = export(plant(), "mjcf", Request(armature=0.03)).content
+    world = mujoco.MjModel.from_xml_string(text)
+    assert (world.dof_armature[0], world.dof_M0[0]) == pytest.approx((0.03, PAPER["inertia"]), rel=1e-5)
+    with pytest.raises(ExportError, match="sdf cannot hold an armature"):
+        export(plant(), "sdf", Request(armature=0.03))
+    with pytest.raises(ExportError, match="leaves the arm no inertia"):
+        export(plant(), "mjcf", Request(armature=0.1))
+
+
+def test_the_command_writes_and_checks(tmp_path, capsys):
+    pytest.importorskip("mujoco")
+    model, run, out = tmp_path / "model.json", tmp_path / "run.csv", tmp_path / "model.xml"
+    hidden = ["actuator_lag", "dead_time=0.0043"]
+    plant(*hidden).save(model)
+    told = [part for text in hidden for part in ("--effect", text)]
+    assert main(["record", "--seconds", "6", "--seed", "1", "-o", str(run), *told]) == 0
+    capsys.readouterr()
+    assert main(["export", str(model), "--to", "mjcf", "-o", str(out), "--check", str(run)]) == 0
+    said = capsys.readouterr().out
+    assert out.read_text().startswith("<mujoco") and f"wrote {out}" in said
+    errors = [float(line.split()[-2]) for line in said.splitlines() if line.endswith("%")]  # of the motion, in percent
+    assert len(errors) == 3 and max(errors) < 1.0
+    assert main(["export", str(model), "--to", "python"]) == 0
+    assert "def step(" in capsys.readouterr().out
+
+
+def test_a_model_of_a_current_says_what_its_masses_are():
+    model = paper_plant().per("A")
+    with pytest.raises(ExportError, match="a torque in A: masses and inertias are those per A"):
+        export(model, "sdf")
+    assert "under a torque [A]" in export(model, "c").content
+
+
+def test_a_format_without_its_library_names_the_extra(tmp_path, monkeypatch, capsys):
+    plant().save(tmp_path / "model.json")
+    for format, library in (("mjcf", "mujoco"), ("onnx", "onnx"), ("urdf", "urdf_parser_py.urdf")):
+        monkeypatch.setitem(sys.modules, library, None)
+        output = str(tmp_path / "out")
+        assert main(["export", str(tmp_path / "model.json"), "--to", format, "-o", output]) == 2
+        assert "pip install 'pendulum-ident[export]'" in capsys.readouterr().err
+
+
+def test_mistakes_are_one_sentence(tmp_path, capsys):
+    model = tmp_path / "model.json"
+    plant("cogging").save(model)
+    own = json.loads(model.read_text())
+    assert set(FORMATS) >= {"mjcf", "urdf", "sdf", "python", "c", "onnx"} and own["terms"]
+    for arguments, said in (
+        (["--to", "mjcf"], "cannot hold cogging"),
+        (["--to", "c", "--check", "run.csv"], "--check runs in MuJoCo"),
+        (["--to", "onnx"], "-o"),
+        (["--to", "fmu"], "invalid choice"),
+        (["--to", "c", "--mass", "1"], "--mass and --armature are of a rigid body"),
+        (["--to", "c", "-o", str(model)], "is one of the inputs"),
+        (["--to", "c", "--step", "0"], "should be a number"),
+    ):
+        assert main(["export", str(model), *arguments]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1 and said in error

@@ -1,0 +1,93 @@
+"""A study in the place of recordings: every command that reads recordings takes one."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pendulum_env.backends import record
+from pendulum_env.excitation import excitation
+from workbench.cli import main
+
+CURRENT = 0.091  # [N m/A]
+GEAR = 6.0
+
+STUDY = f"""\
+[columns]
+position = "-motor:counts/4096/{GEAR:g}+90:deg"
+torque = "i:A*{CURRENT}"
+
+[[recording]]
+file = "monday.csv"
+
+[[recording]]
+file = "tuesday.csv"
+role = "holdout"
+"""
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two recordings of a servo as its drive logs them, and a study that says so."""
+    folder = tmp_path_factory.mktemp("bench")
+    for seed, name in enumerate(("monday", "tuesday")):
+        rng = np.random.default_rng(seed)
+        run = record(None, excitation("paper", rng, 10.0), 10.0, rng=rng)
+        motor = np.round(-(run.position - np.pi / 2) * GEAR * 4096 / (2 * np.pi))
+        rows = np.column_stack([run.time, motor, run.torque / CURRENT])
+        np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header="t,motor,i", comments="", fmt="%.9g")
+    (folder / "study.toml").write_text(STUDY)
+    return folder
+
+
+def test_identify_fits_what_is_to_be_fitted(bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify", str(bench / "study.toml"), "-o", str(tmp_path / "model.json")]) == 0
+    told = capsys.readouterr().out
+    assert "monday.csv: 10 s at 1000 Hz" in told and "tuesday.csv" not in told
+    assert f"torque is i:A*{CURRENT}" in told
+    theta = json.loads((tmp_path / "model.json").read_text())["theta"]
+    values = [theta[name]["value"] if isinstance(theta[name], dict) else theta[name] for name in ("inertia", "gravity")]
+    np.testing.assert_allclose(values, [0.0895, 2.01], rtol=0.01)
+
+
+def test_compare_takes_all_of_a_study(bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify", str(bench / "study.toml"), "-o", str(tmp_path / "model.json")]) == 0
+    capsys.readouterr()
+    assert main(["compare", str(tmp_path / "model.json"), str(bench / "study.toml")]) == 0
+    told = capsys.readouterr().out
+    assert "monday.csv: " in told and "tuesday.csv: " in told
+
+
+@pytest.mark.parametrize(
+    ("argv", "match"),
+    [
+        (["identify", "study.toml", "--unwrap"], "study.toml: says itself how its recordings are read"),
+        (["identify", "study.toml", "--columns", "torque=i*2"], "study.toml: says itself how its recordings are read"),
+        (["identify", "study.toml", "-o", "monday.csv"], "monday.csv: is one of the inputs"),
+        (["identify", "study.toml", "-o", "study.toml"], "study.toml: is one of the inputs"),
+        (["diagnose", "study.toml", "--holdout", "tuesday.csv"], "tuesday.csv: is named twice"),
+        (["diagnose", "study.toml", "--holdout", "study.toml"], "monday.csv: is named twice"),
+        (["identify", "bad.toml"], "bad.toml, line 2: unknown key 'roll'"),
+        (["identify", "held.toml"], "held.toml: holds every recording out"),
+        (["identify", "none.toml"], "none.toml: cannot be read"),
+        (["identify", "gone.toml"], "gone.csv: there is no such file"),
+        (
+            ["identify", "monday.csv", "--columns", "position=motor:rad,torque=i"],
+            "torque cannot be column 'i' without a gain",
+        ),
+        (["identify", "monday.csv", "--columns", "position=motor:counts,torque=i*2"], "position=motor:counts/4096"),
+    ],
+)
+def test_mistakes_are_one_line(
+    bench: Path, argv: list[str], match: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(bench)
+    Path("bad.toml").write_text("[[recording]]\nroll = 'fit'")
+    Path("held.toml").write_text("[[recording]]\nfile = 'monday.csv'\nrole = 'holdout'")
+    Path("gone.toml").write_text("[[recording]]\nfile = 'gone.csv'")
+    before = Path("monday.csv").read_bytes()
+    assert main(argv) == 2
+    error = capsys.readouterr().err
+    assert match in error and error.count("\n") == 1
+    assert Path("monday.csv").read_bytes() == before

@@ -1,0 +1,445 @@
+"""Surveys: what is done once, what goes wrong, what is found, and the page."""
+
+import argparse
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime, timedelta
+from itertools import product
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from estimators import diagnose
+from pendulum_env.recording import RecordingError, read_recording, write_recording
+from tests.workbench.pages import Page, values
+from workbench.cli import main
+from workbench.commands.survey import configure
+from workbench.mistakes import InputError
+from workbench.report.fleet import write_fleet_report
+from workbench.survey import Dataset, Findings, Fleet, Settings, find_cases, survey
+from workbench.survey import dataset as stored
+from workbench.survey import run as running
+from workbench.survey.run import watch
+from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
+
+distributed = pytest.importorskip("distributed")
+psutil = pytest.importorskip("psutil")  # comes with it
+
+BEGAN = datetime(2026, 1, 5, tzinfo=UTC)
+USUAL = {"inertia": (0.09, 1e-4, "kg m^2"), "coulomb": (0.9, 2e-3, "N m")}
+
+
+def stub(case, settings):
+    """Findings that stand in the file itself; with what a worker meets, if the file says so."""
+    text = case.source.file.read_text()
+    if text.startswith("corrupt"):
+        raise RecordingError(f"{case.source.file}: it is damaged: export it again")
+    if text.startswith("full"):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    if text.startswith("fault"):
+        raise ZeroDivisionError("nobody thought of this")
+    if text.startswith("deadly"):
+        os.kill(os.getpid(), signal.SIGKILL)
+    told = json.loads(text) if text.startswith("{") else {}
+    theta = {name: (told.get(name, value), std, unit) for name, (value, std, unit) in USUAL.items()}
+    effects = tuple(told.get("effects", ()))
+    gains = {**dict.fromkeys(("stribeck", "cogging"), -1.0), **told.get("gains", {})}
+    return Findings(
+        verdict="missing" if effects else "nothing",
+        headline="Something" if effects else "Nothing is missing",
+        score=0.9 if effects else None,
+        selected=effects,
+        ambiguous=(),
+        candidates=tuple(
+            {"effect": id, "verdict": "selected" if id in effects else "rejected", "score": 0.1, "gain": gain,
+             "gain_error": 2.0, "variants": 2}
+            for id, gain in gains.items()
+        ),
+        parameters=tuple({"name": n, "value": v, "std": s, "unit": u} for n, (v, s, u) in theta.items()),
+        torque_unit="N m", noise_floor=0.01, torque_rms=0.01, position_rms=1e-3, samples=100, duration=1.0,
+        diagnosis="{}",
+    )  # fmt: skip
+
+
+def cases(*names, options=()):
+    parser = argparse.ArgumentParser()
+    configure(parser)
+    arguments = parser.parse_args([*map(str, names), "-o", "-", *options])
+    return find_cases([str(name) for name in names], arguments, arguments.names)
+
+
+def write(folder, joint, week, **told):
+    robot, _, name = joint.rpartition("/")
+    path = folder / robot / name / f"{BEGAN + timedelta(weeks=week):%Y-%m-%d}.csv"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(told))
+    return path
+
+
+@pytest.fixture(scope="module")
+def client():
+    with distributed.Client(
+        processes=False, n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0", protocol="tcp://"
+    ) as client:
+        yield client
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Recordings of two joints, three weeks each."""
+    for joint in ("arm/elbow", "arm/wrist"):
+        for week in range(3):
+            write(tmp_path / "data", joint, week, coulomb=0.9 + 0.001 * week)
+    return tmp_path / "data"
+
+
+def result(dataset):
+    """All of a dataset but what a clock or a process tells."""
+    rows = dataset.rows()
+    return [{k: v for k, v in row.items() if k not in ("seconds", "memory", "finished")} for row in rows]
+
+
+def test_a_survey_that_was_broken_off_goes_on_to_the_same_result(folder, tmp_path, client):
+    whole, broken = Dataset(tmp_path / "whole"), Dataset(tmp_path / "broken")
+    survey(cases(folder), whole, client, look=stub)
+
+    def stop(tally):
+        if tally.through == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        survey(cases(folder), broken, client, look=stub, tell=stop)
+    assert len(broken.rows(["name"])) == 2
+    (broken.folder / "cases" / ".00000009-torn.parquet.part").write_bytes(b"PAR1")  # what a kill -9 may leave
+    (broken.folder / "cases" / "00000009-torn.parquet").write_bytes(b"PAR1")  # and a disk that lost power
+    tally = survey(cases(folder), broken, client, look=stub)
+    assert (tally.done, tally.unchanged) == (4, 2)
+    assert result(broken) == result(whole)
+
+
+def test_a_second_run_does_what_is_new_changed_or_asked_otherwise(folder, tmp_path, client, monkeypatch):
+    dataset = Dataset(tmp_path / "out")
+    survey(cases(folder), dataset, client, look=stub)
+    assert survey(cases(folder), dataset, client, look=stub).unchanged == 6
+    for week in (3, 4):
+        write(folder, "arm/elbow", week)
+    assert survey(cases(folder), dataset, client, look=stub).done == 2
+    changed = write(folder, "arm/wrist", 0, coulomb=1.2)
+    tally = survey(cases(folder), dataset, client, look=stub)
+    assert (tally.done, tally.unchanged) == (1, 7)
+    os.utime(changed, (0, 0))  # touched, and the same inside: it is read once more, and not diagnosed
+    tally = survey(cases(folder), dataset, client, look=stub)
+    assert (tally.done, tally.unchanged) == (0, 8)
+    assert survey(cases(folder, options=["--unwrap"]), dataset, client, look=stub).done == 8
+    monkeypatch.setattr(running, "version", lambda: "99")  # as a newer program sees the rows of this one
+    assert survey(cases(folder, options=["--unwrap"]), dataset, client, look=stub).done == 8
+    assert len(dataset.rows(["name"])) == 8
+
+
+def test_many_files_become_one_with_the_last_row_of_each_case(tmp_path, monkeypatch):
+    monkeypatch.setattr(stored, "GROUP", 2)
+    dataset = Dataset(tmp_path)
+    dataset.create()
+    for k in range(stored.MERGED + 1):
+        names = [f"case{(k + j) % 7}" for j in range(5)]
+        dataset.append([{"name": n, "reason": str(k), "finished": BEGAN + timedelta(seconds=k)} for n in names])
+    before = dataset.rows()
+    dataset.merge()
+    assert len(dataset.parts) == 1 and dataset.rows() == before
+    assert [row["name"] for row in before] == [f"case{k}" for k in range(7)]
+    assert pq.read_metadata(dataset.parts[0]).num_rows == 7  # what is past has gone
+    assert {row["reason"] for row in before} == {str(stored.MERGED - 2), str(stored.MERGED - 1), str(stored.MERGED)}
+
+
+def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_path, client):
+    elbow = folder / "arm" / "elbow"
+    for name, text in (("2026-01-05", "corrupt"), ("2026-01-12", "full"), ("2026-01-19", "fault")):
+        (elbow / f"{name}.csv").write_text(text)
+    dataset = Dataset(tmp_path / "out")
+    tally = survey(cases(folder), dataset, client, look=stub)
+    assert (tally.done, tally.refused, tally.failed) == (3, 1, 2)
+    rows = {row["name"]: row for row in dataset.rows(["name", "status", "reason"])}
+    assert rows["arm/elbow/2026-01-05.csv"]["status"] == "refused"
+    assert rows["arm/elbow/2026-01-05.csv"]["reason"] == "it is damaged: export it again"
+    assert "No space left" in rows["arm/elbow/2026-01-12.csv"]["reason"]
+    assert "ZeroDivisionError: nobody thought of this" in rows["arm/elbow/2026-01-19.csv"]["reason"]
+    (elbow / "2026-01-12.csv").unlink()
+    write(folder, "arm/elbow", 1)
+    again = survey(cases(folder), dataset, client, look=stub)
+    assert (again.done, again.failed, again.unchanged) == (1, 1, 4)  # what the file cannot mend is tried again
+
+
+def test_rows_wait_while_the_disk_is_full(folder, tmp_path, client, monkeypatch):
+    dataset, write_rows, left = Dataset(tmp_path / "out"), Dataset._write, [3]
+
+    def full(self, tables):
+        left[0] -= 1
+        if left[0] >= 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write_rows(self, tables)
+
+    monkeypatch.setattr(Dataset, "_write", full)
+    monkeypatch.setattr(running, "WAIT", 0.0)
+    survey(cases(folder), dataset, client, look=stub)
+    assert len(dataset.rows(["name"])) == 6 and left[0] < 0
+    shutil.rmtree(dataset.folder)
+    left[0] = 1000
+    with pytest.raises(InputError, match="No space left on device: 6 cases are not kept: make room and run again"):
+        survey(cases(folder), dataset, client, look=stub)
+
+
+def test_a_worker_that_is_killed_costs_its_case_at_most(folder, tmp_path):
+    (folder / "arm/elbow/2026-01-05.csv").write_text("deadly")
+    import dask
+
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),  # Dask tries no second time: quicker
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        dataset = Dataset(tmp_path / "out")
+        tally = survey(cases(folder), dataset, client, look=stub)
+    assert (tally.done, tally.failed) == (5, 1)
+    (name, reason) = tally.troubles[0]
+    assert name == "arm/elbow/2026-01-05.csv" and reason.startswith("its worker died")
+
+
+def fleet_of(folder, client, told):
+    """Fleet of 6 arms with 2 joints each, 12 weeks; `told` gives what stands in a file beyond the usual scatter."""
+    rng = np.random.default_rng(0)
+    for arm in range(6):
+        for joint in ("elbow", "wrist"):
+            own = rng.normal(0, 0.01)  # no two joints are alike
+            for week in range(12):
+                gains = {id: rng.normal(-1.0, 1.5) for id in ("stribeck", "cogging")}
+                usual = {"coulomb": 0.9 + own + rng.normal(0, 0.004), "inertia": 0.09 + rng.normal(0, 1e-4)}
+                write(folder / "data", f"arm{arm}/{joint}", week, **told(arm, joint, week, usual, gains))
+    dataset = Dataset(folder / "out")
+    survey(cases(folder / "data"), dataset, client, look=stub)
+    return Fleet.of(dataset)
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory, client):
+    """One drifts, one jumps, one is odd, one gets an effect half-way, and all elbows have a weak one."""
+
+    def told(arm, joint, week, usual, gains):
+        usual["coulomb"] += 0.004 * week * (arm == 1 and joint == "elbow")
+        usual["inertia"] += 0.02 * (arm == 2 and joint == "wrist")
+        usual["inertia"] += 0.003 * (arm == 4 and joint == "elbow" and week >= 8)
+        lost = arm == 3 and joint == "wrist" and week >= 6
+        gains["cogging"] += 4.0 * (joint == "elbow")
+        return {**usual, "gains": gains, "effects": ["stribeck"] if lost else []}
+
+    return fleet_of(tmp_path_factory.mktemp("fleet"), client, told)
+
+
+@pytest.fixture(scope="module")
+def page(fleet):
+    path = fleet.folder.parent / "fleet.html"
+    write_fleet_report(path, fleet)
+    return path
+
+
+def test_drifts_onsets_odd_ones_and_what_all_share_are_found_and_nothing_else(fleet):
+    assert [row[:2] for row in drifting_table(fleet).rows] == [("arm1 / elbow", "coulomb")]
+    assert [row[:3] for row in jumping_table(fleet).rows] == [("arm4 / elbow", "inertia", "2026-03-02")]
+    assert list(effects_table(fleet).rows) == [("arm3 / wrist", "stribeck", "6 of 12", "since 2026-02-16", "")]
+    assert {row[:2] for row in odd_table(fleet).rows} == {("arm2 / wrist", "inertia")}
+    assert ("all elbow", "cogging") in {row[:2] for row in pooled_table(fleet).rows}
+    assert {row[1] for row in pooled_table(fleet).rows} == {"cogging"}
+    assert not {row[0] for row in pooled_table(fleet).rows} & {"all wrist", "arm0 / wrist"}
+
+
+def test_the_page_says_what_was_found_and_loads_nothing(page):
+    found = Page(page.read_text())
+    assert (
+        "1 of 12 joints drifts, 1 has jumped, 1 differs from its siblings and Stribeck friction is missing in 1"
+        in found.text
+    )
+    assert "since 2026-02-16" in found.text and "Cogging torque" in found.text
+    assert values(found, "src") == [] and len(values(found, "id")) == len(set(values(found, "id")))
+    drawn = next(figure for figure in found.figures if "coulomb" in figure["layout"]["yaxis"]["title"]["text"])
+    assert sum(trace.get("showlegend", False) for trace in drawn["data"]) == 1
+    assert sum(tag == "tr" for tag, _ in found.tags) > 144
+
+
+def test_a_browser_walks_the_page(page):
+    sync_api = pytest.importorskip("playwright.sync_api")
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("chromium is not installed")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        tab = browser.new_page()
+        faults = []
+        tab.on("pageerror", lambda fault: faults.append(fault))
+        tab.goto(page.as_uri())
+        tab.get_by_role("link", name="Over time").click()
+        tab.locator("#course-0 .main-svg").first.wait_for()
+        tab.get_by_text("All parameters of all joints").click()
+        first = tab.locator("#courses tbody tr").first
+        assert "arm1 / elbow" in first.inner_text() and "drifts" in first.inner_text()
+        tab.get_by_role("link", name="Cases").click()
+        tab.locator("#cases th button", has_text="Verdict").click()  # the other way round
+        tab.locator("#cases th button", has_text="Verdict").click()
+        assert "missing" in tab.locator("#cases tbody tr").first.inner_text()
+        browser.close()
+    assert not faults
+
+
+def test_a_fleet_in_which_nothing_happens_shows_nothing(tmp_path, client):
+    fleet = fleet_of(tmp_path, client, lambda arm, joint, week, usual, gains: {**usual, "gains": gains})
+    assert not (fleet.drifting or fleet.jumping or fleet.effects or fleet.odd or fleet.shared)
+    assert len(fleet.joints) == 12 and not fleet.troubled
+
+
+# ------------------------------------------------------------------------------------------------- names and tables
+
+
+def test_paths_tell_robot_joint_and_date(tmp_path):
+    for name in ("arm1/elbow/2026-03-01.csv", "arm1/2026-03-02/wrist.csv", "arm2/wrist/run_20260303T1405.npz", "x.csv"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    found = {case.name: (case.robot, case.joint, f"{case.date:%m-%d %H:%M}", case.dated_by) for case in cases(tmp_path)}
+    assert found["arm1/elbow/2026-03-01.csv"] == ("arm1", "elbow", "03-01 00:00", "name")
+    assert found["arm1/2026-03-02/wrist.csv"] == ("arm1", "wrist", "03-02 00:00", "name")
+    assert found["arm2/wrist/run_20260303T1405.npz"] == ("arm2", "wrist", "03-03 14:05", "name")
+    assert found["x.csv"][:2] == ("", "x") and found["x.csv"][3] == "file"
+    (only,) = cases(tmp_path / "arm2" / "**" / "*.npz", options=["--names", "{joint}_{date}"])
+    assert (only.joint, only.date.day) == ("run", 3)
+
+
+def test_a_table_and_a_study_say_what_no_path_does(tmp_path):
+    (tmp_path / "data").mkdir()
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / "data" / name).touch()
+    table = tmp_path / "fleet.csv"
+    table.write_text(
+        "robot,joint,date,file,kind\nr1,j1,2026-03-01,data/a.csv,XL330\nr2,j1,2026-03-02T10:00,data/b.csv,\n"
+    )
+    first, second = cases(table)
+    assert (first.robot, first.joint, first.kind, first.dated_by) == ("r1", "j1", "XL330", "table")
+    assert (second.kind, second.date.hour) == ("j1", 10)
+    (tmp_path / "data" / "study.toml").write_text('[[recording]]\nfile = "a.csv"\nunwrap = true\nrange = [2.0, 4.0]\n')
+    told = {case.name: case.source.unwrap for case in cases(tmp_path / "data")}
+    assert told == {"a.csv#2-4": True, "b.csv": False}
+    table.write_text("file,date\ndata/a.csv,yesterday\n")
+    with pytest.raises(InputError, match="row 2: 'yesterday' is no date"):
+        cases(table)
+    table.write_text("file,jiont\ndata/a.csv,j\n")
+    with pytest.raises(InputError, match="did you mean joint"):
+        cases(table)
+    with pytest.raises(InputError, match=r"does not read as \{robot\}/\{date\}"):
+        cases(tmp_path / "data", options=["--names", "{robot}/{date}"])
+    with pytest.raises(InputError, match="named twice"):
+        cases(tmp_path / "data" / "b.csv", tmp_path / "data" / "b.csv")
+
+
+def test_a_survey_is_no_recording_of_the_next_one(folder, client):
+    survey(cases(folder), Dataset(folder / "out"), client, look=stub)
+    assert len(cases(folder)) == 6
+
+
+def test_watching_takes_a_file_once_it_has_come_to_rest(tmp_path):
+    folder = tmp_path / "data"
+    write(folder, "arm/elbow", 0)
+    rounds = iter(
+        [
+            lambda: None,
+            lambda: write(folder, "arm/elbow", 1, growing=1),
+            lambda: write(folder, "arm/elbow", 1, growing="still"),
+            lambda: None,
+            lambda: None,
+        ]
+    )
+    handed = []
+
+    def wait(seconds):
+        following = next(rounds, None)
+        if following is None:
+            raise KeyboardInterrupt
+        following()
+
+    with pytest.raises(KeyboardInterrupt):
+        watch(lambda: cases(folder), lambda found: handed.append(len(found)), 10.0, wait)
+    assert handed == [1, 2]
+
+
+# ------------------------------------------------------------------------------------------------- the command
+
+
+def test_the_command_diagnoses_on_a_cluster_and_writes_pages(tmp_path, swing, client, capsys):
+    for name in ("elbow_2026-03-01", "elbow_2026-03-08"):
+        write_recording(swing, tmp_path / f"{name}.csv")
+    (tmp_path / "wrist_2026-03-01.csv").write_text("time,position\n1,2\n")
+    there = client.scheduler.address
+    out, page = tmp_path / "out", tmp_path / "fleet.html"
+    command = ["survey", str(tmp_path), "-o", str(out), "--dask", there, "--reports", "all", "--report", str(page)]
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    assert "2 diagnosed, 0 known from before, 1 refused, 0 failed" in told and "wrist_2026-03-01.csv: " in told
+    rows = Dataset(out).rows()
+    assert [row["joint"] for row in rows] == ["elbow", "elbow", "wrist"]
+    done = rows[0]
+    theta = {one["name"]: one for one in done["parameters"]}
+    assert theta["inertia"]["value"] == pytest.approx(0.08, rel=0.01) and theta["inertia"]["std"] > 0
+    alone = diagnose(read_recording(tmp_path / "elbow_2026-03-01.csv")).json()
+    assert json.loads(done["diagnosis"]) == json.loads(json.dumps(alone))  # a case is a diagnosis
+    assert {one["effect"] for one in done["candidates"]} > {"stribeck", "cogging"}
+    assert any(one["gain"] is not None for one in done["candidates"])
+    links = [href for href in values(Page(page.read_text()), "href") if not href.startswith("#")]
+    assert len(links) == 2 and all((tmp_path / link).exists() for link in links)
+    assert main(command) == 0 and "0 diagnosed, 3 known from before" in capsys.readouterr().out
+
+
+@pytest.mark.realtime
+@pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
+def test_ctrl_c_ends_all_processes_and_keeps_what_is_done(tmp_path, swing):
+    first = tmp_path / "elbow_2026-01-01.csv"
+    write_recording(swing, first)
+    for month, day in product(range(2, 8), range(1, 29)):  # more than are done before the interrupt comes
+        first.with_name(f"elbow_2026-{month:02}-{day:02}.csv").hardlink_to(first)
+    dataset = Dataset(tmp_path / "out")
+    command = [sys.executable, "-m", "workbench.cli", "survey", str(tmp_path), "-o", str(dataset.folder)]
+    with subprocess.Popen(
+        [*command, "--workers", "1"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        deadline = time.monotonic() + 120
+        while not dataset.parts and time.monotonic() < deadline:
+            time.sleep(0.1)
+        children = psutil.Process(process.pid).children(recursive=True)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        told = process.communicate(timeout=60)[0]
+    assert process.returncode == 130 and "what is done is kept" in told and "Traceback" not in told
+    assert psutil.wait_procs(children, timeout=10)[1] == []
+    assert 0 < len(dataset.rows(["name"])) < 169
+
+
+def test_what_cannot_be_is_one_line(tmp_path, capsys, monkeypatch):
+    (tmp_path / "empty").mkdir()
+    assert main(["survey", str(tmp_path / "empty"), "-o", str(tmp_path / "out")]) == 2
+    assert "holds no recording" in capsys.readouterr().err
+    assert main(["survey", str(tmp_path / "*.csv"), "-o", str(tmp_path / "out")]) == 2
+    assert "names no file" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_settings_that_decide_have_another_mark(tmp_path):
+    path = write(tmp_path, "arm/elbow", 0)
+    (case,) = cases(path)
+    assert Settings().mark(case) == Settings(reports="all").mark(case)
+    assert Settings().mark(case) != Settings(library=("stribeck",)).mark(case)

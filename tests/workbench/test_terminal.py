@@ -1,0 +1,37 @@
+"""What is printed fits the terminal, and no number is ever broken."""
+
+from io import StringIO
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+from workbench.terminal import Terminal
+
+NUMBER = st.floats(-1e6, 1e6).map(lambda value: f"{value:.7g} ± {abs(value) / 1e4:.2g}")
+HEADERS = ("scheme", "inertia [kg m^2]", "gravity [N m]", "viscous [N m s/rad]", "what it means")
+
+
+def printed(width: int, headers, rows, left) -> str:
+    terminal = Terminal()
+    terminal._out = Console(file=StringIO(), width=width, force_terminal=True, color_system=None, markup=False)
+    terminal.table(headers, rows, left)
+    return terminal._out.file.getvalue()
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(40, 140), st.lists(st.tuples(NUMBER, NUMBER, NUMBER), min_size=1, max_size=4))
+def test_numbers_stay_whole_at_any_width(width, numbers):
+    words = "friction that grows where the speed falls, as between dry surfaces"
+    rows = [(f"filtered_hamiltonian_{k}", *row, words) for k, row in enumerate(numbers)]
+    out = printed(width, HEADERS, rows, ("what it means",))
+    assert max(map(len, out.splitlines())) <= width
+    for row in rows:
+        assert all(word in out for cell in row[:-1] for word in cell.split(" ± "))
+
+
+@pytest.mark.parametrize(("width", "stacked"), [(200, False), (60, True)])
+def test_a_table_is_stacked_only_where_it_is_too_wide(width, stacked):
+    out = printed(width, HEADERS, [("dynamic", "1", "2", "3", "nothing")], ())
+    assert ("gravity [N m]  " in out.split("dynamic")[1]) == stacked

@@ -1,0 +1,35 @@
+"""Recording until the verdict stands."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.signals.measurements import Smoothing
+from pendulum_env.recording import read_recording
+from workbench.cli import main
+from workbench.until import Apart, Here, told
+
+
+def test_a_recording_ends_when_the_verdict_stands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / "run.csv"
+    command = ["record", "--excitation", "rl", "--until", "diagnosed", "--effect", "cogging", "--rate", "500"]
+    assert main([*command, "-o", str(output)]) == 0
+    assert "missing: cogging torque (the verdict stands" in capsys.readouterr().out
+    assert 3.0 < read_recording(output).duration < 15.0
+    assert main([*command, "--backend", "simulated", "-o", str(output)]) == 2
+
+
+def test_a_process_of_its_own_says_the_same() -> None:
+    plant = Plant(effects={"torque_offset": {"offset": 0.4}})
+    (run,) = simulate([(plant, Experiment(rate=250.0, seconds=9.0, counts=65_536, torque_noise=0.05))])
+    smoothing = Smoothing.of_encoder(65_536, 250.0)
+    judges = Here(250.0, smoothing), Apart(250.0, smoothing)
+    stood = [False, False]
+    for t, q, tau in zip(run.time[:2200], run.position, np.r_[0.0, run.torque[:-1]], strict=False):
+        info = {"time": float(t), "position": float(q), "torque": float(tau)}
+        stood = [judge.stands(info) or before for judge, before in zip(judges, stood, strict=True)]
+    here, apart = (judge.close() for judge in judges)
+    assert stood[0] and (here.kind, here.group) == (apart.kind, apart.group) and "torque_offset" in here.group
+    assert "stands" in told(here, True)

@@ -1,0 +1,122 @@
+"""What is said of a run while it runs: whether its model still predicts, and which effect it lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from threading import Lock
+
+import numpy as np
+
+from estimators.online import Diagnoser, OnlineDiagnosis, Verdict, Watch
+from estimators.signals.measurements import Smoothing
+from pendulum_env.words import listing, name
+
+Row = tuple[float, float, float]  # time [s], position [rad], torque from then on [N m]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened at a time [s]; `alarm` if the model was found wrong."""
+
+    time: float
+    text: str
+    alarm: bool
+
+
+@dataclass(frozen=True)
+class Following:
+    """What is said as of one moment.
+
+    Attributes:
+        said: which effect is missing.
+        verdict: whether the running model still predicts.
+        course: time [s] and evidence that something is missing [nat], once a second of motion.
+        events: alarms, and what was added or taken out.
+    """
+
+    said: OnlineDiagnosis
+    verdict: Verdict
+    course: tuple[tuple[float, float], ...]
+    events: tuple[Event, ...]
+
+
+class Follower:
+    """Follows a run by its rows, wherever the loop runs: a motor does not wait for what is computed here."""
+
+    def __init__(self, rate: float, smoothing: Smoothing) -> None:
+        """Take the samples per second [Hz], and the smoothing of the measurement."""
+        self._rate, self._smoothing, self._lock = rate, smoothing, Lock()
+        self._diagnoser = Diagnoser(rate, smoothing=smoothing)
+        self._course: list[tuple[float, float]] = []
+        self._events: list[Event] = []
+        self._time, self._torque = 0.0, 0.0  # the latest ones
+        self._renew()
+
+    def _renew(self) -> None:
+        """Watch the running model as it is from now on."""
+        self._watch = Watch(self._rate, self._diagnoser.terms, smoothing=self._smoothing)
+        self._kind, self._missing = "calibrating", False
+
+    def take(self, rows: Sequence[Row]) -> None:
+        """Take in what was measured since the last time."""
+        with self._lock:
+            for time, position, torque in rows:
+                before = self._diagnoser.said
+                said = self._diagnoser.take(time, position, self._torque)
+                sample = (np.array([value]) for value in (time, position, self._torque))
+                (verdict,) = self._watch.take(*sample)
+                self._time, self._torque = time, torque
+                if said is not before:
+                    self._tell(said)
+                if verdict.kind != self._kind:
+                    self._warn(verdict)
+
+    def _tell(self, said: OnlineDiagnosis) -> None:
+        if np.isfinite(said.evidence):
+            self._course.append((self._time, said.evidence))
+        missing = said.kind == "missing"
+        if missing and not self._missing:
+            self._events.append(
+                Event(self._time, f"missing: {listing([name(id) for id in said.group], 'or')}", alarm=True)
+            )
+        self._missing = missing
+
+    def _warn(self, verdict: Verdict) -> None:
+        self._kind = verdict.kind
+        if verdict.kind == "value":
+            self._events.append(Event(self._time, f"value changed: {name(verdict.parameter)}", alarm=True))
+        elif verdict.kind == "structure":
+            self._events.append(Event(self._time, "structure changed", alarm=True))
+
+    def add(self) -> None:
+        """Take the likeliest missing effect into the model.
+
+        Raises:
+            ValueError: if nothing is missing, or it cannot be added.
+        """
+        with self._lock:
+            said = self._diagnoser.said
+            if not said.group:
+                raise ValueError("nothing is missing that could be added: wait for an alarm")
+            self._diagnoser.add(said.group[0])
+            self._events.append(Event(self._time, f"added: {name(said.group[0])}", alarm=False))
+            self._renew()
+
+    def undo(self) -> None:
+        """Take out what was added last.
+
+        Raises:
+            ValueError: if nothing was.
+        """
+        with self._lock:
+            last = self._diagnoser.said.added[-1:]
+            self._diagnoser.undo()
+            self._events.append(Event(self._time, f"taken out: {name(last[0])}", alarm=False))
+            self._renew()
+
+    def look(self) -> Following:
+        """What is said now."""
+        with self._lock:
+            course, events = tuple(self._course), tuple(self._events)
+            return Following(self._diagnoser.said, self._watch.verdicts[0], course, events)

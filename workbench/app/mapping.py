@@ -1,0 +1,147 @@
+"""What a person says of a file's columns: roles, units and gains, as expressions of the command line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.recording import RecordingError, Source
+from pendulum_env.recording.columns import OPTIONAL, UNUSED, is_told
+from pendulum_env.recording.expression import NUMBER, Expression, parse
+from pendulum_env.recording.preview import Preview, preview
+from pendulum_env.recording.record import ColumnError
+from pendulum_env.recording.vocabulary import ALIASES, LINEAR, RAW, TOLD, UNITS
+from workbench.words import enumerate_words
+
+ROLES = tuple(ALIASES)
+NEEDED = 3  # columns with numbers: time, position and torque
+PLAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # what is written alone is a gain
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is said of one column: its role, unit and what is done with it; empty where nothing is."""
+
+    role: str = ""
+    unit: str = ""
+    then: str = ""  # `*0.091`, `/6+90`; a number alone is a gain
+
+    def expression(self, header: str) -> str:
+        """The same in one line, as on the command line."""
+        unit, then = self.unit.strip(), self.then.strip()
+        gain = "*" if PLAIN.fullmatch(then) else ""
+        return f"{header}{f':{unit}' if unit else ''}{gain}{then}"
+
+    @classmethod
+    def of(cls, role: str, told: Expression) -> Choice:
+        """What an expression says of its column."""
+        gain = "".join([*(["*-1"] if told.negative else []), *told.factors])
+        offset = (told.offset or "") + ("" if told.offset_unit is None else f":{told.offset_unit}")
+        return cls(role, told.unit or "", gain + offset)
+
+
+def units(role: str) -> list[str]:
+    """Units that a column of a role may be in."""
+    return [*TOLD.get(role, "").split(", "), *LINEAR.get(role, {})] if role in TOLD else []
+
+
+@dataclass(frozen=True, eq=False)
+class Card:
+    """A file whose columns a person is asked about.
+
+    Attributes:
+        file: where it lies, in the session's folder.
+        source: how it is to be read; its columns are those of `choices`.
+        choices: what is said of each column.
+        preview: what is in the file.
+        ends: of the range to use [s] from the first row; None where it goes to the first or last.
+        why: what is wrong with it, in a sentence; empty if a person asked to see it.
+    """
+
+    file: Path
+    source: Source
+    choices: tuple[Choice, ...]
+    preview: Preview
+    ends: tuple[float | None, float | None] = (None, None)
+    why: str = ""
+
+    @classmethod
+    def of(cls, file: Path, source: Source, why: str = "") -> Card:
+        """Look at a file, beginning with what is said of it or what the names of its columns tell.
+
+        Raises:
+            RecordingError: if it cannot be read, or has too few columns to choose from.
+        """
+        shown = preview(file)
+        if sum(values is not None for values in shown.values) < NEEDED:
+            raise RecordingError(why or f"{file}: has fewer than {NEEDED} columns of numbers: nothing can be chosen")
+        return cls(file, source, _choices(shown, source.columns), shown, source.range or (None, None), why)
+
+    def told(self, choices: Sequence[Choice], unwrap: bool, ends: tuple[float | None, float | None]) -> Card:
+        """The card with other choices."""
+        return replace(self, choices=tuple(choices), source=replace(self.source, unwrap=unwrap), ends=ends)
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        """What is said, by quantity, as `read_recording` takes it.
+
+        Raises:
+            ColumnError: if two columns have the same role.
+        """
+        columns: dict[str, str] = {}
+        named: dict[str, list[str]] = {}
+        for header, choice in zip(self.preview.headers, self.choices, strict=True):
+            if choice.role:
+                columns[choice.role] = choice.expression(header)
+                named.setdefault(choice.role, []).append(repr(header))
+        for role, headers in named.items():
+            if len(headers) > 1:
+                raise ColumnError(f"{self.file}: columns {enumerate_words(headers)} are all to be {role}: choose one")
+        others = [q for q in OPTIONAL if q not in columns and is_told(q, self.preview.headers)]
+        return columns | dict.fromkeys(others, UNUSED)
+
+    def asked(self) -> Source:
+        """The source as the choices have it.
+
+        Raises:
+            ColumnError: if two columns have the same role, or one has to be named yet.
+            RecordingError: if the range is none.
+        """
+        first, last = self.ends
+        chosen, seconds = None, self.seconds
+        if seconds is not None and not (first is None and last is None):
+            first = 0.0 if first is None else first
+            last = np.floor(np.nanmax(seconds)) + 1.0 if last is None else last
+            if not 0 <= first < last:
+                raise RecordingError(f"{self.file}: range is {first:g} to {last:g} s: let it end after it begins")
+            chosen = (float(first), float(last))
+        return replace(self.source, columns=self.columns, range=chosen)
+
+    @cached_property
+    def seconds(self) -> Array | None:
+        """Time from the first row on [s] (N,), None where no column is chosen for it."""
+        told = [
+            choice.expression(header)
+            for header, choice in zip(self.preview.headers, self.choices, strict=True)
+            if choice.role == "time"
+        ]
+        return self.preview.seconds(told[0]) if told else None
+
+
+def _choices(shown: Preview, columns: Mapping[str, str]) -> tuple[Choice, ...]:
+    """What is said of columns, else what their names tell."""
+    chosen = {name: Choice(quantity) for quantity, name in shown.guessed.items() if quantity not in columns}
+    for quantity, text in columns.items():
+        known = {**UNITS[quantity], **RAW.get(quantity, {}), **LINEAR.get(quantity, {})}
+        try:
+            told = parse(text, shown.headers, known)
+        except RecordingError:
+            continue  # `unused`, or a mistake that reading has told of
+        chosen[told.name] = Choice.of(quantity, told)
+    return tuple(chosen.get(header, Choice()) for header in shown.headers)

@@ -1,0 +1,169 @@
+"""`identify`, `compare` and `diagnose` of an arm: what they do where `--robot` names its links."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Sequence
+
+from estimators.arguments import chosen_effects
+from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
+from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
+from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.joints import joint_effects
+from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.recording import ArmRecording, read_arm_recording
+from pendulum_env.files import write_whole
+from pendulum_env.words import Table, plus_minus
+from workbench.inputs import check_outputs, wrote
+from workbench.mistakes import InputError
+from workbench.terminal import Terminal
+from workbench.words import enumerate_words
+
+SAVED = "filtered_dynamic"  # whose model is written, if it was asked for
+
+
+def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Print base parameters and friction as each scheme finds them."""
+    _refuse(arguments, "align", "instruments", "fixed", "bounds")
+    outputs = [arguments.json, arguments.output]
+    body, recordings = _given(arguments, arguments.recordings, outputs, terminal)
+    with terminal.progress("identifying"):
+        found = identify_arm(recordings, body, schemes=for_arms(arguments.scheme))
+    _tell_body(body, terminal)
+    terminal.heading("Estimates ± standard errors")
+    terminal.table(*schemes_table(found))
+    for one in found.schemes.values():
+        if one.hardly:
+            terminal.say(
+                f"warning: {one.scheme} hardly tells {enumerate_words(one.hardly)} apart: move all joints faster, "
+                "wider and together",
+                style="yellow",
+            )
+    if arguments.json is not None:
+        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    if arguments.output is not None:
+        chosen = found.schemes.get(SAVED, next(iter(found.schemes.values())))
+        chosen.model.save(arguments.output)
+    wrote(outputs, terminal)
+
+
+def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Print how far the torque of a model is from recordings, joint by joint."""
+    _refuse(arguments, "align")
+    body, recordings = _given(arguments, arguments.recordings, [arguments.json], terminal, (arguments.model,))
+    model = ArmModel.load(arguments.model, body)
+    with terminal.progress("comparing"):
+        errors = compare_arm(model, recordings)
+    terminal.heading("Torque errors, clear of stick and reversals")
+    terminal.table(*errors_table([errors], ("torque error [N m]",)))
+    if arguments.json is not None:
+        content = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
+        write_whole(arguments.json, json.dumps(content, indent=1) + "\n")
+    wrote([arguments.json], terminal)
+
+
+def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Print which effects are missing at which joints."""
+    _refuse(
+        arguments, "model", "max_torque", "max_angle", "max_speed", "experiment", "report", "fixed", "bounds", "all"
+    )
+    try:
+        library = chosen_effects(joint_effects(), arguments.only, arguments.without)
+    except ValueError as error:
+        raise InputError(f"{error} (effects that can sit at a joint)") from None
+    outputs = [arguments.json, arguments.output]
+    body, recordings = _given(arguments, arguments.recordings, outputs, terminal)
+    held = [_read(name, body, arguments, terminal) for name in arguments.holdout]
+    with terminal.progress("diagnosing") as progress:
+        found = diagnose_arm(recordings, body, held, progress, library=library)
+    if arguments.json is not None:
+        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    if arguments.output is not None:
+        found.model.save(arguments.output)
+    _tell_diagnosis(found, terminal)
+    wrote(outputs, terminal)
+
+
+def schemes_table(found: ArmIdentification) -> Table:
+    """A row a parameter, a column a scheme."""
+    first = next(iter(found.schemes.values())).model
+    rows = [
+        (name, *(plus_minus((e := one.model.estimates[name]).value, e.std) for one in found.schemes.values()), own.unit)
+        for name, own in first.estimates.items()
+    ]
+    rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
+    return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
+
+
+def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str]) -> Table:
+    """A row a joint: torque errors of one or more models, and the share of the torque that the last one leaves."""
+    rows = [
+        (
+            errors[0].joint,
+            *(f"{error.torque_rms:.4g}" for error in errors),
+            "" if errors[-1].share is None else f"{100 * errors[-1].share:.2g} %",
+        )
+        for errors in zip(*columns, strict=True)
+    ]
+    return Table(("joint", *headers, "of its torque"), rows)
+
+
+def _tell_body(body: Body, terminal: Terminal) -> None:
+    terminal.say(f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters")
+    for parameter in body.base:
+        if len(parameter.parts) > 1:
+            terminal.say(f"  {parameter.name} stands for {parameter.text}")
+
+
+def _tell_diagnosis(found: ArmDiagnosis, terminal: Terminal) -> None:
+    if found.selected:
+        terminal.say(f"\nMissing: {enumerate_words(found.selected)}", style="bold")
+    else:
+        terminal.say("\nNo effect of the library is missing at any joint.", style="bold")
+    terminal.heading("Torque errors on held-out data")
+    terminal.table(*errors_table([found.before, found.after], ("before [N m]", "after [N m]")))
+    rows = [
+        (own.effect, own.verdict, f"{own.probability:.2f}", f"{own.gain:.0f} ± {own.error:.0f}")
+        for own in found.candidates
+    ]
+    terminal.heading("Judged")
+    terminal.table(("effect", "verdict", "probability", "gain [nat]"), rows, left=("verdict",))
+    for joint, size in found.unexplained.items():
+        terminal.say(f"{joint}: {size:.2g} N m are left that nothing in the library explains", style="yellow")
+
+
+def _given(
+    arguments: argparse.Namespace,
+    names: Sequence[str],
+    outputs: Sequence[str | None],
+    terminal: Terminal,
+    inputs: Sequence[str] = (),
+) -> tuple[Body, list[ArmRecording]]:
+    held = list(getattr(arguments, "holdout", []))
+    if len(set(names) | set(held)) < len(names) + len(held):
+        raise InputError("a recording is named twice: one that is held out must not be fitted as well")
+    check_outputs(outputs, [*names, *held, *inputs, arguments.robot])
+    body = read_body(arguments.robot, rotors=True if arguments.rotors else None)
+    return body, [_read(name, body, arguments, terminal) for name in names]
+
+
+def _read(name: str, body: Body, arguments: argparse.Namespace, terminal: Terminal) -> ArmRecording:
+    if name.lower().endswith(".toml"):
+        raise InputError(f"{name}: is a study, which is of pendulums: name an arm's recordings themselves")
+    recording = read_arm_recording(
+        name, body.joints, unwrap=arguments.unwrap, columns=arguments.columns, largest=1e6 * arguments.max_size
+    )
+    terminal.say(f"{name}: {recording.summary}")
+    for note in dict.fromkeys(note for joint in recording.joints for note in joint.notes):
+        terminal.say(f"  {note}")
+    return recording
+
+
+def _refuse(arguments: argparse.Namespace, *options: str) -> None:
+    """Refuse options that say nothing of an arm."""
+    for option in options:
+        if getattr(arguments, option) not in (None, False, {}, math.inf):
+            name = {"fixed": "fix", "bounds": "bound"}.get(option, option.replace("_", "-"))
+            raise InputError(f"--{name} is for pendulums: leave it out with --robot")

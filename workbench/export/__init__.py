@@ -1,0 +1,41 @@
+"""A model in the forms that simulators and programs read; each form is a module of its name.
+
+`python`, `c` and `onnx` hold the simulator's own step, whatever the effects. `mjcf`, `urdf` and `sdf` describe a body
+on a joint, and name what of a model they cannot hold.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from pendulum_env.lookup import find
+from pendulum_env.physics import Model
+from workbench.export.request import Exported, Request
+from workbench.export.symbols import ExportError
+
+FORMATS: dict[str, tuple[str, str]] = {  # ending of a file's name, and what it is
+    "mjcf": (".xml", "a model for MuJoCo"),
+    "urdf": (".urdf", "a robot description for ROS"),
+    "sdf": (".sdf", "a model for Gazebo"),
+    "python": (".py", "a module without dependencies"),
+    "c": (".c", "a file of C99"),
+    "onnx": (".onnx", "a graph of operators"),
+}
+BODIES = ("mjcf", "urdf", "sdf")  # rigid ones, on a joint
+READABLE = ("mjcf", "urdf")  # by MuJoCo
+
+
+def export(model: Model, format: str, request: Request | None = None) -> Exported:
+    """A model in a format of `FORMATS`.
+
+    Raises:
+        ValueError: if the format is unknown.
+        ExportError: if the format cannot hold the model, and approximations are not allowed.
+        InputError: if a library of the extra `export` is not installed.
+    """
+    find("format", format, FORMATS)
+    exported: Exported = import_module(f"workbench.export.{format}").export(model, request or Request())
+    return exported
+
+
+__all__ = ["BODIES", "FORMATS", "READABLE", "ExportError", "Exported", "Request", "export"]

@@ -1,0 +1,180 @@
+"""What every format for rigid bodies needs of a model: a body on a hinge, with viscous and dry friction.
+
+A swinging joint shows its inertia about the axis and its weight on the lever arm, never mass, lever and inertia about
+the centre of mass one by one. Unless the mass is known the arm is drawn as a uniform rod, of which three quarters of
+the inertia come with the lever; any other choice moves alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from pendulum_env.physics import Model, Samples
+from pendulum_env.physics.potential import HardStop
+from pendulum_env.recording.record import NEWTON_METRE
+from workbench.export.request import Request
+from workbench.export.symbols import ExportError
+
+G = 9.81  # [m/s^2]
+ROD = 4.0 / 3.0  # mass of a uniform rod over that of a point with the same inertia and weight
+THIN = 0.01  # inertia about its length, in that about the axis
+FASTEST = 5.0  # [rad/s], up to which viscous and dry friction approximate another law
+SPEEDS = 100  # at which they do
+EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb")  # terms that every format holds
+OF_SPEED = (
+    "stribeck",
+    "quadratic_drag",
+    "viscous_asymmetry",
+)  # friction that viscous and dry friction can stand in for
+INSTEAD: Mapping[str, str] = {  # what it means that an effect is left out
+    "presliding": "friction slips at once",
+    "friction_drift": "friction is that of a warm joint",
+    "payload_change": "the payload is that before the change",
+}
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body on a horizontal hinge along x; at q = 0 its centre of mass hangs down, but for a tilt.
+
+    Attributes:
+        mass: [kg].
+        lever: from the axis to the centre of mass [m].
+        tilt: angle of the centre of mass at q = 0 [rad].
+        inertia: about the centre of mass [kg m^2].
+    """
+
+    mass: float
+    lever: float
+    tilt: float
+    inertia: float
+
+    @property
+    def centre(self) -> tuple[float, float, float]:
+        """Of mass, at q = 0 [m]."""
+        return 0.0, self.lever * math.sin(self.tilt), -self.lever * math.cos(self.tilt)
+
+    @property
+    def moments(self) -> tuple[float, float, float]:
+        """Of inertia about x, y and z through the centre of mass [kg m^2], those of a rod; x is along the hinge."""
+        return self.inertia, self.inertia, THIN * self.inertia
+
+    @classmethod
+    def of(cls, inertia: float, gravity: float, tilted: float = 0.0, mass: float | None = None) -> Body:
+        """The body with that inertia about the axis [kg m^2] on which gravity pulls with gravity sin q + tilted cos q.
+
+        Raises:
+            ExportError: if a body of the mass that was given cannot be so, or an armature leaves it no inertia.
+        """
+        if inertia <= 0:
+            raise ExportError("the armature leaves the arm no inertia: give a smaller --armature")
+        weight = math.hypot(gravity, tilted)  # [N m], held out level
+        least = weight**2 / (G**2 * inertia)  # [kg], of a point
+        mass = mass or ROD * least or 1.0
+        lever = weight / (mass * G)
+        central = inertia - mass * lever**2
+        if central <= 0:
+            raise ExportError(
+                f"an arm of {mass:g} kg cannot have this weight and inertia: --mass has to be above {least:.4g} kg"
+            )
+        return cls(mass, lever, math.atan2(tilted, gravity), central)
+
+
+def value(model: Model, parameter: str) -> float:
+    """A linear parameter of the model, 0 if it has none of that name."""
+    return model.estimates[parameter].value if parameter in model.estimates else 0.0
+
+
+def arm(model: Model, request: Request) -> Body:
+    """The arm of a model, without the armature that is asked for; raises ExportError as `Body.of`."""
+    inertia = value(model, "inertia") - request.armature
+    return Body.of(inertia, value(model, "gravity"), value(model, "gravity_tilt"), request.mass)
+
+
+def no_armature(request: Request) -> tuple[str, ...]:
+    """What a format without rotors does with an armature, if there is one."""
+    return ("an armature: it stays part of the arm's inertia",) if request.armature else ()
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Friction as every format has it, and what it stands in for.
+
+    Attributes:
+        viscous: [N m s/rad].
+        dry: [N m].
+        missing: what the model has beyond, and what is in its place.
+    """
+
+    viscous: float
+    dry: float
+    missing: tuple[str, ...]
+
+    @classmethod
+    def of(cls, model: Model, held: Collection[str]) -> Friction:
+        """Friction of a model in a format that holds the terms of these ids beside those of `EVERY`.
+
+        Where that is not all, viscous and dry friction come as close to the sum as they can, in both directions alike.
+        """
+        unit = model.torque_unit
+        others = [term for term in model.terms if term.id not in EVERY and term.id not in held]
+        folded = [term for term in others if term.id in OF_SPEED]
+        missing = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
+        missing += [
+            f"{term.id} ({term.law}): {INSTEAD.get(term.id, 'it is left out')}" for term in others if term not in folded
+        ]
+        viscous, dry = value(model, "viscous"), value(model, "coulomb")
+        if not folded and min(viscous, dry) >= 0:
+            return cls(viscous, dry, tuple(missing))
+        speed = np.linspace(0.0, FASTEST, SPEEDS + 1)[1:]
+        still = np.zeros_like(speed)
+        law = viscous * speed + dry
+        for column in (column for term in folded for column in term.columns):
+            ways = [column.torque(Samples(still, still, v, still), 0.0) for v in (speed, -speed)]
+            law = law + 0.5 * model.estimates[column.name].value * (ways[0] - ways[1])
+        (viscous, dry), _ = nnls(np.column_stack([speed, np.ones_like(speed)]), law)
+        said = [f"{term.id} ({term.law})" for term in folded] or ["friction below zero"]
+        close = f"viscous and dry friction come closest to the sum up to {FASTEST:g} rad/s"
+        return cls(float(viscous), float(dry), (*missing, *(f"{what}: {close}" for what in said)))
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Ends of the range as an elastic contact with a damper beside it.
+
+    Attributes:
+        lower: [rad], perhaps infinite, as `upper`.
+        stiffness: [N m/rad].
+        damping: [N m s/rad].
+        missing: what of the model's stop that is not.
+    """
+
+    lower: float
+    upper: float
+    stiffness: float
+    damping: float
+    missing: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, model: Model, speed: float = 1.0) -> Stop | None:
+        """The stop of a model, if it has one.
+
+        A hysteresis becomes the damper that gives back as much of an impact at that speed [rad/s]: of a spring and a
+        damper with the small damping ratio z the share exp(-pi z) of the speed comes back.
+        """
+        stop = next((term for term in model.terms if isinstance(term, HardStop)), None)
+        stiffness = value(model, "hard_stop.stiffness")
+        if stop is None:
+            return None
+        damping, missing = stiffness * stop.damping_time, []
+        if stop.hysteresis:
+            lost = min(2.0 * stop.hysteresis * speed / 3.0, 0.9)
+            ratio = -math.log(1.0 - lost) / math.pi
+            damping += 2.0 * ratio * math.sqrt(stiffness * value(model, "inertia"))
+            missing.append(f"the hysteresis of hard_stop: a damper loses as much of an impact at {speed:g} rad/s")
+        return cls(stop.lower, stop.upper, stiffness, damping, tuple(missing))

@@ -1,0 +1,55 @@
+"""What an exported file says of itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from pendulum_env.physics import Model
+from workbench.export.dynamics import Dynamics, Parameter
+
+
+def title(model: Model) -> str:
+    """What the file is of, fit for a comment in any language: a law is whatever its author wrote."""
+    return f"A pendulum, as identified: {plain(' + '.join(term.law for term in model.terms))} = tau."
+
+
+def plain(text: str) -> str:
+    """Text that ends no comment and no string, in any language."""
+    return " ".join(text.replace("*/", "* /").replace('"', "'").replace("\\", "/").split())
+
+
+def heading(model: Model, dynamics: Dynamics) -> list[str]:
+    """Comment of a program that steps a model."""
+    lines = [
+        title(model),
+        "",
+        f"step(state, torque) moves on by {dynamics.step:g} s under a torque "
+        f"[{plain(model.torque_unit)}] that is held;",
+        "angles in rad, 0 hangs down, positive counter-clockwise.",
+        "Dry friction is set-valued: at rest it balances whatever is left of the torque, up to its size, and the joint",
+        "stays exactly where it is; a step in which the velocity would change its sign is cut there.",
+        "Second order in the step; a longer or shorter one is another export.",
+    ]
+    if dynamics.waiting:
+        lines.append(
+            f"The torque arrives {dynamics.delay * dynamics.step:g} s late: the state holds the commands on their way."
+        )
+    return lines
+
+
+def parameter_note(parameter: Parameter) -> str:
+    """Unit and standard error of a parameter."""
+    error = f", standard error {parameter.std:.2g}" if parameter.std else ""
+    return f"[{plain(parameter.unit)}]{error}"
+
+
+def comment(lines: Sequence[str]) -> str:
+    """Text of a comment in XML, where two dashes would end it."""
+    return re.sub("-(?=-)", "- ", "\n".join(lines))
+
+
+def commented(xml: str, lines: Sequence[str]) -> str:
+    """An XML file with a comment after its first line."""
+    first, rest = xml.split("\n", 1)
+    return f"{first}\n<!-- {comment(lines)} -->\n{rest}"

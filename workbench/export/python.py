@@ -1,0 +1,81 @@
+"""The form `python`: a module that needs nothing but Python."""
+
+from __future__ import annotations
+
+from pendulum_env.physics import Model
+from workbench.export.dynamics import Dynamics, Parameter, written
+from workbench.export.heading import heading, parameter_note
+from workbench.export.request import Exported, Request
+from workbench.export.source import Dialect, Source
+
+DIALECT = Dialect(
+    calls={
+        "absolute": "abs({0})",
+        "sign": "_sign({0})",
+        "maximum": "max({0}, {1})",
+        "minimum": "min({0}, {1})",
+        "power": "math.pow({0}, {1})",
+        "logical_and": "{0} and {1}",
+        "logical_or": "{0} or {1}",
+        "arctan": "math.atan({0})",
+        **{op: f"math.{op}({{0}})" for op in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")},
+    },
+    where="{1} if {0} else {2}",
+    infinity="math.inf",
+)
+SIGN = """
+
+def _sign(x: float) -> float:
+    return (x > 0) - (x < 0)
+"""
+
+
+def export(model: Model, request: Request) -> Exported:
+    """The module: parameters by name, `State`, `start` and `step`."""
+    dynamics = written(model, request.step)
+    start, step = Source.of(dynamics.start, DIALECT), Source.of(dynamics.after, DIALECT)
+    waiting = dynamics.waiting
+    lines = [
+        '"""' + "\n".join(heading(model, dynamics)) + '\n"""',
+        "",
+        "from __future__ import annotations",
+        "",
+        "import math",
+        "from typing import NamedTuple",
+        "",
+        f"STEP = {dynamics.step!r}  # [s]",
+    ]
+    needed = start.names | step.names
+    lines += [f"{_assigned(p)}  # {parameter_note(p)}" for p in dynamics.parameters if p.name in needed]
+    lines += ["", "", "class State(NamedTuple):", '    """Where the joint is, and what it remembers."""', ""]
+    units = {"time": "[s]", "position": "[rad], 0 hangs down", "velocity": "[rad/s]"}
+    lines += [f"    {name}: float  # {units.get(name, 'memory of the effect')}" for name in dynamics.state]
+    lines += [f"    commands: tuple[float, ...]  # [N m], the last {waiting}, newest first"] if waiting else []
+    lines += ["", "", "def start(position: float = 0.0, velocity: float = 0.0) -> State:"]
+    lines += ['    """State of a joint that has been so for long, without torque."""']
+    lines += [f"    {name} = {text}" for name, text in start.lines]
+    values = ["0.0", "position", "velocity", *start.results, *([f"(0.0,) * {waiting}"] if waiting else [])]
+    lines += [f"    return State({', '.join(values)})"]
+    if "sign" in start.used | step.used:
+        lines += SIGN.splitlines()
+    lines += ["", "", "def step(state: State, torque: float) -> State:"]
+    lines += [f'    """State one STEP later, under a torque [{model.torque_unit}] that is held meanwhile."""']
+    names = [*dynamics.state, *(["commands"] if waiting else [])]
+    lines += [f"    {', '.join(names)} = state"]
+    if waiting:
+        lines += ["    commands = (torque, *commands)", f"    torque = {_delayed(dynamics)}"]
+    lines += [f"    {name} = {text}" for name, text in step.lines]
+    results = [*step.results, *([f"commands[:{waiting}]"] if waiting else [])]
+    lines += [f"    return State({', '.join(results)})", ""]
+    return Exported("\n".join(lines), ())
+
+
+def _assigned(parameter: Parameter) -> str:
+    return f"{parameter.name} = {DIALECT.number(parameter.value)}"
+
+
+def _delayed(dynamics: Dynamics) -> str:
+    """The command that arrives now, the oldest being the last."""
+    whole, share = divmod(dynamics.delay, 1.0)
+    late, later = f"commands[{int(whole)}]", f"commands[{int(whole) + 1}]"
+    return late if share == 0 else f"{1.0 - share!r} * {late} + {share!r} * {later}"

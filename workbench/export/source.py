@@ -1,0 +1,126 @@
+"""Expressions as lines of a program: what is used twice, or has a name for the reader, is a variable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from workbench.export.symbols import LOGICAL, NAME, WHERE, Operand, Symbol, in_order
+
+WIDE = 64  # characters, from which a part of an expression is a variable of its own
+INFIX: dict[str, tuple[str, int]] = {  # and how tightly it binds
+    "add": ("+", 4),
+    "subtract": ("-", 4),
+    "multiply": ("*", 5),
+    "divide": ("/", 5),
+    "less": ("<", 3),
+    "less_equal": ("<=", 3),
+    "greater": (">", 3),
+    "greater_equal": (">=", 3),
+    "equal": ("==", 3),
+    "not_equal": ("!=", 3),
+}
+NEGATIVE, ATOM, LOOSE = 6, 9, 0
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a language writes what `INFIX` does not say: templates over the operands."""
+
+    calls: Mapping[str, str]  # by operation, such as "math.sin({0})"
+    where: str  # such as "{1} if {0} else {2}"
+    infinity: str
+    prefix: str = ""  # of names that are given
+
+    def number(self, value: float) -> str:
+        """A number, so that it is read back as it is."""
+        if value in (float("inf"), float("-inf")):
+            return self.infinity if value > 0 else f"-{self.infinity}"
+        return repr(value)
+
+
+@dataclass
+class Source:
+    """Lines that compute results.
+
+    Attributes:
+        lines: name and expression of each variable, in order.
+        results: expression of each result.
+        used: operations that occur.
+        names: given names that occur.
+    """
+
+    dialect: Dialect
+    lines: list[tuple[str, str]] = field(default_factory=list)
+    results: list[str] = field(default_factory=list)
+    used: set[str] = field(default_factory=set)
+    names: set[str] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, results: Sequence[Operand], dialect: Dialect) -> Source:
+        """Write the results down."""
+        source = cls(dialect)
+        order, same = distinct(results)
+        counts: dict[Symbol, int] = {}
+        for symbol in (*(x for s in order for x in s.inputs), *results):
+            if isinstance(symbol, Symbol):
+                counts[same[symbol]] = counts.get(same[symbol], 0) + 1
+        texts: dict[Symbol, tuple[str, int]] = {}
+        for symbol in order:
+            text = source._text(symbol, texts, same)
+            if symbol.op != NAME and (symbol.label or counts[symbol] > 1 or len(text[0]) > WIDE):
+                name = symbol.label or f"t{len(source.lines) + 1}"
+                source.lines.append((name, text[0]))
+                text = name, ATOM
+            texts[symbol] = text
+        source.results = [source._operand(x, texts, same)[0] for x in results]
+        return source
+
+    def _operand(
+        self, x: Operand, texts: Mapping[Symbol, tuple[str, int]], same: Mapping[Symbol, Symbol]
+    ) -> tuple[str, int]:
+        if isinstance(x, Symbol):
+            return texts[same[x]]
+        return self.dialect.number(x), ATOM if x >= 0 else NEGATIVE
+
+    def _text(
+        self, symbol: Symbol, texts: Mapping[Symbol, tuple[str, int]], same: Mapping[Symbol, Symbol]
+    ) -> tuple[str, int]:
+        """Expression of a symbol, and how tightly it binds."""
+        if symbol.op == NAME:
+            self.names.add(symbol.label)
+            return self.dialect.prefix + symbol.label, ATOM
+        self.used.add(symbol.op)
+        parts = [self._operand(x, texts, same) for x in symbol.inputs]
+        if symbol.op in INFIX:
+            sign, tight = INFIX[symbol.op]
+            keeps = symbol.op in ("add", "multiply", "subtract", "divide")  # evaluated from the left
+            left = _within(parts[0], tight if keeps else tight + 1)
+            return f"{left} {sign} {_within(parts[1], tight + 1)}", tight
+        if symbol.op == "negative":
+            return f"-{_within(parts[0], NEGATIVE + 1)}", NEGATIVE
+        if symbol.op == WHERE:
+            inner = [_within(part, 1) for part in parts]
+            return self.dialect.where.format(*inner), LOOSE
+        inner = [_within(part, 1) if symbol.op not in LOGICAL else _within(part, ATOM) for part in parts]
+        return self.dialect.calls[symbol.op].format(*inner), ATOM if symbol.op not in LOGICAL else LOOSE
+
+
+def _within(part: tuple[str, int], tight: int) -> str:
+    text, own = part
+    return text if own >= tight else f"({text})"
+
+
+def distinct(results: Sequence[Operand]) -> tuple[list[Symbol], dict[Symbol, Symbol]]:
+    """The symbols in order, each computed once, and for every symbol the one that stands for it."""
+    known: dict[object, Symbol] = {}
+    same: dict[Symbol, Symbol] = {}
+    order = []
+    for symbol in in_order(results):
+        inputs = tuple(same[x] if isinstance(x, Symbol) else x for x in symbol.inputs)
+        key = (symbol.op, inputs, symbol.label if symbol.op == NAME else "")
+        first = known.setdefault(key, symbol)
+        same[symbol] = first
+        if first is symbol:
+            order.append(symbol)
+    return order, same

@@ -1,0 +1,148 @@
+"""Numbers that remember how they were computed, so that a law for NumPy can be written down in another language.
+
+A term's law is a function of NumPy arrays. Called with a `Symbol` in their place it returns the expression it computes,
+and the simulator's own step returns the whole step: what is exported is what is simulated, also for effects of a user.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from pendulum_env.mistake import Mistake
+
+UNARY = ("negative", "absolute", "sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "arctan", "sign")
+BINARY = ("add", "subtract", "multiply", "divide", "power", "maximum", "minimum")
+COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
+LOGICAL = ("logical_and", "logical_or")
+WHERE, NAME = "where", "name"
+UFUNCS = {name: name for name in (*UNARY, *BINARY, *COMPARISONS, *LOGICAL)} | {
+    "fmax": "maximum",
+    "fmin": "minimum",
+    "bitwise_and": "logical_and",
+    "bitwise_or": "logical_or",
+    "float_power": "power",
+    "fabs": "absolute",
+    "true_divide": "divide",
+}
+
+
+class ExportError(Mistake):
+    """A model that a format cannot hold; the message says what, in which format, and what to do."""
+
+
+@dataclass(eq=False)
+class Symbol(NDArrayOperatorsMixin):
+    """One value: an operation on others, or a name; `label` is the name that a reader should see."""
+
+    op: str
+    inputs: tuple[Operand, ...] = ()
+    label: str = ""
+
+    __hash__ = object.__hash__
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        if ufunc.__name__ == "square":
+            return inputs[0] * inputs[0]
+        if method != "__call__" or ufunc.__name__ not in UFUNCS:
+            raise ExportError(f"a law of the model uses np.{ufunc.__name__}, which no exported form has: write it anew")
+        return operation(UFUNCS[ufunc.__name__], *inputs)
+
+    def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        if func not in FUNCTIONS:
+            raise ExportError(f"a law of the model uses np.{func.__name__}, which no exported form has: write it anew")
+        return FUNCTIONS[func](*args, **kwargs)
+
+    # Asked whether a branch is needed, and whether it is all there is: the expression holds every branch, and np.where
+    # takes what applies.
+    def any(self) -> bool:
+        """Whether it may be true."""
+        return True
+
+    def all(self) -> bool:
+        """Whether it is always true."""
+        return False
+
+    @property
+    def is_condition(self) -> bool:
+        """Whether it is true or false."""
+        return self.op in COMPARISONS or self.op in LOGICAL
+
+
+Operand = Symbol | float
+FUNCTIONS: dict[Any, Any] = {
+    np.where: lambda condition, then, other: operation(WHERE, condition, then, other),
+    np.clip: lambda x, low, high: np.minimum(np.maximum(x, low), high),
+    np.any: lambda x: x.any(),
+    np.all: lambda x: x.all(),
+    np.ones_like: lambda x: np.float64(1.0),
+    np.zeros_like: lambda x: np.float64(0.0),
+    np.shape: lambda x: (),
+}
+
+
+def name(text: str) -> Symbol:
+    """A value that is given."""
+    return Symbol(NAME, label=text)
+
+
+def operation(op: str, *inputs: Any) -> Operand:
+    """An operation, unless it comes to nothing."""
+    operands = tuple(x if isinstance(x, Symbol) else float(x) for x in inputs)
+    if op == "power" and operands[1] == 2.0 and not isinstance(operands[1], Symbol):
+        return operation("multiply", operands[0], operands[0])
+    if op == WHERE and not isinstance(operands[0], Symbol):
+        return operands[1] if operands[0] else operands[2]
+    return _short(op, operands) if op in BINARY else Symbol(op, operands)
+
+
+def _short(op: str, operands: tuple[Operand, ...]) -> Operand:
+    """The same with neutral elements left out."""
+    first, second = operands
+    is_number = [not isinstance(x, Symbol) for x in operands]
+    if op == "add" and is_number[0] and first == 0:
+        return second
+    if op in ("add", "subtract") and is_number[1] and second == 0:
+        return first
+    if op == "subtract" and first is second:
+        return 0.0
+    if op == "multiply" and any(flag and x == 0 for flag, x in zip(is_number, operands, strict=True)):
+        return 0.0
+    if op == "divide" and is_number[0] and first == 0:
+        return 0.0
+    if op == "multiply" and is_number[0] and first == 1 and not _is_condition(second):
+        return second
+    if op in ("multiply", "divide") and is_number[1] and second == 1 and not _is_condition(first):
+        return first
+    return Symbol(op, operands)
+
+
+def _is_condition(operand: Operand) -> bool:
+    return isinstance(operand, Symbol) and operand.is_condition
+
+
+def labelled(value: Any, label: str) -> Any:
+    """The value, with a name for the reader if it is computed and has none."""
+    if isinstance(value, Symbol) and not value.label:
+        value.label = label
+    return value
+
+
+def in_order(results: Sequence[Operand]) -> Iterator[Symbol]:
+    """All symbols that the results need, each after those it needs itself."""
+    seen: set[Symbol] = set()
+    waiting = [x for x in reversed(results) if isinstance(x, Symbol)]
+    while waiting:
+        symbol = waiting[-1]
+        missing = [x for x in symbol.inputs if isinstance(x, Symbol) and x not in seen]
+        if symbol not in seen and missing:
+            waiting += reversed(missing)
+            continue
+        waiting.pop()
+        if symbol not in seen:
+            seen.add(symbol)
+            yield symbol

@@ -1,0 +1,31 @@
+"""Mistakes of a user, which end a command with one line, not of the program."""
+
+from __future__ import annotations
+
+from pendulum_env.mistake import Mistake
+
+
+class InputError(Mistake):
+    """A command was asked for something that cannot be; the message is one sentence that says what and why."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """A command was interrupted; the message says what is left of its work."""
+
+
+MISTAKES = (Mistake, OSError)
+LONGEST = 500  # characters of a sentence
+
+
+def sentence(mistake: Exception) -> str:
+    """A user's mistake in one line of at most `LONGEST` characters, none of which a terminal would obey.
+
+    Of a longer one the middle is left out.
+    """
+    if isinstance(mistake, OSError) and mistake.strerror is not None:
+        where = f"{mistake.filename}: " if mistake.filename is not None else ""
+        text = f"{where}{mistake.strerror}"
+    else:
+        text = str(mistake)
+    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in " ".join(text.split()))
+    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2 - 3]} ... {text[-(LONGEST // 2 - 2) :]}"

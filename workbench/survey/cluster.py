@@ -1,0 +1,54 @@
+"""Where a survey is computed: in processes of this computer, or on a Dask cluster."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from workbench.mistakes import InputError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+
+@contextmanager
+def connected(address: str | None, workers: int, memory: float | None = None) -> Iterator[Client]:
+    """Client of the cluster at an address, or of one that lives as long as this: no process is left behind.
+
+    Args:
+        address: of a scheduler, as `tcp://host:8786`; None starts processes here.
+        workers: number of processes to start here.
+        memory: that each of them may take [MB]; an equal share of this computer's if it is not given.
+
+    Raises:
+        InputError: if Dask is not installed, or there is no such cluster.
+    """
+    if find_spec("distributed") is None:
+        raise InputError("a survey needs the extra fleet: pip install 'pendulum-ident[fleet]'")
+    from distributed import Client, LocalCluster
+    from distributed.utils import silence_logging_cmgr
+
+    if address is not None:
+        try:
+            client = Client(address, timeout=10)
+        except (OSError, ValueError) as error:
+            raise InputError(f"there is no Dask cluster at {address}: {error}") from None
+        with silence_logging_cmgr(logging.CRITICAL), client:
+            yield client
+        return
+    limit = "auto" if memory is None else int(1e6 * memory)
+    with (
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,  # a diagnosis computes in Python most of the time
+            memory_limit=limit,
+            preload="workbench.survey.worker",
+            dashboard_address="127.0.0.1:0",  # for nobody else, and beside other surveys
+            silence_logs=logging.CRITICAL,  # what happened to a case is in the dataset
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client

@@ -1,0 +1,118 @@
+"""Recording until a verdict stands: the online diagnosis beside a run; for a motor, in a process of its own."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Any, Protocol
+
+from agents.verdicts import Standing
+from estimators.online import Diagnoser, OnlineDiagnosis
+from estimators.signals.measurements import Smoothing
+from pendulum_env.backends.hardware.pacing import ordinary
+from pendulum_env.words import listing, name
+from workbench.processes import Quiet, attend
+
+DIAGNOSED = "diagnosed"  # what a recording may go on until
+TOGETHER = 50  # samples that are sent at once
+READY = 60.0  # [s] in which the process has to be there
+
+Sample = tuple[float, float, float]  # time [s], position [rad], torque over the period that ends with it [N m]
+
+
+class Judge(Protocol):
+    """What a run asks."""
+
+    def stands(self, info: dict[str, Any]) -> bool:
+        """Take in a sample; whether a verdict stands."""
+
+    def close(self) -> OnlineDiagnosis:
+        """What was said in the end."""
+
+
+class Here:
+    """Diagnoses sample by sample, as the run waits."""
+
+    def __init__(self, rate: float, smoothing: Smoothing) -> None:
+        """Take the samples per second [Hz], and the smoothing of the measurement."""
+        self._diagnoser, self._standing = Diagnoser(rate, smoothing=smoothing), Standing()
+
+    def stands(self, info: dict[str, Any]) -> bool:
+        """Take in a sample; whether a verdict stands."""
+        return self.take([(info["time"], info["position"], info["torque"])])
+
+    def take(self, samples: Sequence[Sample]) -> bool:
+        """Take in samples; whether a verdict stands."""
+        stands = False
+        for time, position, torque in samples:
+            stands = self._standing.take(time, self._diagnoser.take(time, position, torque))
+        return stands
+
+    def close(self) -> OnlineDiagnosis:
+        """What was said in the end."""
+        return self._diagnoser.said
+
+
+class Apart:
+    """Diagnoses in a process of its own: a motor does not wait for a grid that is refined."""
+
+    def __init__(self, rate: float, smoothing: Smoothing) -> None:
+        """Start the process; takes what `Here` does.
+
+        Raises:
+            OSError: if it does not come up.
+        """
+        self._connection, theirs = multiprocessing.Pipe()
+        self._process = Quiet(target=_apart, args=(theirs, rate, smoothing), daemon=True, name="diagnosis")
+        self._process.start()
+        theirs.close()
+        if not self._connection.poll(READY):
+            raise OSError("the process that diagnoses did not start: try again on a machine that does less")
+        self._connection.recv()
+        self._waiting: list[Sample] = []
+        self._stands = False
+
+    def stands(self, info: dict[str, Any]) -> bool:
+        """Take in a sample; whether a verdict stood some samples ago."""
+        self._waiting.append((info["time"], info["position"], info["torque"]))
+        if len(self._waiting) >= TOGETHER and not self._stands:
+            self._connection.send(self._waiting)
+            self._waiting = []
+            while self._connection.poll():
+                self._stands = self._connection.recv() or self._stands
+        return self._stands
+
+    def close(self) -> OnlineDiagnosis:
+        """What was said in the end; waits until all has been taken in."""
+        if self._waiting and not self._stands:
+            self._connection.send(self._waiting)
+        self._connection.send(None)
+        said: object = None
+        while not isinstance(said, OnlineDiagnosis):
+            said = self._connection.recv()
+        self._process.join()
+        self._connection.close()
+        return said
+
+
+def _apart(connection: Connection[Any, Any], rate: float, smoothing: Smoothing) -> None:
+    attend()
+    ordinary()  # a motor's loop, which began this, may be more urgent
+    judge = Here(rate, smoothing)
+    with suppress(EOFError, OSError):  # whoever asked is gone
+        connection.send(False)
+        while (samples := connection.recv()) is not None:
+            connection.send(judge.take(samples))
+        connection.send(judge.close())
+
+
+def told(said: OnlineDiagnosis, stood: bool) -> str:
+    """The verdict in words."""
+    if said.kind == "missing":
+        surely = "the verdict stands" if stood else "the verdict does not stand yet"
+        return (
+            f"missing: {listing([name(id) for id in said.group], 'or')} ({surely}, after {said.motion:.1f} s of motion)"
+        )
+    return f"nothing is surely missing after {said.motion:.1f} s of motion"
