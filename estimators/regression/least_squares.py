@@ -177,11 +177,9 @@ class Balance:
         A parameter at its bound is known there: it has no error of its own, and the others' are those beside it.
         """
         theta = self.solve()
-        error, slope = self.error(theta), self._slope(theta)
-        rows = self._rows(error, slope)
+        error, slopes = self.error(theta), self.slopes(theta, jacobian)
         free = (theta > self.least) & (theta < self.most)
-        extra = np.zeros((len(error), 0)) if jacobian is None else jacobian / slope[:, None]
-        own = rows[:, free]
+        own, extra = slopes[:, : len(theta)][:, free], slopes[:, len(theta) :]
         fit = solve(Equations(own, own @ theta[free] + error), self.weights, clusters, extra)
         kept = np.flatnonzero(np.append(free, np.ones(extra.shape[1], dtype=bool)))
         covariance = np.zeros((len(theta) + extra.shape[1],) * 2)
@@ -190,9 +188,13 @@ class Balance:
         direction[free] = fit.worst_direction
         return Fit(theta, covariance, error, direction, fit.condition)
 
-    def _rows(self, error: Array, slope: Array) -> Array:
-        """Derivatives (R, P) of the predicted torque with respect to the parameters."""
-        return np.asarray((self.phi - error[:, None] * self.by_torque) / slope[:, None])
+    def slopes(self, theta: Array, jacobian: Array | None = None) -> Array:
+        """Derivatives (R, P) of the predicted torque at parameters (P,).
+
+        Those by shape parameters follow, (R, P + S), where `jacobian` has the derivatives of phi theta by these (R, S).
+        """
+        own = self.phi - self.error(theta)[:, None] * self.by_torque
+        return np.column_stack([own, *([] if jacobian is None else [jacobian])]) / self._slope(theta)[:, None]
 
     def _solve(self, theta: Array, free: Mask) -> Array:
         """The parameters with the free ones moved to where the squared error is least (Gauss-Newton)."""
@@ -204,7 +206,7 @@ class Balance:
             return theta
         error = w * self.error(theta)
         for _ in range(TURNS):
-            slopes = w[:, None] * self._rows(self.error(theta), self._slope(theta))
+            slopes = w[:, None] * self.slopes(theta)
             step = np.zeros(len(theta))
             step[free] = least_squares(slopes[:, free], error)
             for share in SHARES:

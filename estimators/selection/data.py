@@ -135,7 +135,7 @@ def fit_terms(evidence: Evidence, terms: Sequence[Term], screen: Screen | None =
     """
     data, balance = evidence.data, (screen or Screen(evidence.data)).balance(terms)
     first = balance.fit(data.clusters)
-    jacobian, names = _shape_jacobian(data, terms, first.theta)
+    jacobian, names = shape_jacobian(data, terms, first.theta)
     fit = balance.fit(data.clusters, jacobian) if names else first
     count = len(fit.theta)
     shape_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
@@ -167,7 +167,7 @@ def _placement(data: Dataset, term: Term, name: str, own: Array, noise: Array) -
     return float(max(sides))
 
 
-def _shape_jacobian(data: Dataset, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
+def shape_jacobian(data: Dataset, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
     """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names."""
     derivatives, names, first = [np.empty((len(data.weights), 0))], [], 0
     for term in terms:

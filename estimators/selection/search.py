@@ -15,10 +15,10 @@ import numpy as np
 
 from estimators.checks.physical import impossible, objection
 from estimators.progress import Progress, no_progress
-from estimators.regression.least_squares import information, least_squares
+from estimators.regression.least_squares import information, least_squares, robust_covariance
 from estimators.selection.candidates import Screen, Trial
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, Step, fit_terms
+from estimators.selection.data import Evidence, Step, fit_terms, shape_jacobian
 from estimators.selection.foils import FOILS, Wandering
 from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, predicted
 from estimators.simulation import multiple_shooting, output_error
@@ -151,14 +151,18 @@ class Search:
         A law that is right has the same parameters wherever it is fitted. One that only imitates another law along one
         motion needs others along the next.
         """
-        known, anew = (fit_terms(part, terms, screen)[1] for part, screen in self._parts)
-        count = len(known.theta)
-        ours, theirs = (fit.covariance[:count, :count] for fit in (known, anew))
-        free = np.flatnonzero(np.diag(ours))  # others are known, or at their bounds
-        told, asked = (information(covariance[np.ix_(free, free)]) for covariance in (ours, theirs))
-        theta = known.theta.copy()
-        theta[free] += least_squares(told + asked, asked @ (anew.theta - known.theta)[free])
-        return self.held_out.balance(terms).error(theta)
+        known, data, balance = (
+            fit_terms(self.train, terms, self.screen)[1],
+            self.holdout.data,
+            self.held_out.balance(terms),
+        )
+        free = np.flatnonzero(np.diag(known.covariance))  # others are known, or at their bounds
+        slopes = balance.slopes(known.theta, shape_jacobian(data, terms, known.theta)[0])[:, free]
+        error, weights = balance.error(known.theta), balance.weights
+        step = least_squares(slopes * weights[:, None], error * weights)
+        covariance = robust_covariance(slopes * weights[:, None], (error - slopes @ step) * weights, data.clusters)
+        told, asked = information(known.covariance[np.ix_(free, free)]), information(covariance)
+        return np.asarray(error - slopes @ least_squares(told + asked, asked @ step))
 
     @property
     def _parts(self) -> tuple[tuple[Evidence, Screen], tuple[Evidence, Screen]]:

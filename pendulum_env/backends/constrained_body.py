@@ -21,8 +21,9 @@ import numpy as np
 from pendulum_env.physics import Samples
 from pendulum_env.physics.simulation import UNBOUNDED, Balance
 
+# Of the friction constraint, near its bound of 1: it takes all that friction can hold.
 IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-STEPS = 2.0  # time constant of the friction, in steps
+STEPS = 2.0  # time constant of the friction, in steps; MuJoCo's own lower bound
 
 
 class ConstrainedBody:

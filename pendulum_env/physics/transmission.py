@@ -209,6 +209,10 @@ def _swing(
     for k in range(steps):
         middle_q = position + 0.5 * h * velocity
         middle_v = velocity + 0.5 * h * acceleration(k * h, position, velocity)
-        velocity = np.clip(velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v), -UNBOUNDED, UNBOUNDED)
-        position = np.clip(position + h * middle_v, -UNBOUNDED, UNBOUNDED)
+        velocity = _bounded(velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v))
+        position = _bounded(position + h * middle_v)
     return position, velocity
+
+
+def _bounded(values: ArrayLike) -> ArrayLike:
+    return np.minimum(np.maximum(values, -UNBOUNDED), UNBOUNDED)

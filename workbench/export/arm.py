@@ -22,6 +22,7 @@ from workbench.export.symbols import ExportError
 
 G = 9.81  # [m/s^2]
 ROD = 4.0 / 3.0  # mass of a uniform rod over that of a point with the same inertia and weight
+FAR = 1e4  # [rad], where a stop is that is none
 THIN = 0.01  # inertia about its length, in that about the axis
 FASTEST = 5.0  # [rad/s], up to which viscous and dry friction approximate another law
 SPEEDS = 100  # at which they do
@@ -159,6 +160,11 @@ class Stop:
     stiffness: float
     damping: float
     missing: tuple[str, ...] = ()
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lower and upper [rad], finite as formats want them."""
+        return max(self.lower, -FAR), min(self.upper, FAR)
 
     @classmethod
     def of(cls, model: Model, speed: float = 1.0) -> Stop | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pendulum_env.physics import Model
 from workbench.export.dynamics import Dynamics, written
-from workbench.export.heading import heading, parameter_note
+from workbench.export.heading import heading, parameter_note, plain, state_note
 from workbench.export.request import Exported, Request
 from workbench.export.source import Dialect, Source
 
@@ -24,7 +24,6 @@ DIALECT = Dialect(
     infinity="INFINITY",
 )
 SIGN = "static double sign(double x) { return (x > 0) - (x < 0); }"
-UNITS = {"time": "[s]", "position": "[rad], 0 hangs down", "velocity": "[rad/s]"}
 
 
 def export(model: Model, request: Request) -> Exported:
@@ -42,7 +41,7 @@ def export(model: Model, request: Request) -> Exported:
         if p.name in needed
     ]
     lines += ["", "typedef struct {"]
-    lines += [f"    double {name}; /* {UNITS.get(name, 'memory of the effect')} */" for name in dynamics.state]
+    lines += [f"    double {name}; /* {state_note(name)} */" for name in dynamics.state]
     lines += [f"    double commands[{waiting + 1}]; /* [N m], newest first */"] if waiting else []
     lines += ["} pendulum_state;", ""]
     lines += [SIGN, ""] if "sign" in start.used | step.used else []
@@ -52,23 +51,24 @@ def export(model: Model, request: Request) -> Exported:
     results = ["0.0", "position", "velocity", *start.results]
     lines += [f"    state->{name} = {text};" for name, text in zip(dynamics.state, results, strict=True)]
     lines += ["    memset(state->commands, 0, sizeof state->commands);"] if waiting else []
-    lines += ["}", "", f"/* State one PENDULUM_STEP later, under a torque [{model.torque_unit}] held meanwhile. */"]
+    lines += [
+        "}",
+        "",
+        f"/* State one PENDULUM_STEP later, under a torque [{plain(model.torque_unit)}] held meanwhile. */",
+    ]
     lines += ["void pendulum_step(pendulum_state *state, double torque) {"]
     lines += [f"    const double {name} = state->{name};" for name in dynamics.state if name in step.names]
-    lines += _delayed(dynamics) if waiting else []
+    lines += _take_in(dynamics) if waiting else []
     lines += [f"    const double {name} = {text};" for name, text in step.lines]
     lines += [f"    state->{name} = {text};" for name, text in zip(dynamics.state, step.results, strict=True)]
     lines += ["}", ""]
     return Exported("\n".join(lines), ())
 
 
-def _delayed(dynamics: Dynamics) -> list[str]:
-    """Take in the command; the one that arrives now is the last."""
-    whole, share = divmod(dynamics.delay, 1.0)
-    late, later = f"state->commands[{int(whole)}]", f"state->commands[{int(whole) + 1}]"
-    arrives = late if share == 0 else f"{1.0 - share!r} * {late} + {share!r} * {later}"
+def _take_in(dynamics: Dynamics) -> list[str]:
+    """Take in the command, and the one that arrives now."""
     return [
         f"    memmove(state->commands + 1, state->commands, {dynamics.waiting} * sizeof(double));",
         "    state->commands[0] = torque;",
-        f"    torque = {arrives};",
+        f"    torque = {dynamics.arriving('state->commands')};",
     ]

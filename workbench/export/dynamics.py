@@ -67,6 +67,12 @@ class Dynamics:
         """How many commands are on their way to the joint."""
         return math.ceil(self.delay)
 
+    def arriving(self, commands: str) -> str:
+        """The command that arrives now, from a list of that name, newest first; one between two is a mean of them."""
+        whole, share = divmod(self.delay, 1.0)
+        late, later = f"{commands}[{int(whole)}]", f"{commands}[{int(whole) + 1}]"
+        return late if share == 0 else f"{1.0 - share!r} * {late} + {share!r} * {later}"
+
 
 @dataclass
 class _Spelled:

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pendulum_env.physics import Model
 from workbench.export.dynamics import Dynamics, Parameter
 
+STATE = {"time": "[s]", "position": "[rad], 0 hangs down", "velocity": "[rad/s]"}  # what its parts are, and their units
+
 
 def title(model: Model) -> str:
     """What the file is of, fit for a comment in any language: a law is whatever its author wrote."""
@@ -36,6 +38,11 @@ def heading(model: Model, dynamics: Dynamics) -> list[str]:
             f"The torque arrives {dynamics.delay * dynamics.step:g} s late: the state holds the commands on their way."
         )
     return lines
+
+
+def state_note(name: str) -> str:
+    """What a part of the state is, and its unit."""
+    return STATE.get(name, "memory of the effect")
 
 
 def parameter_note(parameter: Parameter) -> str:

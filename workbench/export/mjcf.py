@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
 from pendulum_env.physics import Model
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.transmission import JointFlexibility
@@ -20,14 +21,9 @@ from workbench.export.request import Exported, Request, keep
 
 HELD = ("torque_offset", "coulomb_asymmetry", "quadratic_drag", "spring", "hard_stop", "actuator_lag", "dead_time")
 JOINT, ACTUATOR = "joint", "torque"
-# Impedance of the friction constraint, near its bound of 1: it takes all that friction can hold. Its time constant is
-# two steps, MuJoCo's own lower bound.
-STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-STEPS = 2.0
 # Impedance of the stop: MuJoCo's lower bound of 0.0001. A constraint with impedance d replaces the share d of what else
 # accelerates the joint, so that a small one only adds to it, as a spring does.
 SOFT = (1e-4, 1e-4, 0.001, 0.5, 2.0)
-FAR = 1e4  # [rad], where a stop is that is none
 
 
 def export(model: Model, request: Request) -> Exported:
@@ -66,14 +62,14 @@ def export(model: Model, request: Request) -> Exported:
     joint = body.add_joint(name=JOINT, axis=(1, 0, 0))
     joint.damping = friction.viscous, value(model, "quadratic_drag") if "quadratic_drag" in held else 0.0, 0.0
     joint.frictionloss, joint.armature = friction.dry, request.armature
-    joint.solref_friction, joint.solimp_friction = (STEPS * request.step, 1.0), STIFF
+    joint.solref_friction, joint.solimp_friction = (STEPS * request.step, 1.0), IMPEDANCE
     if "spring" in held and (stiffness := value(model, "spring.stiffness")):
         joint.stiffness = stiffness, 0.0, 0.0
         joint.springref = math.degrees(-value(model, "spring.preload") / stiffness)
     if stop is not None:
         inertia = value(model, "inertia")
         joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-        joint.range = [math.degrees(min(max(end, -FAR), FAR)) for end in (stop.lower, stop.upper)]
+        joint.range = [math.degrees(end) for end in stop.ends]
         joint.solref_limit = -stop.stiffness / inertia, -stop.damping / inertia
         joint.solimp_limit = SOFT
     _drive(mujoco, spec, model, request)

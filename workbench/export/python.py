@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from pendulum_env.physics import Model
-from workbench.export.dynamics import Dynamics, Parameter, written
-from workbench.export.heading import heading, parameter_note
+from workbench.export.dynamics import Parameter, written
+from workbench.export.heading import heading, parameter_note, plain, state_note
 from workbench.export.request import Exported, Request
 from workbench.export.source import Dialect, Source
 
@@ -48,8 +48,7 @@ def export(model: Model, request: Request) -> Exported:
     needed = start.names | step.names
     lines += [f"{_assigned(p)}  # {parameter_note(p)}" for p in dynamics.parameters if p.name in needed]
     lines += ["", "", "class State(NamedTuple):", '    """Where the joint is, and what it remembers."""', ""]
-    units = {"time": "[s]", "position": "[rad], 0 hangs down", "velocity": "[rad/s]"}
-    lines += [f"    {name}: float  # {units.get(name, 'memory of the effect')}" for name in dynamics.state]
+    lines += [f"    {name}: float  # {state_note(name)}" for name in dynamics.state]
     lines += [f"    commands: tuple[float, ...]  # [N m], the last {waiting}, newest first"] if waiting else []
     lines += ["", "", "def start(position: float = 0.0, velocity: float = 0.0) -> State:"]
     lines += ['    """State of a joint that has been so for long, without torque."""']
@@ -59,11 +58,11 @@ def export(model: Model, request: Request) -> Exported:
     if "sign" in start.used | step.used:
         lines += SIGN.splitlines()
     lines += ["", "", "def step(state: State, torque: float) -> State:"]
-    lines += [f'    """State one STEP later, under a torque [{model.torque_unit}] that is held meanwhile."""']
+    lines += [f'    """State one STEP later, under a torque [{plain(model.torque_unit)}] that is held meanwhile."""']
     names = [*dynamics.state, *(["commands"] if waiting else [])]
     lines += [f"    {', '.join(names)} = state"]
     if waiting:
-        lines += ["    commands = (torque, *commands)", f"    torque = {_delayed(dynamics)}"]
+        lines += ["    commands = (torque, *commands)", f"    torque = {dynamics.arriving('commands')}"]
     lines += [f"    {name} = {text}" for name, text in step.lines]
     results = [*step.results, *([f"commands[:{waiting}]"] if waiting else [])]
     lines += [f"    return State({', '.join(results)})", ""]
@@ -72,10 +71,3 @@ def export(model: Model, request: Request) -> Exported:
 
 def _assigned(parameter: Parameter) -> str:
     return f"{parameter.name} = {DIALECT.number(parameter.value)}"
-
-
-def _delayed(dynamics: Dynamics) -> str:
-    """The command that arrives now, the oldest being the last."""
-    whole, share = divmod(dynamics.delay, 1.0)
-    late, later = f"commands[{int(whole)}]", f"commands[{int(whole) + 1}]"
-    return late if share == 0 else f"{1.0 - share!r} * {late} + {share!r} * {later}"

@@ -7,7 +7,7 @@ import warnings
 from dataclasses import replace
 
 from pendulum_env.physics import Model
-from workbench.export.arm import Friction, Stop, arm, no_armature
+from workbench.export.arm import FAR, Friction, Stop, arm, no_armature
 from workbench.export.extra import needed
 from workbench.export.heading import commented, title
 from workbench.export.request import Exported, Request, keep
@@ -33,10 +33,8 @@ def export(model: Model, request: Request) -> Exported:
     inertial = urdf.Inertial(
         mass=body.mass, inertia=urdf.Inertia(**about), origin=urdf.Pose(xyz=body.centre, rpy=(0.0, 0.0, 0.0))
     )
-    ends = [-math.inf, math.inf] if stop is None else [stop.lower, stop.upper]
-    limited = any(math.isfinite(end) for end in ends)
-    far = 1e4  # [rad], where a stop is that is none
-    lower, upper = (min(max(end, -far), far) for end in ends)
+    limited = stop is not None and any(math.isfinite(end) for end in (stop.lower, stop.upper))
+    lower, upper = (-FAR, FAR) if stop is None else stop.ends
     unbounded = 1e9  # [N m], [rad/s]: a revolute joint has to tell both, and the model knows neither
     joint = urdf.Joint(
         name=JOINT,
