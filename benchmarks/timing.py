@@ -142,7 +142,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not found.is_right or (found.named is not None and not found.is_named_right)
     ]
     columns = ("hidden", "log", "delay [ms]", "filter [ms]", *(("named",) if arguments.diagnose else ()))
-    terminal.table(columns, rows, left=("hidden", "log", "named"))
+    terminal.table(columns, rows, left=[name for name in columns if "[ms]" not in name])
     terminal.heading("Right")
     for hidden in dict.fromkeys(found.case.hidden for found in results):
         own = [found for found in results if found.case.hidden == hidden]

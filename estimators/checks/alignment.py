@@ -22,7 +22,7 @@ from typing import Literal
 
 import numpy as np
 
-from estimators.checks.channel_fits import CLEARER, CONFIRMED, SURE, ChannelFits, View
+from estimators.checks.channel_fits import CLEARER, SURE, ChannelFits, View
 from estimators.regression.equations import IdentificationError
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import prepare
@@ -136,8 +136,8 @@ class Alignment:
 def align(recordings: Sequence[Recording]) -> Alignment:
     """Delay and lag of the torque channel that all recordings share.
 
-    A law is reported if its delay or lag is `SURE` standard errors (jackknife over stretches of time) from none, if
-    laws fitted to the other stretches predict each second better with it, and if that holds under every more general
+    A law is reported if its delay or lag is `SURE` standard errors (jackknife over stretches of time) from none, if it
+    surely predicts seconds better to which it was not fitted, as an effect has to, and if that holds under every more general
     model of the motion that predicts better. A filter is told from a delay where it predicts better by `CLEARER`
     standard errors, else both are said.
     Recordings too short to tell give an alignment without a finding and with infinite standard errors.
@@ -221,8 +221,7 @@ def _agreed(views: Sequence[View], period: float) -> Alignment:
         found = [getattr(view, law) for view in views]
         signs = {one.channel.is_late for one in found if one is not None}
         return len(signs) == 1 and all(
-            one is not None and one.is_sure and one.excels(view.none, CONFIRMED)
-            for one, view in zip(found, views, strict=True)
+            one is not None and one.is_sure and view.bears_out(one) for one, view in zip(found, views, strict=True)
         )
 
     def excels(law: Name, other: Name, by: float = CLEARER) -> bool:

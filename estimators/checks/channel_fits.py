@@ -11,7 +11,8 @@ from typing import Self
 import numpy as np
 
 from estimators.regression.least_squares import Balance, robust_covariance
-from estimators.selection.score import STRETCH, Stretches, cross_validated
+from estimators.selection.criterion import Criterion
+from estimators.selection.score import STRETCH, Bootstrap, Stretches, cross_validated
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import Dataset, smooth_laws
 from pendulum_env._typing import Array, Index
@@ -21,7 +22,8 @@ from pendulum_env.physics.friction import Stribeck
 REACH = 0.05  # [s], delays and lags up to it are looked for
 STEP = 1e-3  # [s], a tenth of the longest step
 SURE = 4.0  # standard errors from which an estimate is told from none
-CONFIRMED, CLEARER = 1.0, 2.0  # standard errors of what is gained in predictive density: to back, to choose
+TRIED = int(2 * REACH / STEP)  # delays that are told apart; the best of so many predicts better by chance
+BETTER, CLEARER = 1.0, 2.0  # standard errors of what is gained in predictive density: to be heard, to be chosen
 FEWEST = 3  # equations for each column
 FRICTION = (0.02, 0.1, 0.5)  # of the highest velocity: where friction may bend, beside where smooth laws bend already
 BENT = 3  # times that the torque of the model is refitted with columns that depend on it
@@ -54,10 +56,20 @@ class Law:
 class View:
     """The laws of the channel beside one model of the motion; delay and lag together only where torque is late."""
 
+    bootstrap: Bootstrap
     none: Law
     delay: Law
     lag: Law
     both: Law | None
+
+    def bears_out(self, law: Law) -> bool:
+        """Whether a law predicts surely better than none, as an effect has to: here and there, not in one place alone.
+
+        A channel acts always. What fits a single event better is no delay.
+        """
+        pairs = zip(law.density, self.none.density, strict=True)
+        gains = [self.bootstrap.gain(after, before, float(np.log(TRIED))) for after, before in pairs]
+        return all(gain.chance <= Criterion().chance for gain in gains)
 
     @property
     def best(self) -> Law:
@@ -146,6 +158,11 @@ class ChannelFits:
         """What the model leaves of the torque, (R,), weighted."""
         torque = self.torque(channel)
         return torque - self.span @ (self.span.T @ torque)
+
+    @cached_property
+    def bootstrap(self) -> Bootstrap:
+        """Of the stretches."""
+        return Bootstrap(self.where.of_stretch, np.random.default_rng(0))
 
     @cached_property
     def carried(self) -> Array:
@@ -251,7 +268,7 @@ class ChannelFits:
         start = min(((float(delay), 0.0) for delay in grid), key=lambda start: self.misfit(np.array(start)))
         own = self.compare(start)
         wider = [fits.compare(start) for fits in (self.drifting(), self.bent(own.delay.channel))]
-        views = [own, *(view for view in wider if view.best.excels(own.best, CONFIRMED))]
+        views = [own, *(view for view in wider if view.best.excels(own.best, BETTER))]
         return sorted(views, key=lambda view: view.delay.std[0])
 
     def compare(self, start: tuple[float, float]) -> View:
@@ -263,4 +280,4 @@ class ChannelFits:
         both = None
         if late > 0:
             both = self.fit([(share * late, (1 - share) * late) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)
-        return View(none, delay, lag, both)
+        return View(self.bootstrap, none, delay, lag, both)

@@ -9,6 +9,9 @@ from scipy.signal import lfilter
 
 from benchmarks.independent_plant import Experiment, Plant, random_case, simulate
 from estimators.checks.alignment import align, align_each
+from estimators.checks.channel_fits import Law, View
+from estimators.selection.score import Bootstrap
+from estimators.signals.channel import Channel
 from pendulum_env.recording import Recording
 
 KINDS = ("two_tone", "multisine", "chirp", "prbs", "steps")
@@ -142,3 +145,15 @@ def test_too_short_a_recording_tells_nothing():
     found = align([run("multisine", 500.0).slice(0, 300)])
     assert not found.is_found
     assert found.delay_std == np.inf
+
+
+@pytest.mark.parametrize(("gained", "is_borne_out"), [(np.full(18, 2.0), True), (np.r_[36.0, np.zeros(17)], False)])
+def test_a_delay_has_to_show_all_along_and_not_at_one_event(gained, is_borne_out):
+    # the same is gained in all: a channel acts always, while a joint that sticks at every jump of torque but one tells
+    # nothing of a delay, and any may fit that one jump
+    laws = [
+        Law(Channel(delay), (0.0, 0.0), np.tile(density, (2, 1)))
+        for delay, density in ((0, 0 * gained), (0.04, gained))
+    ]
+    view = View(Bootstrap(np.zeros(18, dtype=int), np.random.default_rng(0)), *laws, laws[1], None)
+    assert view.bears_out(view.delay) == is_borne_out
