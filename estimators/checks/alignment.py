@@ -137,9 +137,9 @@ def align(recordings: Sequence[Recording]) -> Alignment:
     """Delay and lag of the torque channel that all recordings share.
 
     A law is reported if its delay or lag is `SURE` standard errors (jackknife over stretches of time) from none, if it
-    surely predicts seconds better to which it was not fitted, as an effect has to, and if that holds under every more general
-    model of the motion that predicts better. A filter is told from a delay where it predicts better by `CLEARER`
-    standard errors, else both are said.
+    surely predicts seconds better to which it was not fitted, as an effect has to, and if that holds under every more
+    general model of the motion that predicts better. A filter is told from a delay where it predicts better by
+    `CLEARER` standard errors, else both are said.
     Recordings too short to tell give an alignment without a finding and with infinite standard errors.
     """
     try:
