@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.selection.data import Step
+from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array
-from pendulum_env.physics import Column, Model, Samples, Term
+from pendulum_env.physics import Column, Model, Samples, Shape, Term, effects
 from pendulum_env.words import listing
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
@@ -21,6 +22,10 @@ def impossible(model: Model, x: Samples) -> list[str]:
     One kind of friction alone may come out negative where the others outweigh it at every speed that was seen.
     """
     found = [f"{column.name} = {value:.3g} {column.unit}" for column, value in beyond(model.terms, model.theta)]
+    found += [
+        f"{term.id}.{shape.name} = {shape.high:.3g} {shape.unit}, the most that it may be"
+        for term, shape in at_their_most(model.terms)
+    ]
     if "inertia" in model.estimates and model.estimates["inertia"].value <= 0:
         found.append("negative inertia")
     rubbing = [(term, column, value) for term, column, value in _parts(model) if term.kind == "dissipative"]
@@ -53,6 +58,20 @@ def beyond(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
     """Linear parameters theta (P,) that no body has so, whatever else it has."""
     columns = [column for term in terms for column in term.columns]
     return [(column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.allows(value)]
+
+
+def at_their_most(terms: Sequence[Term]) -> list[tuple[Term, Shape]]:
+    """Shape parameters that a fit drove to the upper end of their range: what it looks for is another law.
+
+    A lag of seconds leaves nothing of the torque but its mean, which a controller's answer to all else is no part of.
+    At the lower end there is nothing of the effect, and a limit that a user set is no end.
+    """
+    found = []
+    for term in terms:
+        shapes = {shape.name: shape for shape in effects().get(term.id, type(term)).shapes}
+        own = (shapes[shape.name] for shape in continuous(term))
+        found += [(term, shape) for shape in own if term.shape[shape.name] >= shape.high]
+    return found
 
 
 def wrong_signs(model: Model) -> list[str]:

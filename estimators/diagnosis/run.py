@@ -36,6 +36,7 @@ from pendulum_env.words import listing
 
 CLOSER = 0.5  # share of the windows' length at a second look
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
+PLENTY = 40  # stretches of motion, below which little can be told
 HOLDOUT_SHARE = 0.3  # end of each recording that is held out when no recording is
 
 
@@ -280,6 +281,7 @@ def _examine(
         noise_floor=search.floor,
         advice=(
             *look_alike,
+            *_of_little(evidence[0]),
             *_of_nothing(search, final, left),
             *(doubt.text for doubt in doubts),
             *wrong_signs(steps[-1].model),
@@ -292,6 +294,17 @@ def _examine(
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
         window_share=window_share,
     )
+
+
+def _of_little(fitted: Evidence) -> list[str]:
+    """A caveat where little of the motion tells anything."""
+    count = len(fitted.data.weights)
+    if count >= PLENTY:
+        return []
+    return [
+        f"only {count} stretches of motion are clear of stick and reversals: much may be missing that does not show, "
+        "record longer, faster or wider motion"
+    ]
 
 
 def _of_nothing(search: Search, final: Sequence[Term], left: Sequence[Region]) -> list[str]:

@@ -20,6 +20,7 @@ HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0
 FOLDS, RUN = 10, 4  # of cross-validation: how many, and windows in a row in one
 LEAST_NOISE = 5e-4  # of the torque
 TRIFLE = 0.01  # share of the torque; encoder noise below it hides nothing worth finding
+LEAST_WINDOWS = 10  # below which errors mean nothing
 FEWEST = 100  # windows that a length has to leave clear of stick,
 CLEAR = 0.3  # or share of the recording
 
@@ -251,10 +252,10 @@ def prepare(recordings: Sequence[Recording], half_widths: Sequence[float] | None
     widths = half_widths or [choose_half_width(recording) for recording in recordings]
     windows = [calibrate(cut(recording, width, part)) for recording, width in zip(recordings, widths, strict=True)]
     usable = sum(len(w.centers) for w in windows)
-    if usable < 20:
+    if usable < LEAST_WINDOWS:
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
-            f"{names}: only {usable} stretches of motion are clear of stick and reversals, at least 20 are needed: "
-            "record longer, faster or wider motion"
+            f"{names}: only {usable} stretches of motion are clear of stick and reversals, at least {LEAST_WINDOWS} "
+            "are needed: record longer, faster or wider motion"
         )
     return dataset(windows)

@@ -214,5 +214,5 @@ def _swing(
     return position, velocity
 
 
-def _bounded(values: ArrayLike) -> ArrayLike:
+def _bounded(values: Array) -> Array:
     return np.minimum(np.maximum(values, -UNBOUNDED), UNBOUNDED)

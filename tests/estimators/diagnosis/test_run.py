@@ -598,3 +598,10 @@ def test_torque_is_not_explained_by_torque():
     found = diagnose([recording])
     assert "load_dependent_friction" not in {*found.selected, *(id for group in found.ambiguous for id in group)}
     assert all(0 <= candidate.score <= 1 for candidate in found.candidates)
+
+
+def test_half_a_second_of_motion_is_diagnosed_with_a_caveat_and_nothing_is_named():
+    (made,) = simulate([(Plant(), run(31, 0.5, 250.0))])
+    found = diagnose([Recording("short", made.time, made.position, made.torque)])
+    assert found.selected == ()
+    assert any("stretches of motion are clear of stick" in text for text in found.advice)
