@@ -50,7 +50,7 @@ class Verdicts:
         return Verdicts(arrays[0], arrays[1], tuple(id for part in parts for id in part.hidden), arrays[2])
 
 
-class Standing:
+class Leader:
     """Whether a verdict stands: what is missing has been the same group's leader for `STANDS` seconds."""
 
     def __init__(self) -> None:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
-from agents.verdicts import Standing
+from agents.verdicts import Leader
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
 from pendulum_env.backends.hardware.pacing import ordinary
@@ -37,7 +37,7 @@ class Here:
 
     def __init__(self, rate: float, smoothing: Smoothing) -> None:
         """Take the samples per second [Hz], and the smoothing of the measurement."""
-        self._diagnoser, self._standing = Diagnoser(rate, smoothing=smoothing), Standing()
+        self._diagnoser, self._leader = Diagnoser(rate, smoothing=smoothing), Leader()
 
     def stands(self, info: dict[str, Any]) -> bool:
         """Take in a sample; whether a verdict stands."""
@@ -47,7 +47,7 @@ class Here:
         """Take in samples; whether a verdict stands."""
         stands = False
         for time, position, torque in samples:
-            stands = self._standing.take(time, self._diagnoser.take(time, position, torque))
+            stands = self._leader.take(time, self._diagnoser.take(time, position, torque))
         return stands
 
     def close(self) -> OnlineDiagnosis:

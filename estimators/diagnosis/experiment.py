@@ -37,6 +37,7 @@ ALIKE = 0.05  # of the worth, a logarithm: signals as close as this are as good,
 NEAREST = 3  # effects that come closest to what none explains, which are looked for
 FEWEST = 40  # windows clear of stick that an experiment has to give
 GENTLER = (1.0, 0.3, 0.1)  # of the torque: what small angles and low speeds call for
+FASTER = 30.0  # times the highest speed that was recorded: of a motion beyond, a model knows nothing
 SAFE = 0.9  # share of a bounded angle or speed that is used: the model that foretells the motion is in doubt
 
 
@@ -203,11 +204,15 @@ class Run:
 
 
 def rehearse(search: Search, model: Model, limits: Limits) -> list[Run]:
-    """Simulate candidate signals, sampled and windowed much as the recordings are; gives those within the limits."""
+    """Simulate candidate signals, sampled and windowed much as the recordings are; gives those within the limits.
+
+    Motions that are far faster than any recorded are left out: a light joint with hardly any friction runs away.
+    """
     windows = search.train.data.windows[0]
     recorded = windows.recording.rate
     rate, half_width = min(RATE, recorded), (len(windows.kernel) // 2) / recorded
     time = np.arange(round(SECONDS * rate)) / rate
+    fastest = FASTER * max(float(np.abs(w.samples.velocity).max()) for w in search.train.data.windows)
     shares = GENTLER[:1] if limits.moves_freely else GENTLER
     signals = [signal for s in shares for signal in family(np.random.default_rng(0), SECONDS, s * limits.torque)]
     torques = np.column_stack([signal.signal(time) for signal in signals])
@@ -220,5 +225,5 @@ def rehearse(search: Search, model: Model, limits: Limits) -> list[Run]:
             float(np.abs(velocity).max()),
         )
         for signal, torque, position, velocity in motions
-        if limits.bear(position, velocity)
+        if limits.bear(position, velocity) and np.abs(velocity).max() <= fastest
     ]
