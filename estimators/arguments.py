@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from estimators.schemes.six import SCHEMES, Scheme, scheme
@@ -19,7 +20,7 @@ Schemes = str | Sequence[str | Scheme]
 
 
 def chosen_recordings(given: Recordings, *, empty: bool = False) -> tuple[Recording, ...]:
-    """One recording, or several.
+    """One recording, or several; time counts from the start of each: logs often have seconds since 1970.
 
     Args:
         given: what the caller has.
@@ -38,7 +39,7 @@ def chosen_recordings(given: Recordings, *, empty: bool = False) -> tuple[Record
             )
     if not several and not empty:
         raise ValueError("there is no recording to work on: give one or several")
-    return several
+    return tuple(one if one.time[0] == 0.0 else replace(one, time=one.time - one.time[0]) for one in several)
 
 
 def chosen_terms(given: Terms | None) -> tuple[Term, ...]:

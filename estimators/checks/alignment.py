@@ -159,7 +159,8 @@ def align_each(recordings: Sequence[Recording]) -> list[Alignment]:
     if len(recordings) == 1:
         return [joint]
     alone = [align([recording]) for recording in recordings]
-    return [joint] * len(alone) if all(one.agrees(joint) for one in alone) else alone
+    shared = joint.is_found or not any(one.is_found for one in alone)
+    return [joint] * len(alone) if shared and all(one.agrees(joint) for one in alone) else alone
 
 
 @dataclass(frozen=True)
@@ -229,7 +230,12 @@ def _agreed(views: Sequence[View], period: float) -> Alignment:
 
     delay, lag, both = first.delay, first.lag, first.both
     if not stands("delay") or abs(delay.channel.delay) < TRIFLE * period:  # what is filtered is late as well
-        return Alignment(Channel(), delay.std[0], lag.std[1])
+        # what is not borne out is no more exact than that: it must not speak against what other recordings tell
+        return Alignment(
+            Channel(),
+            max(delay.std[0], abs(delay.channel.delay) / SURE),
+            max(lag.std[1], abs(lag.channel.lag) / SURE),
+        )
     if both is not None and stands("both") and both.channel.lag > period:
         if excels("both", "delay") and excels("both", "lag"):
             return Alignment(both.channel, *both.std)

@@ -254,6 +254,7 @@ def misfits(data: Dataset, terms: Sequence[Term]) -> tuple[Disagreement, ...]:
 def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
     """Fits of the parameters that do not change with time to each recording alone, where it allows one."""
     constant = np.array([term.kind != "time-varying" for term in terms for _ in term.columns], dtype=bool)
+    names = [column.name for term in terms for column in term.columns]
     fits, number = [], 0
     for data in datasets:
         equations = data.equations(terms)
@@ -277,7 +278,7 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
                     fit.covariance[np.ix_(constant, constant)],
                     np.sqrt(np.mean(own.phi[:, constant] ** 2, axis=0)),
                     fit.rms,
-                    w.noise(abs(float(fit.theta[0]))),
+                    w.noise(abs(float(fit.theta[names.index("inertia")])) if "inertia" in names else 0.0),
                     freedom,
                 )
             )

@@ -165,8 +165,8 @@ def _choose(
 ) -> tuple[Suggestion | None, list[Aim]]:
     """The experiment within limits that settles most, and what none of them settles."""
     runs = rehearse(search, model, limits) if asked else []
-    if not runs:
-        return None, [question.aim for question in asked]
+    if not runs:  # within limits there is none; without, the model ran away under all, and nobody knows
+        return None, [] if limits.moves_freely else [question.aim for question in asked]
     shown = np.zeros((len(runs), len(asked)))  # against the noise floor
     for j, run in enumerate(runs):
         if len(run.data.weights) >= FEWEST:

@@ -20,7 +20,8 @@ def smallest(search: Search, terms: Terms, kind: type[Term]) -> float | None:
     """Smallest size of an effect that would have shown beside the terms, in the unit of its first parameter.
 
     An effect whose torque has a root mean square r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats
-    over N windows whose noise is s; and r has to be structure, not noise. None if the data do not depend on it.
+    over N windows whose noise is s; and r has to be structure, not noise, which N windows may be too few to tell. None
+    if no size would do, or the data do not depend on it.
     """
     term, theta = of_typical_size(kind)
     if not len(theta):
@@ -32,8 +33,15 @@ def smallest(search: Search, terms: Terms, kind: type[Term]) -> float | None:
     if shown < 1e-9 * float(np.sqrt(np.mean(torque**2))) or shown == 0.0:
         return None
     noise = max(search.floor, float(np.sqrt(np.mean(search.screen.residual(terms) ** 2))))
+    correlated = CLEAR * search.criterion.sure / float(np.sqrt(len(left)))  # r^2 / (r^2 + s^2) that is surely shared
+    if correlated >= 1.0:
+        return None
     nats = DOUBT * search.penalty((*terms, term), terms)
-    least = max(noise * float(np.sqrt(np.expm1(2 * nats / len(left)))), CLEAR * search.criterion.noise * search.floor)
+    least = max(
+        noise * float(np.sqrt(np.expm1(2 * nats / len(left)))),
+        noise * float(np.sqrt(correlated / (1.0 - correlated))),
+        CLEAR * search.criterion.noise * search.floor,
+    )
     return float(np.linalg.norm(theta)) * least / shown
 
 

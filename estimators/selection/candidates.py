@@ -96,7 +96,7 @@ class Screen:
             left = balance.error(balance.solve()) ** 2
             owner = self.data.recording_of_window
             level = np.sqrt(np.bincount(owner, left) / np.maximum(np.bincount(owner), 1)) + 1e-300
-            self._weights[key] = (level.min() / level)[owner]
+            self._weights[key] = (level[np.unique(owner)].min() / level)[owner]  # some recordings may have no window
         return self._weights[key]
 
     def _balance(self, terms: Sequence[Term], parts: Sequence[Columns], w: Array) -> Balance:

@@ -88,7 +88,8 @@ class Search:
         if terms not in self._densities:
             balance, hidden = self.screen.balance(terms), self.screen.hidden_noise(terms)
             known = cross_validated(balance, hidden, self._where[0])
-            unseen = predicted(balance.solve(), self.held_out.balance(terms), hidden, self._where[1])
+            theirs = self.held_out.balance(terms), self.held_out.hidden_noise(terms)
+            unseen = predicted(balance.solve(), *theirs, self._where[1])
             self._densities[terms] = np.concatenate([known, unseen])
         return self._densities[terms]
 

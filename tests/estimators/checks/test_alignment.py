@@ -147,7 +147,10 @@ def test_too_short_a_recording_tells_nothing():
     assert found.delay_std == np.inf
 
 
-@pytest.mark.parametrize(("gained", "is_borne_out"), [(np.full(18, 2.0), True), (np.r_[36.0, np.zeros(17)], False)])
+@pytest.mark.parametrize(
+    ("gained", "is_borne_out"),
+    [(np.full(18, 2.0), True), (np.r_[36.0, np.zeros(17)], False), (np.r_[200.0, np.zeros(17)], False)],
+)
 def test_a_delay_has_to_show_all_along_and_not_at_one_event(gained, is_borne_out):
     # the same is gained in all: a channel acts always, while a joint that sticks at every jump of torque but one tells
     # nothing of a delay, and any may fit that one jump

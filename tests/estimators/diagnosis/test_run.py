@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Diagnosis, IdentificationError, add, diagnose, identify
+from estimators.arguments import chosen_recordings
 from estimators.diagnosis.run import gather
 from estimators.selection.data import fit_terms
 from estimators.selection.search import Search
@@ -605,3 +606,22 @@ def test_half_a_second_of_motion_is_diagnosed_with_a_caveat_and_nothing_is_named
     found = diagnose([Recording("short", made.time, made.position, made.torque)])
     assert found.selected == ()
     assert any("stretches of motion are clear of stick" in text for text in found.advice)
+
+
+def test_time_counts_from_the_start_whatever_the_clock_says(recordings):
+    early = recordings["stribeck"]
+    since_boot = Recording("stribeck", 2e6 + early.time, early.position, early.torque)
+    (one,), (other,) = (chosen_recordings(recording) for recording in (early, since_boot))
+    assert other.time == pytest.approx(one.time, abs=1e-6)
+    drifting = {"payload_change": {"pay_I": 0.03, "pay_mgl": 0.7, "pay_t": 5.0}}
+    (made,) = simulate([(Plant(effects=drifting), run(61, 12.0))])
+    found = diagnose([Recording("picked up", 2e6 + made.time, made.position, made.torque)])
+    assert found.selected == ("payload_change",)
+    assert found.model.estimates["payload_change.moment"].value == pytest.approx(5.0, abs=0.05)
+
+
+def test_a_recording_without_motion_changes_nothing_beside_a_good_one(recordings):
+    good = recordings["filtered noise"]
+    still = Recording("still", good.time[:2000], np.zeros(2000), np.full(2000, 0.01))
+    alone, beside = (Search(*gather(those)).step(None, BASE).model for those in ([good], [still, good]))
+    assert beside.theta == pytest.approx(alone.theta, rel=1e-6)
