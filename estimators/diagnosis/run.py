@@ -27,7 +27,7 @@ from estimators.selection.foils import words
 from estimators.selection.motion import is_astray, refine, relink, sharpen
 from estimators.selection.search import Search, held_out_cost, ids
 from estimators.signals.measurements import measure_segments
-from estimators.weak_form.dataset import choose_half_width
+from estimators.weak_form.dataset import choose_half_width, prepare
 from estimators.weak_form.windows import SLOWEST
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term
@@ -61,9 +61,17 @@ def gather(
         )
     widths = [shorter * choose_half_width(recording) for recording in recordings]
     if not holdout:
-        share = 1 - HOLDOUT_SHARE
-        return Evidence.of(recordings, widths, (0.0, share)), Evidence.of(recordings, widths, (share, 1.0))
+        try:
+            return _split(recordings, widths, 1 - HOLDOUT_SHARE)
+        except IdentificationError:  # perhaps the end is at rest: then the motion is split, not the time
+            every = [w.centers / len(w.recording) for w in prepare(recordings, widths).windows]
+            return _split(recordings, widths, float(np.quantile(np.concatenate(every), 1 - HOLDOUT_SHARE)))
     return Evidence.of(recordings, widths), Evidence.of(holdout, [shorter * choose_half_width(r) for r in holdout])
+
+
+def _split(recordings: Sequence[Recording], widths: Sequence[float], share: float) -> tuple[Evidence, Evidence]:
+    """Evidence of recordings up to a share of each, and from there on."""
+    return Evidence.of(recordings, widths, (0.0, share)), Evidence.of(recordings, widths, (share, 1.0))
 
 
 @dataclass(frozen=True)

@@ -625,3 +625,15 @@ def test_a_recording_without_motion_changes_nothing_beside_a_good_one(recordings
     still = Recording("still", good.time[:2000], np.zeros(2000), np.full(2000, 0.01))
     alone, beside = (Search(*gather(those)).step(None, BASE).model for those in ([good], [still, good]))
     assert beside.theta == pytest.approx(alone.theta, rel=1e-6)
+
+
+def test_a_log_that_ends_at_rest_is_split_where_it_moves(recordings):
+    moving = recordings["stribeck"]
+    rest, period = len(moving), 1 / moving.rate
+    time = period * np.arange(len(moving) + rest)
+    stopped = np.full(rest, moving.position[-1])
+    log = Recording("stops", time, np.r_[moving.position, stopped], np.r_[moving.torque, np.zeros(rest)])
+    train, holdout = gather([log])
+    whole, _ = gather([moving], [moving])
+    assert len(train.data.weights) + len(holdout.data.weights) == pytest.approx(len(whole.data.weights), abs=30)
+    assert len(holdout.data.weights) == pytest.approx(0.3 * len(whole.data.weights), abs=30)
