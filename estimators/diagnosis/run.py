@@ -29,7 +29,6 @@ from estimators.selection.search import Search, held_out_cost, ids
 from estimators.signals.measurements import measure_segments
 from estimators.weak_form.dataset import choose_half_width, prepare
 from estimators.weak_form.windows import SLOWEST
-from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
@@ -335,13 +334,6 @@ def _mislogged(search: Search, base: Sequence[Term], text: str) -> Diagnosis:
     return Diagnosis((step,), (), (), (region,), search.floor, (text,))
 
 
-def _everywhere(part: Evidence, left: Array, floor: float, where: str) -> Region:
-    """What is left where it stands out nowhere: neighbouring moments share it all the same."""
-    size, fast = float(np.sqrt(np.mean(left**2))), float(np.abs(part.samples.velocity).max())
-    text = f"{where}{size:.2g} N m of torque are left that neighbouring moments share, at no angle, speed or time more"
-    return Region("velocity", -fast, fast, size, size / floor if floor > 0 else 0.0, text)
-
-
 def unexplained(search: Search, last: Step) -> list[Region]:
     """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
     wrong = impossible(last.model, search.train.samples)
@@ -358,15 +350,12 @@ def unexplained(search: Search, last: Step) -> list[Region]:
         text = f"{words(search.unnamed)} would explain most of it, and no effect of the library is such a law"
         return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
     if not search.is_noise(search.train, left):
-        return regions or [_everywhere(search.train, left, search.floor, "")]
+        return regions
     unseen = search.unseen(last.model.terms)
     if not search.is_noise(search.holdout, unseen):
         names = listing(list(dict.fromkeys(recording.name for recording in search.holdout.recordings)))
         found = stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout)))
-        where = f"in what was held out ({names}) "
-        return [replace(region, text=where + region.text) for region in found] or [
-            _everywhere(search.holdout, unseen, search.noise_of(search.holdout), where)
-        ]
+        return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in found]
     if is_astray(search, last):
         error = last.errors["train"].position_rms
         text = (
