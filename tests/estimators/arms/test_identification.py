@@ -10,7 +10,6 @@ from estimators.arms.measurements import measure_arm
 from estimators.regression.equations import IdentificationError
 from estimators.regression.recursive import start, step
 from estimators.schemes.six import PAPER
-from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
@@ -29,13 +28,6 @@ def run(seed, seconds=10.0, noise=0.02):
     measured = torque.held(time, 1 / RATE)
     measured += noise * np.random.default_rng(seed).normal(size=measured.shape)
     return ArmRecording.of(f"run {seed}", ("shoulder", "elbow"), time, position, measured)
-
-
-@pytest.fixture(scope="module")
-def body(tmp_path_factory):
-    path = tmp_path_factory.mktemp("robot") / "two.urdf"
-    path.write_text(ARM.urdf())
-    return read_body(path)
 
 
 @pytest.fixture(scope="module")

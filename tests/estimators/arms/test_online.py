@@ -5,17 +5,9 @@ from benchmarks.two_link import Multisine, TwoLink
 from estimators.arms.identification import ARM_SCHEMES, identify_arm
 from estimators.arms.online import ArmEstimator
 from estimators.schemes.six import Energy, Hamiltonian
-from pendulum_env.arms.body import read_body
 from pendulum_env.arms.recording import ArmRecording
 
 ARM = TwoLink()
-
-
-@pytest.fixture(scope="module")
-def body(tmp_path_factory):
-    path = tmp_path_factory.mktemp("robot") / "two.urdf"
-    path.write_text(ARM.urdf())
-    return read_body(path)
 
 
 @pytest.fixture(scope="module")

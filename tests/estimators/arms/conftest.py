@@ -1,0 +1,14 @@
+"""What several tests of arms share."""
+
+import pytest
+
+from benchmarks.two_link import TwoLink
+from pendulum_env.arms.body import read_body
+
+
+@pytest.fixture(scope="module")
+def body(tmp_path_factory):
+    """The plane arm of two links, read from its own file."""
+    path = tmp_path_factory.mktemp("robot") / "two.urdf"
+    path.write_text(TwoLink().urdf())
+    return read_body(path)
