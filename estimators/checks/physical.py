@@ -34,7 +34,9 @@ def impossible(model: Model, x: Samples) -> list[str]:
     )
     if np.mean(power < 0) > SELDOM:
         found.append("friction that drives")
-    limit = float(np.abs(x.torque).max())
+    weighing = [(column, value) for term, column, value in _parts(model) if term.kind == "potential"]
+    held = sum((value * column.force(x) for column, value in weighing), x.load.gravity * np.sin(x.position))
+    limit = float(np.abs(x.torque - held).max())
     dry = _dry_over_a_turn([(column, value) for term, column, value in rubbing if not column.of_torque], x)
     if dry.max() > limit:
         found.append(f"dry friction of {dry.max():.2g} N m, more than the {limit:.2g} N m that moved the joint")

@@ -14,7 +14,7 @@ from estimators.diagnosis.run import calibrated_model, gather
 from estimators.progress import Progress, no_progress
 from estimators.selection.data import Evidence, Step
 from estimators.selection.motion import sharpen
-from estimators.selection.search import Search
+from estimators.selection.search import Search, is_hidden
 from pendulum_env.notebook import shown
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics import effect as find_effect
@@ -121,7 +121,7 @@ def add(
     )
     *_, after = sharpen(search, [before, search.report(id, terms)], longer)
     against = objection(after, shown, search.train.samples)
-    if against is None and trial is not None and not (terms[-1].link or terms[-1].remembers):  # motion tells of these
+    if against is None and trial is not None and not is_hidden(terms[-1]):  # motion tells of these
         against = None if search.is_sure(terms, before.model.terms) else CHANCE
     shown, after = (replace(step, model=calibrated_model(step.model, recordings, holdout)) for step in (shown, after))
     return Addition(shown, after, search.floor, against, calibrated.doubt)

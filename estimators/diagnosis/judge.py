@@ -13,7 +13,7 @@ from estimators.diagnosis.result import Candidate, Verdict
 from estimators.selection.data import Step
 from estimators.selection.foils import words
 from estimators.selection.score import Gain
-from estimators.selection.search import Search, Terms
+from estimators.selection.search import Search, Terms, is_hidden
 
 SEEN = 1e-3  # share of an effect's torque that the other terms cannot imitate, below which the data do not show it
 
@@ -57,7 +57,7 @@ def _judge_selected(search: Search, final: Terms, before: Step, after: Step) -> 
     """
     term = next(term for term in final if term.id == after.added)
     # windows, in which a link is carried along, know little of it: there motion has decided
-    odds = {term.id: 1.0} if term.link or term.remembers else search.alternatives(final, term)
+    odds = {term.id: 1.0} if is_hidden(term) else search.alternatives(final, term)
     others = tuple(other for other in final if other is not term)
     known = 1.0 if search.fits(final) else max(0.0, search.explained(final, others))
     rivals = {rival[-1].id: rival for rival in search.rivals(final, term)} if len(odds) > 1 else {}
@@ -69,7 +69,7 @@ def _judge_selected(search: Search, final: Terms, before: Step, after: Step) -> 
         f"lowers the held-out errors: torque {_fall(before, after, 'torque_rms')} N m, "
         f"free-running position {_fall(before, after, 'position_rms')} rad"
     )
-    windowed: _Gained = {} if term.link or term.remembers else _gained(search, final, others)
+    windowed: _Gained = {} if is_hidden(term) else _gained(search, final, others)
     return [
         Candidate(term.id, share * total, Verdict.SELECTED, ratio, reason, **windowed),
         *(

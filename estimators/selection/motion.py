@@ -5,15 +5,13 @@ Windows stay clear of stick, and what happens at reversals is lost to them. A si
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from estimators.selection.data import Evidence, Step
 from estimators.selection.score import Bootstrap
-from estimators.selection.search import Search, complexity, has_transmission, held_out_cost
+from estimators.selection.search import Search, complexity, has_bristles, has_transmission, held_out_cost
 from estimators.simulation import multiple_shooting, output_error
-from estimators.simulation.free_running import Flights, position_noise, take_off
+from estimators.simulation.free_running import Flights, deviation, position_noise, take_off
 from estimators.simulation.link_segments import has_link
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, Term
@@ -26,7 +24,7 @@ FINEST = 1e-3  # share of the motion, below which no initial state or integratio
 
 def refine(search: Search, steps: list[Step]) -> list[Step]:
     """The steps with all that motion tells: the last model refined, and effects that windows do not show."""
-    if is_astray(search, steps[-1]) or has_hidden_state(steps[-1].model.terms):
+    if is_astray(search, steps[-1]) or any(has_bristles(term) for term in steps[-1].model.terms):
         search.progress("fitting the flights", 0.9)
         steps = [*steps[:-1], better(steps[-1], search.in_motion(steps[-1]))]
     if search.unnamed is None and search.fits(steps[-1].model.terms):
@@ -47,8 +45,7 @@ def is_astray(search: Search, step: Step) -> bool:
     if has_transmission(step.model.terms):
         return False  # its impacts are too sharp to follow as closely, and other effects would only paper over that
     flights, point = search.train.flights, _point(step.model)
-    motion = np.concatenate([flight.position.ravel() for flight in flights])
-    least, astray = FINEST * float(np.std(motion)), search.criterion.astray
+    least, astray = FINEST * deviation(flights), search.criterion.astray
     if step.errors["train"].position_rms <= astray * max(least, position_noise(flights, point.terms, point.theta)):
         return False
     noise = max(least, output_error.noise(flights, point))
@@ -191,11 +188,6 @@ def _is_called_for(search: Search, point: Point, start: Point) -> bool:
     count = len(owner[owner == 0])
     had, left = (float(np.mean(sizes[:count] ** 2)) - noise**2 for sizes in (old, new))
     return gain.chance <= search.criterion.chance and had - left > search.criterion.share * had
-
-
-def has_hidden_state(terms: Sequence[Term]) -> bool:
-    """Whether the motion depends on a state of bristles, which nobody measures."""
-    return any(term.kind == "dissipative" and term.remembers for term in terms)
 
 
 def _point(model: Model) -> Point:

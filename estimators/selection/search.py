@@ -557,6 +557,16 @@ def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
     return frozenset((term.id, *(shape.name for shape in term.free)) for term in terms)
 
 
+def has_bristles(term: Term) -> bool:
+    """Whether it is friction with a state, which nobody measures."""
+    return term.kind == "dissipative" and term.remembers
+
+
+def is_hidden(term: Term) -> bool:
+    """Whether it has a state that nobody measures, of a link or of bristles: windows know little of it, motion more."""
+    return term.link or has_bristles(term)
+
+
 def has_transmission(terms: Sequence[Term]) -> bool:
     """Whether one of the terms is a loose or elastic transmission."""
     return any(term.kind == "transmission" for term in terms)

@@ -17,7 +17,6 @@ from pendulum_env.physics.potential import Cogging, GravityTilt
 from pendulum_env.recording import Recording
 
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
-FOLDS, RUN = 10, 4  # of cross-validation: how many, and windows in a row in one
 LEAST_NOISE = 5e-4  # of the torque
 TRIFLE = 0.01  # share of the torque; encoder noise below it hides nothing worth finding
 LEAST_WINDOWS = 10  # below which errors mean nothing
@@ -32,16 +31,13 @@ class Dataset:
     Attributes:
         windows: one entry a recording.
         weights: relative weight of each equation, (R,): recordings with more noise count less.
-        blocks: fold of each equation in cross-validation, (R,). Folds take turns along the recording, a few windows
-            each, so that an event that happens once (a stop that is hit, a payload that is lost) is in most of them.
-        clusters: the same with shorter stretches, for standard errors under correlated residuals.
+        clusters: stretch that each equation lies in (R,), for standard errors under correlated residuals.
         watched: samples with the state variables of a term, by its id, one entry a recording; where they are not given,
             the measured motion from the start on tells.
     """
 
     windows: tuple[Windows, ...]
     weights: Array
-    blocks: Index
     clusters: Index
     watched: Mapping[str, Sequence[Samples]] = field(default_factory=dict)
 
@@ -230,7 +226,7 @@ def choose_half_width(recording: Recording) -> float:
 
 
 def dataset(windows: Sequence[Windows]) -> Dataset:
-    """Put windows of several recordings together, weighted by their noise and split into folds."""
+    """Put windows of several recordings together, weighted by their noise."""
     total = sum(w.recording.duration for w in windows)
     reference = float(np.median([np.std(w.recording.torque) for w in windows]))
     levels = [max(w.noise(0.05), 0.003 * reference, 1e-12) for w in windows]
@@ -238,7 +234,6 @@ def dataset(windows: Sequence[Windows]) -> Dataset:
     return Dataset(
         tuple(windows),
         np.concatenate(weights),
-        np.arange(sum(len(w.centers) for w in windows)) // RUN % FOLDS,
         _numbers(windows, min(0.5, total / 30)),
     )
 

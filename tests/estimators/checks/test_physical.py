@@ -6,6 +6,7 @@ from estimators.checks.physical import impossible
 from pendulum_env.physics import BASE, Model, Samples, Term
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.limits import limited_term
+from pendulum_env.physics.term import UNLOADED, KnownLoad
 
 X = Samples(*np.ones((4, 3)))
 
@@ -22,3 +23,18 @@ def test_a_lag_of_seconds_is_no_drives():
 def test_what_a_user_bounds_may_lie_at_its_bound():
     narrow = limited_term(ActuatorLag(0.01), {"actuator_lag.time_constant": (0.001, 0.01)})
     assert impossible(of(narrow), X) == []
+
+
+def swinging(load: KnownLoad = UNLOADED) -> Samples:
+    """A heavy arm let go from level, whose motor hardly pushes."""
+    time = np.linspace(0.0, 10.0, 1000)
+    return Samples(time, 1.5 * np.cos(3 * time), -4.5 * np.sin(3 * time), np.full(1000, 0.01), load=load)
+
+
+def test_dry_friction_may_be_what_gravity_or_a_load_overcame():
+    theta = dict(zip(("inertia", "gravity", "viscous", "coulomb"), (0.1, 2.0, 0.01, 0.3), strict=True))
+    assert impossible(Model.build(BASE, list(theta.values())), swinging()) == []
+    light = Model.build(BASE, list((theta | {"gravity": 0.1}).values()))
+    (told,) = impossible(light, swinging())
+    assert "dry friction of 0.3 N m, more than the 0.11 N m" in told
+    assert impossible(light, swinging(KnownLoad(0.05, 1.0))) == []
