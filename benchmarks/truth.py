@@ -88,7 +88,7 @@ def true_parameters(
 ) -> dict[str, float]:
     """True values of the model's parameters; effects outside the library, or of another law, have none."""
     values = dict(plant)
-    for id in hidden:
+    for id in hidden if given else ():
         values |= _effect_parameters(id, plant, given, rate)
     return values
 

@@ -29,6 +29,7 @@ from estimators.selection.search import Search, held_out_cost, ids
 from estimators.signals.measurements import measure_segments
 from estimators.weak_form.dataset import choose_half_width, prepare
 from estimators.weak_form.windows import SLOWEST
+from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
@@ -353,9 +354,7 @@ def unexplained(search: Search, last: Step) -> list[Region]:
         return regions
     unseen = search.unseen(last.model.terms)
     if not search.is_noise(search.holdout, unseen):
-        names = listing(list(dict.fromkeys(recording.name for recording in search.holdout.recordings)))
-        found = stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout)))
-        return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in found]
+        return _held_out(search, stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout))))
     if is_astray(search, last):
         error = last.errors["train"].position_rms
         text = (
@@ -363,11 +362,25 @@ def unexplained(search: Search, last: Step) -> list[Region]:
             "something acts near reversals or at rest, where velocity is close to zero"
         )
         return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
-    size, fast = float(np.sqrt(np.mean(left**2))), float(np.abs(search.train.samples.velocity).max())
-    if size > search.criterion.astray * search.floor:
-        text = (
-            f"{size:.2g} N m of torque are left, {size / search.floor:.2g} times what the sensors' noise gives, which "
-            "neighbouring moments do not share: something faster than can be resolved here, or now and then"
-        )
-        return [Region("velocity", -fast, fast, size, size / search.floor, text)]
-    return []
+    return [
+        *_unshared(left, search.train, search.floor, search.criterion.astray),
+        *_held_out(search, _unshared(unseen, search.holdout, search.noise_of(search.holdout), search.criterion.astray)),
+    ]
+
+
+def _held_out(search: Search, regions: Sequence[Region]) -> list[Region]:
+    """Regions of held-out data, told as such."""
+    names = listing(list(dict.fromkeys(recording.name for recording in search.holdout.recordings)))
+    return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in regions]
+
+
+def _unshared(left: Array, part: Evidence, floor: float, times: float) -> list[Region]:
+    """What is left (R,) and larger than noise, though neighbouring windows do not share it."""
+    size, fast = float(np.sqrt(np.mean(left**2))), float(np.abs(part.samples.velocity).max())
+    if size <= times * floor:
+        return []
+    text = (
+        f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, which "
+        "neighbouring moments do not share: something faster than can be resolved here, or now and then"
+    )
+    return [Region("velocity", -fast, fast, size, size / floor, text)]

@@ -26,7 +26,9 @@ def refine(search: Search, steps: list[Step]) -> list[Step]:
     """The steps with all that motion tells: the last model refined, and effects that windows do not show."""
     if is_astray(search, steps[-1]) or any(has_bristles(term) for term in steps[-1].model.terms):
         search.progress("fitting the flights", 0.9)
-        steps = [*steps[:-1], better(steps[-1], search.in_motion(steps[-1]))]
+        *others, last = steps
+        found = better(last, search.in_motion(last))
+        steps = [*others, found if not others or search.is_confirmed(found, others[-1]) else last]
     if search.unnamed is None and search.fits(steps[-1].model.terms):
         steps = grow_in_flight(search, steps)
     return steps
@@ -153,7 +155,7 @@ def _best_in_flight(search: Search, last: Step) -> Step | None:
         error = output_error.rms(flights, point, weights)
         if error < least and _is_called_for(search, point, start):
             step = search.with_errors(point.terms[-1].id, output_error.model(flights, point))
-            if search.is_confirmed(step, better(before, last)) or search.is_confirmed(step, before):
+            if search.is_confirmed(step, better(before, last)):
                 best, least = step, error
     return best
 

@@ -497,10 +497,16 @@ class Search:
         return objection(after, before, self.train.samples) is None
 
     def are_confirmed(self, steps: Sequence[Step]) -> bool:
-        """Whether every step is confirmed, or the last one at once if it leaves only noise."""
+        """Whether every step is confirmed; or all at once if they leave only noise, each beside the others."""
         if all(self.is_confirmed(after, before) for before, after in pairwise(steps)):
             return True
-        return self.fits(steps[-1].model.terms) and self.is_confirmed(steps[-1], steps[0])
+        base, terms = steps[0].model.terms, steps[-1].model.terms
+        withouts = [tuple(t for t in terms if t is not term) for term in terms if term.id not in ids(base)]
+        return (
+            self.fits(terms)
+            and self.is_confirmed(steps[-1], steps[0])
+            and (len(withouts) == 1 or all(self._lowers_errors(terms, without) for without in withouts))
+        )
 
     def ladder(self, base: Terms, terms: Terms) -> list[Step]:
         """Steps from the base to the final terms, in an order in which each lowers both errors if there is one.

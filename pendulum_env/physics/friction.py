@@ -179,6 +179,7 @@ class Presliding(Term):
                 "N m",
                 force=lambda x: x.memory["presliding"][0],
                 dry=lambda x: -np.ones_like(x.velocity),
+                least=0.0,  # bristles do not push
             ),
         )
 

@@ -21,6 +21,7 @@ WINDOW = 0.02  # [s] over which speeds are taken: longer than encoder steps, sho
 SMOOTHING = 0.05  # [s] window of the second derivative
 ABSURD = 1e20  # of any quantity: time in nanoseconds since 1970 is below, and so are most glitches, which are mended
 DEGREE = np.pi / 180  # [rad]
+WOUND = 10 * np.pi  # [rad] that a spring at a joint may be wound up and down, at the most
 UNWRAP = "read it with --unwrap (unwrap=True)"  # what mends a wrapped angle, on the command line and in Python
 
 
@@ -98,8 +99,10 @@ def refuse_too_fast(recording: Recording) -> None:
             )
 
 
-def refuse_degrees(recording: Recording) -> None:
+def refuse_degrees(recording: Recording) -> tuple[str, ...]:
     """Refuse degrees by the look of it: gravity acts with the sine of position in degrees, and not of radians.
+
+    Over a few degrees the sine is straight, as is a spring over radians: then a note says so instead.
 
     The acceleration is fitted with torque and friction alone, then with sin q, and perhaps cos q, as well, q read
     either way. Every other second of the longest segment has to be predicted by the fit of the seconds between: where
@@ -107,11 +110,11 @@ def refuse_degrees(recording: Recording) -> None:
     """
     part = max(recording.segments, key=len)
     if np.ptp(part.position) <= 2 * np.pi:
-        return
+        return ()
     stride = max(1, round(part.rate / 200.0))  # some 200 Hz are enough, and 100,000 samples
     count = min(len(part) // stride, 100_000)
     if count < 20:
-        return
+        return ()
     torque = part.torque / max(np.abs(part.torque).max(), np.finfo(float).tiny)  # only its shape matters
     q, tau = (x[: count * stride].reshape(count, stride).mean(axis=1) for x in (part.position, torque))
     step = stride / part.rate
@@ -128,13 +131,19 @@ def refuse_degrees(recording: Recording) -> None:
         return float(np.linalg.norm(np.concatenate(left)))
 
     radians, degrees = (min(misfit(np.sin(x)), misfit(np.sin(x), np.cos(x))) for x in (q, DEGREE * q))
-    none = misfit()
+    none, spring = misfit(), misfit(q)
     # Of 100 real and simulated runs, those in degrees have ratios below 0.945 here, those in radians above 0.975.
-    if degrees < 0.96 * min(radians, none) and none > 1e-3 * np.sqrt(len(a)):  # [rad/s^2], not mere noise
-        raise ColumnError(
-            f"position runs from {part.position.min():.4g} to {part.position.max():.4g} and gravity acts on it as on "
-            "degrees: convert it to radians, or name the column position_deg (position_rad if it is radians after all)"
+    if degrees >= 0.96 * min(radians, none) or none <= 1e-3 * np.sqrt(len(a)):  # [rad/s^2], mere noise
+        return ()
+    reach = f"position runs from {part.position.min():.4g} to {part.position.max():.4g}"
+    if np.ptp(part.position) <= WOUND and degrees >= 0.96 * spring:
+        return (
+            f"{reach} and is taken as radians, on which a spring acts; if it is degrees, name the column position_deg",
         )
+    raise ColumnError(
+        f"{reach} and gravity acts on it as on degrees: convert it to radians, or name the column position_deg "
+        "(position_rad if it is radians after all)"
+    )
 
 
 def refuse_foreign_velocity(recording: Recording) -> None:

@@ -3,6 +3,7 @@
 import gzip
 import os
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -220,7 +221,7 @@ def _recording(name: str, table: Table, unwrap: bool) -> Recording:
         checks.refuse_foreign_velocity(recording)
     if not (table.columns["position"].is_unit_told or turned):  # jumps of 2 pi tell as well
         checks.refuse_too_fast(recording)
-        checks.refuse_degrees(recording)
+        recording = replace(recording, notes=(*recording.notes, *checks.refuse_degrees(recording)))
     return recording
 
 
