@@ -125,14 +125,22 @@ class Search:
         return self.gain(after, before).chance <= self.criterion.chance
 
     def structure(self, terms: Terms) -> tuple[float, float]:
-        """Torque that a model leaves beyond noise, as neighbouring windows share it [N m], and how sure that is."""
+        """Torque that a model leaves beyond noise [N m], and how sure that is."""
         if terms not in self._structures:
-            self._structures[terms] = self.train.data.structure(self.screen.residual(terms), self.inertia)
+            self._structures[terms] = self._beyond_noise(self.train, self.screen.residual(terms))
         return self._structures[terms]
+
+    def _beyond_noise(self, part: Evidence, residual: Array) -> tuple[float, float]:
+        """What neighbouring windows share of a residual (R,), or all of it where sensors cannot make so much."""
+        size, sure = part.data.structure(residual, self.inertia)
+        power, floor = float(np.mean(residual**2)), self.noise_of(part)
+        if power <= (self.criterion.astray * floor) ** 2:
+            return size, sure
+        return max(size, float(np.sqrt(power - floor**2))), max(sure, self.criterion.sure)
 
     def is_noise(self, part: Evidence, residual: Array) -> bool:
         """Whether a residual (R,) [N m] of the training or of the held-out data may as well be noise."""
-        return self.criterion.is_noise(part.data.structure(residual, self.inertia), self.noise_of(part))
+        return self.criterion.is_noise(self._beyond_noise(part, residual), self.noise_of(part))
 
     def noise_of(self, part: Evidence) -> float:
         """Torque error that measurement noise alone gives there [N m]."""

@@ -52,27 +52,43 @@ class TorqueRipple(Term):
         return [cls(float(order)) for order in range(1, 61)]
 
 
+BEYOND = 100.0  # times a limit: all is lost from there on
+
+
 @dataclass(frozen=True)
 class TorqueSaturation(Term):
-    """Soft loss of gain at high torque: the joint receives limit tanh(tau / limit)."""
+    """Loss of gain at high torque: the joint receives L tanh(|tau / L|^p)^(1/p) sgn tau.
+
+    Its roundness 1/p is 1, which is L tanh(tau / L), unless data call for another: a limit of the current has a sharp
+    corner, near 0.
+    """
 
     limit: float = 10.0
+    roundness: float = 1.0
 
     id = "torque_saturation"
     law = "tau - L tanh(tau / L)"
     kind = "actuation"
     reveal = "torque peaks well above the usual ones"
-    shapes = (Shape("limit", "N m", 1e-3, 1e4),)
+    shapes = (
+        Shape("limit", "N m", 1e-3, 1e4),
+        Shape("roundness", "1", 0.05, 2.0, usual=1.0, unusual=0.4),
+    )
 
     @property
     def fixed(self) -> tuple[Column, ...]:
-        limit = self.limit
-        return (Column("torque_saturation", "1", force=lambda x: x.torque - limit * np.tanh(x.torque / limit)),)
+        def lost(x: Samples) -> ArrayLike:
+            times = np.minimum(np.abs(x.torque / self.limit), BEYOND)
+            return x.torque - self.limit * np.sign(x.torque) * np.tanh(times ** (1 / self.roundness)) ** self.roundness
+
+        return (Column("torque_saturation", "1", force=lost),)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         peak = float(np.percentile(np.abs(x.torque), 99))
-        return [cls(float(limit)) for limit in geometric(0.5 * peak, 12 * peak, 14)] if peak > 0 else []
+        if peak == 0:
+            return []
+        return [cls(float(limit), corner) for corner in (1.0, 0.2) for limit in geometric(0.1 * peak, 12 * peak, 18)]
 
 
 @dataclass(frozen=True)
