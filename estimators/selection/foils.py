@@ -1,4 +1,4 @@
-"""Laws without a name: any function of velocity, of angle, of time, or of torque, as torque, friction or motor gain.
+"""Laws without a name: any function of velocity, of angle, or of time, as torque, as friction or as motor gain.
 
 No effect of the library is such a law, and none of them is ever proposed. They compete with the named effects by the
 same score: where one of them leaves only noise and the named ones do not, these only imitate what is there.
@@ -146,6 +146,31 @@ class Wandering(AnyFunction):
 
 
 @dataclass(frozen=True)
+class WanderingGain(AnyFunction):
+    """Motor gain that wanders slowly with time, tau f(t)."""
+
+    id = "any_gain_of_time"
+    axis = "time"
+    words = "a motor gain that wanders with time"
+    law = "tau f(t)"
+    kind = "actuation"
+
+    def _share(self, k: int, x: Samples) -> Array:
+        return np.asarray(x.torque * self._hat(k, x))
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """One column a knot but the first, whose gain is what the torque is measured by."""
+        later = range(1, len(self.knots))
+        return tuple(Column(f"{self.id}.{k}", "1", force=partial(self._share, k), of_torque=True) for k in later)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        """Knots evenly apart: a motor warms and a battery empties slowly."""
+        return [cls(tuple(np.linspace(float(np.min(x.time)), float(np.max(x.time)), PIECES // 2).tolist()))]
+
+
+@dataclass(frozen=True)
 class PowerLaw(Term):
     """Friction that grows with any power of the speed, c |q'|^p sgn q'."""
 
@@ -178,7 +203,13 @@ FOILS: Sequence[type[Term]] = (
     AnyFrictionOfPosition,
     AnyGainOfVelocity,
     Wandering,
+    WanderingGain,
 )
+
+
+def wanders(term: Term) -> bool:
+    """Whether it is a law of time."""
+    return isinstance(term, AnyFunction) and term.axis == "time"
 
 
 def words(foil: Term) -> str:

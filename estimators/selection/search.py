@@ -19,7 +19,7 @@ from estimators.regression.least_squares import information, least_squares, robu
 from estimators.selection.candidates import Screen, Trial
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, Step, fit_terms, shape_jacobian
-from estimators.selection.foils import FOILS, Wandering
+from estimators.selection.foils import FOILS, wanders
 from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, predicted
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.link_segments import has_link
@@ -83,7 +83,7 @@ class Search:
 
     def density(self, terms: Terms) -> Array:
         """Log predictive density of every stretch, those of the training data first, (S,) [nat]."""
-        if terms not in self._densities and any(isinstance(term, Wandering) for term in terms):
+        if terms not in self._densities and any(wanders(term) for term in terms):
             self._densities[terms] = self._fitted_anew(terms)
         if terms not in self._densities:
             balance, hidden = self.screen.balance(terms), self.screen.hidden_noise(terms)
@@ -94,14 +94,15 @@ class Search:
         return self._densities[terms]
 
     def _fitted_anew(self, terms: Terms) -> Array:
-        """The same, fitted to each part of the data anew: a torque that wanders does so in each recording otherwise.
+        """The same, fitted to each part of the data anew: what wanders does so in each recording otherwise.
 
         There each moment tells the next, so that folds are shorter than stretches.
         """
         parts = []
         for (part, screen), where in zip(self._parts, self._finer, strict=True):
-            (own,) = Wandering.grid(part.samples, np.empty(0))
-            here = tuple(own if isinstance(term, Wandering) else term for term in terms)
+            here = tuple(
+                next(iter(type(term).grid(part.samples, np.empty(0)))) if wanders(term) else term for term in terms
+            )
             parts.append(cross_validated(screen.balance(here), screen.hidden_noise(here), where))
         return np.concatenate(parts)
 
@@ -431,7 +432,7 @@ class Search:
         leads: list[tuple[float, Term, Terms]] = []
         for law, left in self._with_foils(base, terms):
             # a law of time is fitted to each recording anew, and so have its rivals to be
-            density = self._fitted_anew if isinstance(law, Wandering) else self.density
+            density = self._fitted_anew if wanders(law) else self.density
             others = tuple(term for term in left if term is not law)  # what keeps its place
             alone, named = (self.bootstrap.gain(density(one), density(others)).total for one in (left, terms))
             lead = self.bootstrap.gain(density(left), density(terms), self.penalty(left, terms))

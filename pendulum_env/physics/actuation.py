@@ -85,10 +85,18 @@ class TorqueSaturation(Term):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        peak = float(np.percentile(np.abs(x.torque), 99))
+        peak = _peak(x)
         if peak == 0:
             return []
-        return [cls(float(limit), corner) for corner in (1.0, 0.2) for limit in geometric(0.1 * peak, 12 * peak, 18)]
+        return [cls(float(limit), corner) for corner in (1.0, 0.2) for limit in geometric(0.2 * peak, 12 * peak, 16)]
+
+    def possible(self, x: Samples) -> bool:
+        # where next to nothing of what was asked came through, next to nothing is left to explain
+        return bool(self.limit >= 0.15 * _peak(x))
+
+
+def _peak(x: Samples) -> float:
+    return float(np.percentile(np.abs(x.torque), 99))
 
 
 @dataclass(frozen=True)
