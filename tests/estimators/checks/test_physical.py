@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimators.checks.physical import impossible
-from pendulum_env.physics import BASE, Model, Samples, Term
+from pendulum_env.physics import BASE, Model, Samples, Term, effect
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.limits import limited_term
 from pendulum_env.physics.term import UNLOADED, KnownLoad
@@ -38,3 +38,9 @@ def test_dry_friction_may_be_what_gravity_or_a_load_overcame():
     (told,) = impossible(light, swinging())
     assert "dry friction of 0.3 N m, more than the 0.11 N m" in told
     assert impossible(light, swinging(KnownLoad(0.05, 1.0))) == []
+
+
+def test_bristles_do_not_push():
+    terms = [*BASE, effect("presliding")(0.01)]
+    assert impossible(Model.build(terms, [0.1, 2.0, 0.1, 0.3, 0.1]), X) == []
+    assert impossible(Model.build(terms, [0.1, 2.0, 0.1, 0.3, -0.1]), X) == ["presliding = -0.1 N m"]

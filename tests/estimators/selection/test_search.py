@@ -36,6 +36,37 @@ def test_a_torque_that_wanders_is_given_no_name():
     assert searched(Plant(effects=walk), train, test)[1] == []
 
 
+def test_a_motor_whose_gain_fades_is_given_no_name():
+    """A battery that empties: the torque at the joint falls short of what is recorded, by more and more."""
+    experiments = [Experiment(rate=200.0, seconds=8.0, seed=seed, excitation="multisine") for seed in (2, 3)]
+    recordings = []
+    for run in simulate([(Plant(), experiment) for experiment in experiments]):
+        gain = 1 - 0.25 * (1 - np.exp(-run.time / 5.0))
+        recordings.append(Recording(f"run {len(recordings)}", run.time, run.position, run.torque / gain))
+    search = Search(*gather(recordings[:1], recordings[1:]))
+    assert [step.added for step in search.find(BASE)] == [None]
+    assert search.unnamed is not None and search.unnamed.id == "any_gain_of_time"
+
+
+def test_what_is_larger_than_the_noise_of_the_sensors_is_no_noise_though_neighbours_do_not_share_it():
+    runs = simulate([(Plant(), Experiment(rate=500.0, seconds=6.0, seed=seed)) for seed in (2, 3)])
+    recordings = [Recording(f"run {k}", run.time, run.position, run.torque) for k, run in enumerate(runs)]
+    search = Search(*gather(recordings[:1], recordings[1:]))
+    for part in (search.train, search.holdout):
+        white = np.random.default_rng(0).standard_normal(len(part.data.weights))
+        assert search.is_noise(part, search.noise_of(part) * white)
+        assert not search.is_noise(part, 2 * search.criterion.astray * search.noise_of(part) * white)
+
+
+def test_a_drive_that_clips_deep_is_named_by_its_limit():
+    """A limit of the current at a third of what the controller asks for: no tanh is like that."""
+    hidden = {"torque_saturation": {"sat": 3.0, "sat_law": 1.0}}
+    train, test = (Experiment(rate=250.0, seconds=8.0, seed=seed, excitation="pd_loop") for seed in (2, 3))
+    _, found, left = searched(Plant(effects=hidden), train, test)
+    assert found == ["torque_saturation"]
+    assert left < 0.1
+
+
 def test_no_body_has_a_link_of_negative_inertia():
     terms = (*BASE, effect("joint_flexibility")())
     assert not beyond(terms, np.array([0.09, 2.0, 0.35, 0.8, 0.05]))

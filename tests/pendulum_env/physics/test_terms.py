@@ -365,3 +365,23 @@ def test_an_unknown_effect_is_refused_with_the_nearest_and_all_known_ones():
         effect("stribek")
     with pytest.raises(ValueError, match=r"unknown effect 'xyzzy': Known: "):
         effect("xyzzy")
+
+
+@pytest.mark.parametrize("roundness", [0.05, 0.3, 1.0, 2.0])
+def test_saturation_has_slope_one_at_rest_and_its_limit_at_the_end(roundness):
+    torque = np.concatenate([np.linspace(-60, 60, 2001), [-1e9, 1e9]])
+    x = Samples(0 * torque, 0 * torque, 0 * torque, torque)
+    given = torque - effect("torque_saturation")(5.0, roundness).fixed[0].force(x)
+    np.testing.assert_allclose(given[:2001], -given[2000::-1], atol=1e-12)
+    assert np.all(np.abs(given) <= 5.0 + 1e-9)
+    assert np.all(np.diff(given[:2001]) >= -1e-12)
+    np.testing.assert_allclose(given[-2:], [-5.0, 5.0], rtol=1e-6)
+    np.testing.assert_allclose(np.gradient(given[:2001], 0.06)[1000], 1.0, atol=0.02)
+
+
+def test_saturation_is_a_hyperbolic_tangent_as_usual_and_a_clip_with_a_sharp_corner():
+    torque = np.linspace(-20, 20, 999)
+    x = Samples(0 * torque, 0 * torque, 0 * torque, torque)
+    usual, sharp = (torque - effect("torque_saturation")(5.0, r).fixed[0].force(x) for r in (1.0, 0.05))
+    np.testing.assert_allclose(usual, 5 * np.tanh(torque / 5), atol=1e-12)
+    np.testing.assert_allclose(sharp, np.clip(torque, -5, 5), atol=0.1)
