@@ -18,6 +18,7 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -218,6 +219,7 @@ LIBRARY = (
     "payload_change periodic_disturbance joint_flexibility backlash presliding encoder_eccentricity hard_stop"
 ).split()
 OUTSIDE = ("square_root_friction", "gain_drift", "relaxing_spring", "bump", "deadzone")
+INSEPARABLE = {("torque_offset", "coulomb_asymmetry"), ("joint_flexibility", "backlash"), ("actuator_lag", "dead_time")}
 HANGING = {"gravity_tilt", "payload_change", "hard_stop", "joint_flexibility", "backlash"}  # nothing for a bare wheel
 
 
@@ -413,12 +415,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("out", type=Path, help="folder for the recordings and truth.json")
     parser.add_argument("--each", type=int, default=1, help="cases of each effect (default 1)")
     parser.add_argument("--nulls", type=int, default=8, help="cases with nothing hidden (default 8)")
+    parser.add_argument("--pairs", type=int, default=0, help="cases with two effects (default 0)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args(argv)
     hidden = [(), *((name,) for name in (*LIBRARY, *OUTSIDE))]
     wanted = hidden[:1] * arguments.nulls + hidden[1:] * arguments.each
-    seeds = np.random.default_rng(arguments.seed).integers(2**31, size=len(wanted)).tolist()
+    rng = np.random.default_rng(arguments.seed)
+    couples = [couple for couple in combinations(LIBRARY, 2) if couple not in INSEPARABLE]
+    wanted += [couples[k] for k in rng.permutation(len(couples))[: arguments.pairs].tolist()]
+    seeds = rng.integers(2**31, size=len(wanted)).tolist()
     arguments.out.mkdir(parents=True, exist_ok=True)
     truth = {}
     with ProcessPoolExecutor(arguments.workers) as pool:
