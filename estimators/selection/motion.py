@@ -11,7 +11,7 @@ from estimators.selection.data import Evidence, Step
 from estimators.selection.score import Bootstrap
 from estimators.selection.search import Search, complexity, has_bristles, has_transmission, held_out_cost
 from estimators.simulation import multiple_shooting, output_error
-from estimators.simulation.free_running import Flights, deviation, position_noise, take_off
+from estimators.simulation.free_running import Flights, position_noise, take_off
 from estimators.simulation.link_segments import has_link
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, Term
@@ -47,7 +47,8 @@ def is_astray(search: Search, step: Step) -> bool:
     if has_transmission(step.model.terms):
         return False  # its impacts are too sharp to follow as closely, and other effects would only paper over that
     flights, point = search.train.flights, _point(step.model)
-    least, astray = FINEST * deviation(flights), search.criterion.astray
+    motion = np.concatenate([flight.position.ravel() for flight in flights])
+    least, astray = FINEST * float(np.std(motion)), search.criterion.astray
     if step.errors["train"].position_rms <= astray * max(least, position_noise(flights, point.terms, point.theta)):
         return False
     noise = max(least, output_error.noise(flights, point))
