@@ -132,12 +132,12 @@ class Search:
         return self._structures[terms]
 
     def _beyond_noise(self, part: Evidence, residual: Array) -> tuple[float, float]:
-        """What neighbouring windows share of a residual (R,), or all of it where sensors cannot make so much."""
-        size, sure = part.data.structure(residual, self.inertia)
-        power, floor = float(np.mean(residual**2)), self.noise_of(part)
-        if power <= (self.criterion.astray * floor) ** 2:
-            return size, sure
-        return max(size, float(np.sqrt(power - floor**2))), max(sure, self.criterion.sure)
+        """What neighbouring windows share of a residual (R,); where they share none, all that sensors cannot make."""
+        shared, floor = part.data.structure(residual, self.inertia), self.noise_of(part)
+        power = float(np.mean(residual**2))
+        if not self.criterion.is_noise(shared, floor) or power <= (self.criterion.astray * floor) ** 2:
+            return shared
+        return float(np.sqrt(power - floor**2)), self.criterion.sure
 
     def is_noise(self, part: Evidence, residual: Array) -> bool:
         """Whether a residual (R,) [N m] of the training or of the held-out data may as well be noise."""
