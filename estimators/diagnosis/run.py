@@ -351,13 +351,11 @@ def unexplained(search: Search, last: Step) -> list[Region]:
         text = f"{words(search.unnamed)} would explain most of it, and no effect of the library is such a law"
         return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
     if not search.is_noise(search.train, left):
-        return regions or _unshared(search, search.train, left)
+        return regions or _too_much(search, search.train, left)
     unseen = search.unseen(last.model.terms)
     if not search.is_noise(search.holdout, unseen):
         regions = stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout)))
-        names = listing(list(dict.fromkeys(recording.name for recording in search.holdout.recordings)))
-        told = regions or _unshared(search, search.holdout, unseen)
-        return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in told]
+        return _held_out(search, regions or _too_much(search, search.holdout, unseen))
     if is_astray(search, last):
         error = last.errors["train"].position_rms
         text = (
@@ -365,17 +363,26 @@ def unexplained(search: Search, last: Step) -> list[Region]:
             "something acts near reversals or at rest, where velocity is close to zero"
         )
         return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
-    return []
+    return [
+        *_too_much(search, search.train, left),
+        *_held_out(search, _too_much(search, search.holdout, unseen)),
+    ]
 
 
-def _unshared(search: Search, part: Evidence, left: Array) -> list[Region]:
-    """What is left (R,) and larger than noise, though neighbouring windows do not share it."""
+def _held_out(search: Search, regions: Sequence[Region]) -> list[Region]:
+    """Regions of held-out data, told as such."""
+    names = listing(list(dict.fromkeys(recording.name for recording in search.holdout.recordings)))
+    return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in regions]
+
+
+def _too_much(search: Search, part: Evidence, left: Array) -> list[Region]:
+    """What is left (R,) and more than noise, though it stands out nowhere."""
     size, floor = float(np.sqrt(np.mean(left**2))), search.noise_of(part)
     if size <= search.criterion.astray * floor:
         return []
     fast = float(np.abs(part.samples.velocity).max())
     text = (
-        f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, which "
-        "neighbouring moments do not share: something faster than can be resolved here, or now and then"
+        f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives: something faster "
+        "than can be resolved here, or now and then"
     )
     return [Region("velocity", -fast, fast, size, size / floor, text)]

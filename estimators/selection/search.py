@@ -126,22 +126,14 @@ class Search:
         return self.gain(after, before).chance <= self.criterion.chance
 
     def structure(self, terms: Terms) -> tuple[float, float]:
-        """Torque that a model leaves beyond noise [N m], and how sure that is."""
+        """Torque that a model leaves beyond noise, as neighbouring windows share it [N m], and how sure that is."""
         if terms not in self._structures:
-            self._structures[terms] = self._beyond_noise(self.train, self.screen.residual(terms))
+            self._structures[terms] = self.train.data.structure(self.screen.residual(terms), self.inertia)
         return self._structures[terms]
-
-    def _beyond_noise(self, part: Evidence, residual: Array) -> tuple[float, float]:
-        """What neighbouring windows share of a residual (R,); where they share none, all that sensors cannot make."""
-        shared, floor = part.data.structure(residual, self.inertia), self.noise_of(part)
-        power = float(np.mean(residual**2))
-        if not self.criterion.is_noise(shared, floor) or power <= (self.criterion.astray * floor) ** 2:
-            return shared
-        return float(np.sqrt(power - floor**2)), self.criterion.sure
 
     def is_noise(self, part: Evidence, residual: Array) -> bool:
         """Whether a residual (R,) [N m] of the training or of the held-out data may as well be noise."""
-        return self.criterion.is_noise(self._beyond_noise(part, residual), self.noise_of(part))
+        return self.criterion.is_noise(part.data.structure(residual, self.inertia), self.noise_of(part))
 
     def noise_of(self, part: Evidence) -> float:
         """Torque error that measurement noise alone gives there [N m]."""

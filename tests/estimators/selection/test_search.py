@@ -48,16 +48,6 @@ def test_a_motor_whose_gain_fades_is_given_no_name():
     assert search.unnamed is not None and search.unnamed.id == "any_gain_of_time"
 
 
-def test_what_is_larger_than_the_noise_of_the_sensors_is_no_noise_though_neighbours_do_not_share_it():
-    runs = simulate([(Plant(), Experiment(rate=500.0, seconds=6.0, seed=seed)) for seed in (2, 3)])
-    recordings = [Recording(f"run {k}", run.time, run.position, run.torque) for k, run in enumerate(runs)]
-    search = Search(*gather(recordings[:1], recordings[1:]))
-    for part in (search.train, search.holdout):
-        white = np.random.default_rng(0).standard_normal(len(part.data.weights))
-        assert search.is_noise(part, search.noise_of(part) * white)
-        assert not search.is_noise(part, 2 * search.criterion.astray * search.noise_of(part) * white)
-
-
 def test_a_drive_that_clips_deep_is_named_by_its_limit():
     """A limit of the current at a third of what the controller asks for: no tanh is like that."""
     hidden = {"torque_saturation": {"sat": 3.0, "sat_law": 1.0}}
