@@ -103,23 +103,34 @@ class AnyFrictionOfPosition(AnyFunction):
 
 
 @dataclass(frozen=True)
-class AnyGainOfVelocity(AnyFunction):
-    """Motor gain that is any function of the speed, tau f(q')."""
+class AnyGain(AnyFunction):
+    """Motor gain that is piecewise linear in one quantity between knots."""
 
-    id = "any_gain_of_velocity"
-    axis = "velocity"
-    words = "a motor torque that varies with speed"
-    law = "tau f(q')"
     kind = "actuation"
+
+    @property
+    def one(self) -> float:
+        """Knot at which the gain is one: what the torque is measured by."""
+        return 0.0
 
     def _share(self, k: int, x: Samples) -> Array:
         return np.asarray(x.torque * self._hat(k, x))
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """One column a knot but that at rest, whose gain is what the torque is measured by."""
-        moving = [k for k, knot in enumerate(self.knots) if knot != 0.0]
-        return tuple(Column(f"{self.id}.{k}", "1", force=partial(self._share, k), of_torque=True) for k in moving)
+        """One column a knot but that one."""
+        others = [k for k, knot in enumerate(self.knots) if knot != self.one]
+        return tuple(Column(f"{self.id}.{k}", "1", force=partial(self._share, k), of_torque=True) for k in others)
+
+
+@dataclass(frozen=True)
+class AnyGainOfVelocity(AnyGain):
+    """Motor gain that is any function of the speed, tau f(q')."""
+
+    id = "any_gain_of_velocity"
+    axis = "velocity"
+    words = "a motor torque that varies with speed"
+    law = "tau f(q')"
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
@@ -146,23 +157,18 @@ class Wandering(AnyFunction):
 
 
 @dataclass(frozen=True)
-class WanderingGain(AnyFunction):
+class WanderingGain(AnyGain):
     """Motor gain that wanders slowly with time, tau f(t)."""
 
     id = "any_gain_of_time"
     axis = "time"
     words = "a motor gain that wanders with time"
     law = "tau f(t)"
-    kind = "actuation"
-
-    def _share(self, k: int, x: Samples) -> Array:
-        return np.asarray(x.torque * self._hat(k, x))
 
     @property
-    def columns(self) -> tuple[Column, ...]:
-        """One column a knot but the first, whose gain is what the torque is measured by."""
-        later = range(1, len(self.knots))
-        return tuple(Column(f"{self.id}.{k}", "1", force=partial(self._share, k), of_torque=True) for k in later)
+    def one(self) -> float:
+        """The first knot."""
+        return self.knots[0]
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
