@@ -88,8 +88,9 @@ def true_parameters(
 ) -> dict[str, float]:
     """True values of the model's parameters; effects outside the library, or of another law, have none."""
     values = dict(plant)
-    for id in hidden if given else ():
-        values |= _effect_parameters(id, plant, given, rate)
+    if given:  # the laws of another simulator have none of these parameters
+        for id in hidden:
+            values |= _effect_parameters(id, plant, given, rate)
     return values
 
 

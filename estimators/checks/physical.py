@@ -10,6 +10,7 @@ from estimators.selection.data import Step
 from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, Samples, Shape, Term, effects
+from pendulum_env.physics.term import LOAD
 from pendulum_env.words import listing
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
@@ -34,13 +35,18 @@ def impossible(model: Model, x: Samples) -> list[str]:
     )
     if np.mean(power < 0) > SELDOM:
         found.append("friction that drives")
-    weighing = [(column, value) for term, column, value in _parts(model) if term.kind == "potential"]
-    held = sum((value * column.force(x) for column, value in weighing), x.load.gravity * np.sin(x.position))
-    limit = float(np.abs(x.torque - held).max())
+    pushing = [(column, value) for term, column, value in _parts(model) if _pushes(term)]
+    pushed = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *pushing]), np.zeros_like(x.time))
+    limit = float(np.abs(x.torque - pushed).max())
     dry = _dry_over_a_turn([(column, value) for term, column, value in rubbing if not column.of_torque], x)
     if dry.max() > limit:
         found.append(f"dry friction of {dry.max():.2g} N m, more than the {limit:.2g} N m that moved the joint")
     return found
+
+
+def _pushes(term: Term) -> bool:
+    """Whether a term can set a joint in motion that the motor leaves alone, as its weight; a stop only ends motion."""
+    return term.kind in ("potential", "time-varying") and term.id != "hard_stop"
 
 
 def _parts(model: Model) -> list[tuple[Term, Column, float]]:

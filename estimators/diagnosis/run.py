@@ -382,7 +382,7 @@ def _too_much(search: Search, part: Evidence, left: Array) -> list[Region]:
         return []
     fast = float(np.abs(part.samples.velocity).max())
     text = (
-        f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives: something faster "
-        "than can be resolved here, or now and then"
+        f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, at no one speed, "
+        "angle or time: something faster than can be resolved here, or now and then"
     )
     return [Region("velocity", -fast, fast, size, size / floor, text)]

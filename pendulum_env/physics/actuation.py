@@ -57,9 +57,9 @@ BEYOND = 100.0  # times a limit: all is lost from there on
 
 @dataclass(frozen=True)
 class TorqueSaturation(Term):
-    """Loss of gain at high torque: the joint receives L tanh(|tau / L|^p)^(1/p) sgn tau.
+    """Loss of gain at high torque: the joint receives L tanh(|tau / L|^(1/r))^r sgn tau.
 
-    Its roundness 1/p is 1, which is L tanh(tau / L), unless data call for another: a limit of the current has a sharp
+    The roundness r is 1, which is L tanh(tau / L), unless data call for another: a limit of the current has a sharp
     corner, near 0.
     """
 
@@ -67,7 +67,7 @@ class TorqueSaturation(Term):
     roundness: float = 1.0
 
     id = "torque_saturation"
-    law = "tau - L tanh(tau / L)"
+    law = "tau - L tanh(|tau / L|^(1/r))^r sgn tau, r = 1"
     kind = "actuation"
     reveal = "torque peaks well above the usual ones"
     shapes = (

@@ -1,6 +1,6 @@
 """Reasons to refuse a recording that can be parsed but not be true, or not be used.
 
-Every check takes whole columns in SI units and raises RecordingError, or returns nothing.
+Every check takes whole columns in SI units and raises RecordingError, or returns nothing, or notes of what it doubts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -102,7 +102,8 @@ def refuse_too_fast(recording: Recording) -> None:
 def refuse_degrees(recording: Recording) -> tuple[str, ...]:
     """Refuse degrees by the look of it: gravity acts with the sine of position in degrees, and not of radians.
 
-    Over a few degrees the sine is straight, as is a spring over radians: then a note says so instead.
+    Over up to 30 degrees in all the sine is straight, as is a spring over radians that is wound as far: either may be
+    meant, and a note says which was taken.
 
     The acceleration is fitted with torque and friction alone, then with sin q, and perhaps cos q, as well, q read
     either way. Every other second of the longest segment has to be predicted by the fit of the seconds between: where

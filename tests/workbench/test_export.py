@@ -64,7 +64,7 @@ def in_c(text: str, folder, torque=TORQUE) -> np.ndarray:
     return np.array(path)
 
 
-@pytest.mark.parametrize("hidden", [None, *effects()])
+@pytest.mark.parametrize("hidden", [None, *effects(), "torque_saturation:limit=2,roundness=0.2"])
 def test_python_is_the_simulators_own_step(hidden, monkeypatch):
     model = plant() if hidden is None else plant(hidden)
     path = in_python(export(model, "python").content, monkeypatch)
@@ -84,7 +84,15 @@ def test_c_compiles_without_a_warning_and_equals_python(tmp_path, monkeypatch):
         np.testing.assert_allclose(*paths, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("hidden", [(), ("stribeck", "actuator_lag", "hard_stop"), ("backlash", "payload_change=0.1")])
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        (),
+        ("torque_saturation:limit=2,roundness=0.2",),
+        ("stribeck", "actuator_lag", "hard_stop"),
+        ("backlash", "payload_change=0.1"),
+    ],
+)
 def test_onnx_steps_a_batch_as_the_simulator_does(hidden):
     onnx, reference = pytest.importorskip("onnx"), pytest.importorskip("onnx.reference")
     model = plant(*hidden)

@@ -110,6 +110,8 @@ def _short(op: str, operands: tuple[Operand, ...]) -> Operand:
         return first
     if op == "subtract" and first is second:
         return 0.0
+    if op == "power" and is_number[1] and second == 1:
+        return first
     if op == "multiply" and any(flag and x == 0 for flag, x in zip(is_number, operands, strict=True)):
         return 0.0
     if op == "divide" and is_number[0] and first == 0:

@@ -44,3 +44,10 @@ def test_bristles_do_not_push():
     terms = [*BASE, effect("presliding")(0.01)]
     assert impossible(Model.build(terms, [0.1, 2.0, 0.1, 0.3, 0.1]), X) == []
     assert impossible(Model.build(terms, [0.1, 2.0, 0.1, 0.3, -0.1]), X) == ["presliding = -0.1 N m"]
+
+
+def test_a_payload_may_overcome_dry_friction_and_a_stop_may_not():
+    dropped, stopped = effect("payload_change")(5.0), effect("hard_stop")(-1.0, 1.0)
+    assert impossible(Model.build([*BASE, dropped], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), swinging()) == []
+    (told,) = impossible(Model.build([*BASE, stopped], [0.1, 0.1, 0.01, 8.0, 100.0]), swinging())
+    assert "dry friction of 8 N m" in told

@@ -1,6 +1,7 @@
 """The search where its first step misleads, on recordings of a simulator that shares no model code."""
 
 import numpy as np
+import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.checks.physical import beyond
@@ -52,9 +53,12 @@ def test_a_drive_that_clips_deep_is_named_by_its_limit():
     """A limit of the current at a third of what the controller asks for: no tanh is like that."""
     hidden = {"torque_saturation": {"sat": 3.0, "sat_law": 1.0}}
     train, test = (Experiment(rate=250.0, seconds=8.0, seed=seed, excitation="pd_loop") for seed in (2, 3))
-    _, found, left = searched(Plant(effects=hidden), train, test)
+    search, found, left = searched(Plant(effects=hidden), train, test)
     assert found == ["torque_saturation"]
     assert left < 0.1
+    term = search.best(search.base, effect("torque_saturation")).terms[-1]
+    assert term.limit == pytest.approx(3.0, rel=0.05)
+    assert term.roundness < 0.5
 
 
 def test_no_body_has_a_link_of_negative_inertia():
