@@ -117,25 +117,15 @@ class Plant:
         return 2 * np.pi * MACHINES[self.kind].pace
 
     def effect(self, name: str) -> Hidden:
-        """One of its hidden effects, its size relative to the machine's torque, and speed."""
-        rng = np.random.default_rng([self.seed, *name.encode()])
-        size, sign = self.sizes.get(name, 1.0), float(rng.choice([-1, 1]))
-        torque, fast, dry, phase = 0.1 * self.torque * size, self.speed, self.coulomb, rng.uniform(0, 2 * np.pi)
-        return _effect(name, self, rng, size, sign, torque, fast, dry, phase)
+        """One of its hidden effects."""
+        return _effect(name, self, self.sizes.get(name, 1.0), np.random.default_rng([self.seed, *name.encode()]))
 
 
-def _effect(
-    name: str,
-    plant: Plant,
-    rng: np.random.Generator,
-    size: float,
-    sign: float,
-    torque: float,
-    fast: float,
-    dry: float,
-    phase: float,
-) -> Hidden:
-    sin, exp = np.sin, np.exp
+def _effect(name: str, plant: Plant, size: float, rng: np.random.Generator) -> Hidden:
+    """An effect of a size relative to the usual one, which follows the machine's torque and speed."""
+    sin, exp, pace = np.sin, np.exp, MACHINES[plant.kind].pace
+    sign, torque, fast, dry = float(rng.choice([-1, 1])), 0.1 * plant.torque * size, plant.speed, plant.coulomb
+    phase = rng.uniform(0, 2 * np.pi)
     match name:
         case "torque_offset":
             return Hidden(load=lambda t, q, v, u: sign * torque)
@@ -169,9 +159,9 @@ def _effect(
             rest = float(rng.uniform(-0.4, 0.4))
             return Hidden(load=lambda t, q, v, u: torque * ((q - rest) + 0.1 * (q - rest) ** 3))
         case "actuator_lag":
-            return Hidden(lag=0.008 * size / MACHINES[plant.kind].pace)
+            return Hidden(lag=0.008 * size / pace)
         case "dead_time":
-            return Hidden(late=0.008 * size / MACHINES[plant.kind].pace)
+            return Hidden(late=0.008 * size / pace)
         case "torque_saturation":
             most = plant.torque * 0.5 / size**0.5
             return Hidden(drive=lambda t, q, v, u: float(np.clip(u, -most, most)))
@@ -189,7 +179,7 @@ def _effect(
             turn = 3.1 * fast
             return Hidden(load=lambda t, q, v, u: torque * sin(turn * t + phase))
         case "joint_flexibility":
-            stiff = plant.inertia * (25 * MACHINES[plant.kind].pace / size**0.5) ** 2
+            stiff = plant.inertia * (25 * pace / size**0.5) ** 2
             return Hidden(motor=0.3, link=f'stiffness="{stiff}" damping="{0.02 * stiff / fast}"')
         case "backlash":
             gap = 0.015 * size
@@ -206,7 +196,7 @@ def _effect(
         case "gain_drift":
             return Hidden(drive=lambda t, q, v, u: u * (1 - min(0.25 * size, 0.7) * (1 - exp(-t / 6.0))))
         case "relaxing_spring":
-            return Hidden(relaxes=(torque, 1.0 / MACHINES[plant.kind].pace))
+            return Hidden(relaxes=(torque, 1.0 / pace))
         case "bump":
             return Hidden(load=lambda t, q, v, u: 2 * torque * exp(-(((q - 0.2) / 0.12) ** 2)))
         case "deadzone":
@@ -342,27 +332,26 @@ def _signal(plant: Plant, drive: str, rng: np.random.Generator, time: Array) -> 
     pace, length = MACHINES[plant.kind].pace, float(time[-1])
     match drive:
         case "sines":
-            parts = zip(
-                rng.uniform(0.3, 3.0, 5) * pace, rng.uniform(0, 2 * np.pi, 5), rng.uniform(0.3, 1, 5), strict=True
-            )
-            total = sum((a * np.sin(2 * np.pi * f * time + p) for f, p, a in parts), np.zeros_like(time))
-            return np.asarray(plant.torque * total / np.abs(total).max())
+            return plant.torque * _tones(rng, time, rng.uniform(0.3, 3.0, 5) * pace)
         case "chirp":
             low, high = 0.2 * pace, 4 * pace
             turns = low * time + 0.5 * (high - low) / length * time**2
             return np.asarray(0.8 * plant.torque * np.sin(2 * np.pi * turns + rng.uniform(0, 2 * np.pi)))
         case "track":
-            parts = zip(
-                rng.uniform(0.2, 1.5, 4) * pace, rng.uniform(0, 2 * np.pi, 4), rng.uniform(0.3, 1, 4), strict=True
-            )
-            total = sum((a * np.sin(2 * np.pi * f * time + p) for f, p, a in parts), np.zeros_like(time))
-            return np.asarray(1.5 * total / np.abs(total).max())
+            return 1.5 * _tones(rng, time, rng.uniform(0.2, 1.5, 4) * pace)
         case _:
             knots = np.arange(0.0, length + 2, 0.7 / pace)
             values = np.append(0.0, rng.uniform(-1.5, 1.5, len(knots) - 1))
             smooth = np.clip((time[:, None] - knots) / (0.35 / pace), 0, 1)
             ease = smooth**2 * (3 - 2 * smooth)
             return np.asarray(ease[:, 1:] @ np.diff(values))
+
+
+def _tones(rng: np.random.Generator, time: Array, frequencies: Array) -> Array:
+    """Random sinusoids of some frequencies [Hz], one at the most."""
+    phases, sizes = rng.uniform(0, 2 * np.pi, len(frequencies)), rng.uniform(0.3, 1, len(frequencies))
+    total = np.sin(2 * np.pi * time[:, None] * frequencies + phases) @ sizes
+    return np.asarray(total / np.abs(total).max())
 
 
 DRIVES = ("sines", "chirp", "track", "steps")
@@ -377,7 +366,7 @@ def missed(run: Run) -> float:
     return float(np.std(tau - phi @ np.linalg.lstsq(phi, tau, rcond=None)[0]) / np.sqrt(np.mean(tau**2)))
 
 
-def case(hidden: tuple[str, ...], seed: int) -> tuple[Plant, Run, Run, dict[str, Any]]:
+def case(hidden: tuple[str, ...], seed: int) -> tuple[Run, Run, dict[str, Any]]:
     """A random machine whose effects are made to matter if they can, and two runs under torques of different kinds."""
     for attempt in range(ATTEMPTS):
         try:
@@ -387,7 +376,7 @@ def case(hidden: tuple[str, ...], seed: int) -> tuple[Plant, Run, Run, dict[str,
     raise RunsAway(f"{hidden} does so on every machine")
 
 
-def _case(hidden: tuple[str, ...], seed: int, rng: np.random.Generator) -> tuple[Plant, Run, Run, dict[str, Any]]:
+def _case(hidden: tuple[str, ...], seed: int, rng: np.random.Generator) -> tuple[Run, Run, dict[str, Any]]:
     kinds = [kind for kind in MACHINES if not (kind == "wheel" and HANGING & set(hidden))]
     kind = str(rng.choice(kinds))
     machine = MACHINES[kind]
@@ -419,7 +408,7 @@ def _case(hidden: tuple[str, ...], seed: int, rng: np.random.Generator) -> tuple
         "excitation": f"{kind}, {first}, {second}",
         "effect_share": {part: {"refit": round(missed(one), 5)} for part, one in (("train", run), ("holdout", held))},
     }
-    return plant, run, held, entry
+    return run, held, entry
 
 
 def write(folder: Path, name: str, run: Run) -> None:
@@ -448,7 +437,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     truth = {}
     with ProcessPoolExecutor(arguments.workers) as pool:
-        for k, (_, run, held, entry) in enumerate(pool.map(case, wanted, seeds)):
+        for k, (run, held, entry) in enumerate(pool.map(case, wanted, seeds)):
             name = f"case_{k:03d}"
             write(arguments.out, f"{name}.train", run)
             write(arguments.out, f"{name}.holdout", held)

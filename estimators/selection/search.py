@@ -498,7 +498,7 @@ class Search:
         return objection(after, before, self.train.samples) is None
 
     def are_confirmed(self, steps: Sequence[Step]) -> bool:
-        """Whether every step is confirmed; or all at once if they leave only noise, each beside the others."""
+        """Whether every step is confirmed; or all at once if they leave only noise, and none can be left out."""
         if all(self.is_confirmed(after, before) for before, after in pairwise(steps)):
             return True
         base, terms = steps[0].model.terms, steps[-1].model.terms

@@ -99,7 +99,7 @@ def refuse_too_fast(recording: Recording) -> None:
             )
 
 
-def refuse_degrees(recording: Recording) -> tuple[str, ...]:
+def suspect_degrees(recording: Recording) -> tuple[str, ...]:
     """Refuse degrees by the look of it: gravity acts with the sine of position in degrees, and not of radians.
 
     Over up to 30 degrees in all the sine is straight, as is a spring over radians that is wound as far: either may be

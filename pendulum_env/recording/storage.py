@@ -221,7 +221,7 @@ def _recording(name: str, table: Table, unwrap: bool) -> Recording:
         checks.refuse_foreign_velocity(recording)
     if not (table.columns["position"].is_unit_told or turned):  # jumps of 2 pi tell as well
         checks.refuse_too_fast(recording)
-        recording = replace(recording, notes=(*recording.notes, *checks.refuse_degrees(recording)))
+        recording = replace(recording, notes=(*recording.notes, *checks.suspect_degrees(recording)))
     return recording
 
 
