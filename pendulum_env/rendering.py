@@ -36,7 +36,12 @@ class Renderer:
         self.__init__(state["mode"])  # type: ignore[misc]
 
     def draw(
-        self, measurement: Mapping[str, Any], max_torque: float, lines: Sequence[str], lengths: Sequence[float] = (1.0,)
+        self,
+        measurement: Mapping[str, Any],
+        max_torque: float,
+        lines: Sequence[str],
+        lengths: Sequence[float] = (1.0,),
+        angles: Sequence[float] = (0.0,),
     ) -> NDArray[np.uint8] | None:
         """Picture (H, W, 3) in mode rgb_array; in mode human the window shows it, 50 times a second.
 
@@ -45,6 +50,7 @@ class Renderer:
             max_torque: torque at which the arc goes three quarters round [N m].
             lines: of text to show.
             lengths: of the links, in proportion.
+            angles: of the links from hanging down, where the joints are at zero [rad].
         """
         if self.mode == "human":
             if self._due - 1.0 / FRAMES < measurement["time"] < self._due:
@@ -55,7 +61,8 @@ class Renderer:
         surface.fill(PAPER)
         pivot = np.array([WIDTH // 2, HEIGHT // 2 - 20])
         positions, torques = np.atleast_1d(measurement["position"]), np.atleast_1d(measurement["torque"])
-        for q, torque, share in zip(np.cumsum(positions), torques, np.divide(lengths, np.sum(lengths)), strict=True):
+        turned, shares = np.cumsum(positions) + angles, np.divide(lengths, np.sum(lengths))
+        for q, torque, share in zip(turned, torques, shares, strict=True):
             bob = pivot + 0.36 * HEIGHT * share * np.array([np.sin(q), np.cos(q)])
             angle = 1.5 * np.pi * torque / max_torque
             if abs(angle) > 0.02:
@@ -66,10 +73,10 @@ class Renderer:
             pygame.draw.circle(surface, ARM, bob.tolist(), 18)
             pygame.draw.circle(surface, INK, pivot.tolist(), 7)
             pivot = bob
-        angles, told_torques = (
+        told_angles, told_torques = (
             " ".join(f"{x:{form}}" for x in xs) for xs, form in ((positions, "+.3f"), (torques, "+.2f"))
         )
-        told = [f"t {measurement['time']:.2f} s   q {angles} rad   torque {told_torques} N m", *lines]
+        told = [f"t {measurement['time']:.2f} s   q {told_angles} rad   torque {told_torques} N m", *lines]
         for k, line in enumerate(told):
             surface.blit(self._font.render(line, True, INK), (12, HEIGHT - 20 * (len(told) - k) - 8))
         if self.mode == "rgb_array":

@@ -1,4 +1,4 @@
-"""`identify`, `compare` and `diagnose` of an arm: what they do where `--robot` names its links."""
+"""`record`, `identify`, `compare` and `diagnose` of an arm: what they do where `--robot` names its links."""
 
 from __future__ import annotations
 
@@ -7,13 +7,22 @@ import json
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from estimators.arguments import chosen_effects
 from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
+from estimators.arms.excitation import PERIOD, design_excitation
+from estimators.arms.following import follow
 from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
 from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import joint_effects
 from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.recording import ArmRecording, read_arm_recording
+from pendulum_env.arms.plane import planar_links
+from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
+from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.backends.simulated import TORQUE_NOISE
+from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.words import Table, plus_minus
 from workbench.inputs import check_outputs, wrote
@@ -22,6 +31,69 @@ from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
 SAVED = "filtered_dynamic"  # whose model is written, if it was asked for
+STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
+
+
+def record(
+    arguments: argparse.Namespace, seconds: float, samples: int, rng: np.random.Generator, terminal: Terminal
+) -> None:
+    """Design a motion, let the simulated arm follow it, and write what it did."""
+    _refuse(arguments, "policy", "until", "diagnosis", "replay", "config", "theta")
+    for name, own in (("excitation", "multisine"), ("backend", "pymunk")):
+        if (asked := getattr(arguments, name)) not in (None, own):
+            raise InputError(f"--{name} {asked} is for pendulums: arms know {own} alone, leave it out with --robot")
+    body = read_body(arguments.robot, rotors=True if arguments.rotors else None)
+    try:
+        arm = simulated(body, arguments.effects, arguments.rate, arguments.counts, arguments.noise)
+    except ValueError as error:  # an effect that cannot be there
+        raise InputError(str(error)) from None
+    motion = design_excitation(
+        body,
+        min(PERIOD, seconds),
+        max_angle=arguments.max_angle,
+        max_speed=arguments.max_speed,
+        max_torque=arguments.amplitude,
+        rng=rng,
+    )
+    with terminal.progress("simulating") as tell:
+        recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
+    write_arm_recording(recording, arguments.output)
+    terminal.say(recording.summary)
+    terminal.say(
+        f"the joints follow a multisine of {motion.period:g} s, condition of the base regressor {motion.condition:.3g}"
+    )
+    rows = [
+        (name, f"{joint.position.min():.2f} to {joint.position.max():.2f}", f"{np.abs(joint.torque).max():.3g}")
+        for name, joint in zip(recording.names, recording.joints, strict=True)
+    ]
+    terminal.table(("joint", "angle [rad]", "largest torque [N m]"), rows)
+    if arguments.effects:
+        terminal.say(
+            f"hidden: {enumerate_words([text.partition('=')[0].partition(':')[0] for text in arguments.effects])}"
+        )
+    wrote([arguments.output], terminal)
+
+
+def simulated(
+    body: Body, effects: Sequence[str], rate: float, counts: int = COUNTS, noise: float = TORQUE_NOISE
+) -> PlanarArm:
+    """A body as pymunk simulates it, with effects hidden at its joints; its controller sees the velocity as it is.
+
+    Raises:
+        BodyError: if the body is none of a planar arm.
+        ValueError: if an effect cannot be there.
+    """
+    return PlanarArm(
+        planar_links(body),
+        joints=body.joints,
+        effects=effects,
+        rate=rate,
+        substeps=max(1, round(STEP_RATE / rate)),
+        max_torque=MOST_TORQUE,
+        counts=counts,
+        torque_noise=noise,
+        velocity="ideal",
+    )
 
 
 def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -84,7 +84,7 @@ def take_plant(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="ID[=VALUE,...]",
         help="hide an effect: ID alone, ID=VALUE,... in the order that `effects` lists, or ID:name=value,... "
-        "(may be repeated)",
+        "(may be repeated); of an arm ID@JOINT and so on",
     )
     parser.add_argument(
         "--theta",
@@ -102,12 +102,23 @@ def plant_of(arguments: argparse.Namespace) -> Model:
     """
     plant: Model = arguments.theta or paper_plant()
     for text in arguments.effects:
+        refuse_joint(text)
         plant = hide(plant, text)
     return plant
 
 
+def refuse_joint(effect: str) -> None:
+    """Refuse an effect at a joint where there is no arm.
+
+    Raises:
+        InputError: if it is one.
+    """
+    if "@" in effect:
+        raise InputError(f"{effect}: is an effect at a joint of an arm, which takes --robot; a pendulum has one joint")
+
+
 def _effect(text: str) -> str:
-    hide(paper_plant(), text)
+    hide(paper_plant(), re.sub("@[^=:]*", "", text, count=1))  # at whatever joint
     return text
 
 
@@ -168,7 +179,7 @@ def take_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--robot",
         metavar="ARM.urdf",
-        help="recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns "
+        help="recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns time, "
         "position_JOINT and torque_JOINT, or numbered",
     )
     parser.add_argument(

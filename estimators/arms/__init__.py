@@ -2,6 +2,7 @@
 
 from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
 from estimators.arms.excitation import Excited, design_excitation
+from estimators.arms.following import Follow, follow
 from estimators.arms.identification import (
     ARM_SCHEMES,
     ArmIdentification,
@@ -20,10 +21,12 @@ __all__ = [
     "ArmIdentification",
     "ArmIdentified",
     "Excited",
+    "Follow",
     "JointError",
     "compare_arm",
     "design_excitation",
     "diagnose_arm",
+    "follow",
     "identify_arm",
     "standard_parameters",
 ]

@@ -7,7 +7,7 @@ Source: Swevers, Ganseman, Tukel, de Schutter and Van Brussel, IEEE Transactions
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,9 +15,11 @@ from estimators.regression.equations import IdentificationError
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 
+PERIOD = 10.0  # [s]
 POINTS = 120  # instants at which a series is judged
 USUAL_RANGE, USUAL_SPEED = np.pi, 4.0  # [rad] to either side, [rad/s], where the file has no limits
 MARGIN = 0.9  # of the limits that is used
+SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the motion that is tried until the torque suffices
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +60,12 @@ class Excited:
 
 def design_excitation(
     body: Body,
-    period: float = 10.0,
+    period: float = PERIOD,
     *,
     harmonics: int = 5,
+    max_angle: float | None = None,
     max_speed: float | None = None,
+    max_torque: float | None = None,
     tries: int = 60,
     rng: np.random.Generator | None = None,
 ) -> Excited:
@@ -71,17 +75,26 @@ def design_excitation(
         body: with the limits of its file; half a turn to either side where it has none.
         period: of the motion [s].
         harmonics: of each joint.
+        max_angle: bound of every joint's angle to either side of zero [rad], if less than the file's.
         max_speed: bound of every joint's speed [rad/s], if less than the file's; 4 rad/s without one.
+        max_torque: bound of every joint's torque [N m], if less than the file's.
         tries: series that are drawn.
         rng: that draws them.
 
     Raises:
-        IdentificationError: if no series keeps within the torque limits.
+        IdentificationError: if no series keeps within the torque limits, or a joint's limits leave no room.
     """
     rng = rng or np.random.default_rng(0)
     low, high = body.position_limits
     low, high = np.where(np.isfinite(low), low, -USUAL_RANGE), np.where(np.isfinite(high), high, USUAL_RANGE)
+    if max_angle is not None:
+        low, high = np.maximum(low, -max_angle), np.minimum(high, max_angle)
+        for joint in np.array(body.joints)[low >= high]:
+            raise IdentificationError(
+                f"{body.name}: joint '{joint}' is never within {max_angle:g} rad of zero: allow a larger angle"
+            )
     speed = np.minimum(body.velocity_limits, USUAL_SPEED if max_speed is None else max_speed)
+    most = np.minimum(body.torque_limits, np.inf if max_torque is None else max_torque)
     time = np.linspace(0, period, POINTS, endpoint=False)
     best: Excited | None = None
     for _ in range(tries):
@@ -91,15 +104,17 @@ def design_excitation(
         q, v, _ = unit(time)
         room = np.minimum(high - middle, middle - low)
         scale = MARGIN * np.minimum(room / np.abs(q).max(axis=0), speed / np.abs(v).max(axis=0))
-        tried = Excited(body, middle, drawn[0] * scale, drawn[1] * scale, period, np.inf)
-        if np.any(np.abs(tried.torque(time)) > MARGIN * body.torque_limits):
-            continue
-        condition = _condition(tried, time)
-        if best is None or condition < best.condition:
-            best = Excited(body, middle, tried.sines, tried.cosines, period, condition)
+        for share in SHARES:
+            tried = Excited(body, middle, drawn[0] * scale * share, drawn[1] * scale * share, period, np.inf)
+            if np.all(np.abs(tried.torque(time)) <= MARGIN * most):
+                condition = _condition(tried, time)
+                if best is None or condition < best.condition:
+                    best = replace(tried, condition=condition)
+                break
     if best is None:
         raise IdentificationError(
-            f"{body.name}: every motion of {tries} needs more torque than the joints have: lower max_speed"
+            f"{body.name}: every motion of {tries} needs more torque than the joints have: allow less speed or "
+            "angle, or more torque"
         )
     return best
 

@@ -4,6 +4,7 @@ from pendulum_env.arms.body import BaseParameter, Body, BodyError, read_body
 from pendulum_env.arms.joints import JointTerm, friction, joint_effects
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK, Link
+from pendulum_env.arms.plane import planar_links
 from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "Link",
     "friction",
     "joint_effects",
+    "planar_links",
     "read_arm_recording",
     "read_body",
     "write_arm_recording",

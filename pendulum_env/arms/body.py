@@ -58,6 +58,20 @@ class BaseParameter:
 
 
 @dataclass(frozen=True, eq=False)
+class Chain:
+    """n links in a row as the file has them, in space, where all joints are at zero."""
+
+    axes: Array  # of the joints (n, 3)
+    joints: Array  # where they are (n, 3) [m]
+    masses: Array  # (n,) [kg]
+    centers: Array  # of mass (n, 3) [m]
+    inertias: Array  # about the centres (n, 3, 3) [kg m^2]
+    rotors: Array  # inertias of the motors (n,) [kg m^2]
+    friction: Array  # viscous and dry (n, 2) [N m s/rad], [N m]
+    gravity: Array  # (3,) [m/s^2]
+
+
+@dataclass(frozen=True, eq=False)
 class Body:
     """Links of an arm with n revolute joints on a fixed base; build it with `read_body`.
 
@@ -92,7 +106,7 @@ class Body:
         links = np.concatenate([inertia.toDynamicParameters() for inertia in list(self._model.inertias)[1:]])
         return np.concatenate([links, self._model.armature]) if self.rotors else links
 
-    @property
+    @cached_property
     def values(self) -> Array:
         """Base parameters as the file has them (P,)."""
         return np.asarray(self.combine @ self.standard_values)
@@ -151,6 +165,27 @@ class Body:
         combine = np.asarray(np.linalg.lstsq(columns[:, lead], columns, rcond=None)[0], dtype=np.float64)
         combine[np.abs(combine) < INDEPENDENT] = 0.0
         return lead, combine
+
+    @property
+    def chain(self) -> Chain | None:
+        """The links in space, unless the arm branches."""
+        model, data, pin = self._model, self._model.createData(), pinocchio()
+        count = len(self.joints)
+        if list(model.parents)[1:] != list(range(count)):
+            return None
+        jacobians = np.asarray(pin.computeJointJacobians(model, data, self._configuration(np.zeros((1, count)))[0]))
+        places, links = list(data.oMi)[1:], list(model.inertias)[1:]
+        bodies = [place.act(link) for place, link in zip(places, links, strict=True)]
+        return Chain(
+            axes=jacobians[3:].T,
+            joints=np.array([place.translation for place in places]),
+            masses=np.array([body.mass for body in bodies]),
+            centers=np.array([body.lever for body in bodies]),
+            inertias=np.array([body.inertia for body in bodies]),
+            rotors=np.array(model.armature, dtype=float),
+            friction=np.column_stack([model.damping, model.upperDryFrictionLimit]),
+            gravity=np.array(model.gravity.linear, dtype=float),
+        )
 
     # ------------------------------------------------------------------------------------------------------- regressors
 

@@ -19,7 +19,7 @@ from pendulum_env.rendering import MODES, Renderer
 RESET_OPTIONS = dict.fromkeys(("position", "velocity"))
 
 Observation = NDArray[np.float32]
-Action = NDArray[np.float32]
+Action = NDArray[np.floating[Any]]
 
 
 class PlanarArm(gym.Env[Observation, Action]):
@@ -44,6 +44,7 @@ class PlanarArm(gym.Env[Observation, Action]):
         self,
         links: Sequence[Link] = TWO_LINK,
         *,
+        joints: Sequence[str] | None = None,
         effects: str | Sequence[str] = (),
         rate: float = 1000.0,
         substeps: int = 1,
@@ -57,6 +58,7 @@ class PlanarArm(gym.Env[Observation, Action]):
 
         Args:
             links: from the base on, with friction at their joints.
+            joints: names; `shoulder`, `elbow`, `wrist` and numbers by default.
             effects: hidden at joints, as `stribeck@elbow=0.4`.
             rate: samples, and actions, per second [Hz].
             substeps: integration steps per sample.
@@ -72,7 +74,8 @@ class PlanarArm(gym.Env[Observation, Action]):
         check_positive("an arm", rate=rate, substeps=substeps, max_torque=max_torque)
         if render_mode is not None:
             find("render_mode", render_mode, dict.fromkeys(MODES))
-        self.links, self.joints = tuple(links), joint_names(len(links))
+        self.links = tuple(links)
+        self.joints = joint_names(len(links)) if joints is None else tuple(joints)
         self.sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
         hidden = [effects] if isinstance(effects, str) else list(effects)
         self.models = joint_models(self.links, self.joints, hidden)
@@ -90,8 +93,8 @@ class PlanarArm(gym.Env[Observation, Action]):
 
     @property
     def urdf(self) -> str:
-        """The arm's links as URDF, for `read_body`."""
-        return urdf(self.links)
+        """The arm as URDF, for `read_body`."""
+        return urdf(self.links, self.joints)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -159,7 +162,8 @@ class PlanarArm(gym.Env[Observation, Action]):
             gym.logger.warn("render was called without a render_mode: pass render_mode='rgb_array' to gym.make")
             return None
         lengths = [link.length for link in self.links]
-        return self._renderer.draw(self._last, self.max_torque, self.overlay(), lengths)
+        angles = [link.angle for link in self.links]
+        return self._renderer.draw(self._last, self.max_torque, self.overlay(), lengths, angles)
 
     def close(self) -> None:
         """Let go of the window."""

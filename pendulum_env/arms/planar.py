@@ -29,15 +29,17 @@ ITERATIONS = 20  # of pymunk's solver, which converges by a constant factor
 
 @dataclass(frozen=True)
 class Link:
-    """One link, whose centre of mass lies on the line to the next joint.
+    """One link; its line goes from its joint to the next one.
 
     Attributes:
         mass: [kg].
         length: to the next joint [m].
-        center: of mass, from its joint [m].
+        center: of mass, from its joint along the line [m].
         inertia: about the centre of mass [kg m^2].
         viscous: friction at its joint [N m s/rad].
         coulomb: dry friction at its joint [N m].
+        aside: of the line, where the centre of mass is: to the right of a link that hangs down [m].
+        angle: of the line from hanging down, counter-clockwise, where all joints are at zero [rad].
     """
 
     mass: float = 1.0
@@ -46,6 +48,8 @@ class Link:
     inertia: float = 0.02
     viscous: float = PAPER["viscous"]
     coulomb: float = PAPER["coulomb"]
+    aside: float = 0.0
+    angle: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.mass > 0 and self.inertia > 0 and self.length > 0):
@@ -100,21 +104,22 @@ class PlanarBodies:
         before: Any = self._space.static_body
         joint, joint_velocity = np.zeros(2), np.zeros(2)
         self.position, self.velocity = np.array(position, dtype=float), np.array(velocity, dtype=float)
-        for link, angle, rate in zip(self.links, np.cumsum(position), np.cumsum(velocity), strict=True):
+        anchor = (0.0, 0.0)
+        for link, turned, rate in zip(self.links, np.cumsum(position), np.cumsum(velocity), strict=True):
             body = pymunk.Body(link.mass, link.inertia)
-            along = np.array([np.sin(angle), -np.cos(angle)])
-            across = rate * np.array([np.cos(angle), np.sin(angle)])
+            angle = turned + link.angle
+            along, across = np.array([np.sin(angle), -np.cos(angle)]), np.array([np.cos(angle), np.sin(angle)])
             body.angle, body.angular_velocity = float(angle), float(rate)
-            body.position = tuple(joint + link.center * along)
-            body.velocity = tuple(joint_velocity + link.center * across)
-            anchor = (0.0, self.links[len(self._bodies) - 1].center - self.links[len(self._bodies) - 1].length)
-            pivot = pymunk.PivotJoint(before, body, anchor if self._bodies else (0.0, 0.0), (0.0, link.center))
+            body.position = tuple(joint + link.center * along + link.aside * across)
+            body.velocity = tuple(joint_velocity + rate * (link.center * across - link.aside * along))
+            pivot = pymunk.PivotJoint(before, body, anchor, (-link.aside, link.center))
+            anchor = (-link.aside, link.center - link.length)
             pivot.error_bias = 0.0
             motor = pymunk.SimpleMotor(before, body, 0.0)
             self._space.add(body, pivot, motor)
             self._bodies.append(body)
             self._motors.append(motor)
-            joint, joint_velocity = joint + link.length * along, joint_velocity + link.length * across
+            joint, joint_velocity = joint + link.length * along, joint_velocity + rate * link.length * across
             before = body
         self._time, self._command = 0.0, np.zeros(count)
         self._memory: list[Mapping[str, Any]] = []
@@ -191,19 +196,27 @@ class PlanarBodies:
         return Samples(now, position[joint], velocity[joint], torque[joint], memory)
 
 
-def urdf(links: Sequence[Link], name: str = "planar-arm") -> str:
-    """The arm's links as URDF, without friction; its axes point so that q = 0 hangs down, as in the simulation."""
-    names = joint_names(len(links))
+def urdf(links: Sequence[Link], names: Sequence[str], name: str = "planar-arm") -> str:
+    """The arm as URDF, with its joints' names and friction; angles are counted as in the simulation."""
     bodies, joints = ['<link name="base"/>'], []
+    parent, place = "base", "0 0 0"
     for k, (link, joint) in enumerate(zip(links, names, strict=True)):
         i = link.inertia
         bodies.append(
-            f'<link name="link{k + 1}"><inertial><origin xyz="0 0 {-link.center}"/><mass value="{link.mass}"/>'
+            f'<link name="link{k + 1}"><inertial><origin xyz="{_in_space(link, link.center, link.aside)}"/>'
+            f'<mass value="{link.mass}"/>'
             f'<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i / 10}"/></inertial></link>'
         )
-        parent, below = (f"link{k}", -links[k - 1].length) if k else ("base", 0.0)
         joints.append(
             f'<joint name="{joint}" type="continuous"><parent link="{parent}"/><child link="link{k + 1}"/>'
-            f'<origin xyz="0 0 {below}"/><axis xyz="0 -1 0"/></joint>'
+            f'<origin xyz="{place}"/><axis xyz="0 -1 0"/>'
+            f'<dynamics damping="{link.viscous}" friction="{link.coulomb}"/></joint>'
         )
+        parent, place = f"link{k + 1}", _in_space(link, link.length, 0.0)
     return "\n".join([f'<robot name="{name}">', *bodies, *joints, "</robot>", ""])
+
+
+def _in_space(link: Link, along: float, aside: float) -> str:
+    """A point of a link from its joint, where all joints are at zero: x to the right, z up [m]."""
+    s, c = np.sin(link.angle), np.cos(link.angle)
+    return f"{along * s + aside * c:.9g} 0 {aside * s - along * c:.9g}"

@@ -3,8 +3,9 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks import six_joint
 from benchmarks.two_link import Multisine, TwoLink
-from pendulum_env.arms.recording import ArmRecording, write_arm_recording
+from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
 from workbench.cli import main
 
 ARM = TwoLink()
@@ -50,9 +51,37 @@ def test_identify_compare_and_diagnose_an_arm(capsys, folder):
     assert code == 0
 
 
+def test_record_an_arm_with_an_effect_at_a_joint(capsys, folder):
+    asked = ("--seconds", "4", "--amplitude", "12", "--noise", "0", "--effect", "torque_offset@elbow=1")
+    code, out, _ = run(capsys, folder, "record", *asked, "-o", "run.csv")
+    assert code == 0 and "condition of the base regressor" in out and "hidden: torque_offset@elbow" in out
+    recording = read_arm_recording(folder / "run.csv", ("shoulder", "elbow"))
+    assert len(recording) == 4000 and np.abs(recording.torque).max() <= 12
+    code, _, _ = run(capsys, folder, "identify", "run.csv", "--scheme", "filtered_dynamic", "-o", "fitted.json")
+    assert code == 0
+    code, out, _ = run(capsys, folder, "diagnose", "run.csv", "--only", "torque_offset,spring")
+    assert code == 0 and "Missing: torque_offset@elbow" in out
+
+
+def test_an_arm_in_space_is_recorded_elsewhere(capsys, tmp_path):
+    (tmp_path / "arm.urdf").write_text(six_joint.urdf())
+    code, _, err = run(capsys, tmp_path, "record", "-o", "run.csv")
+    assert code == 2 and "joint 'base' does not turn in a vertical plane" in err and err.count("\n") == 1
+    assert not (tmp_path / "run.csv").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
+        (("record", "-o", "x.csv", "--effect", "stribeck@elbo"), "unknown joint 'elbo': did you mean elbow"),
+        (("record", "-o", "x.csv", "--effect", "stribek@elbow"), "unknown effect 'stribek': did you mean stribeck"),
+        (("record", "-o", "x.csv", "--effect", "stribeck"), "'stribeck' should say at which joint"),
+        (("record", "-o", "x.csv", "--effect", "backlash@elbow"), "it cannot sit at a joint of an arm"),
+        (("record", "-o", "x.csv", "--theta", "inertia=1"), "--theta is for pendulums"),
+        (("record", "-o", "x.csv", "--backend", "mujoco"), "arms know pymunk alone"),
+        (("record", "-o", "x.csv", "--excitation", "prbs"), "arms know multisine alone"),
+        (("record", "-o", "x.csv", "--amplitude", "0"), "needs more torque than the joints have"),
+        (("record", "-o", "arm.urdf"), "is one of the inputs"),
         (("identify", "plain.csv", "--align"), "--align is for pendulums"),
         (("identify", "plain.csv", "--fix", "gravity=2"), "--fix is for pendulums"),
         (("diagnose", "plain.csv", "--only", "backlash"), "unknown effect 'backlash'"),
@@ -70,5 +99,9 @@ def test_mistakes_are_one_line(capsys, folder, arguments, told):
 
 
 def test_a_pendulums_command_knows_no_joints(capsys, folder):
+    assert main(["record", "--effect", "stribeck@elbow", "-o", str(folder / "x.csv")]) == 2
+    assert "is an effect at a joint of an arm, which takes --robot" in capsys.readouterr().err
+    assert main(["record", "--max-speed", "2", "-o", str(folder / "x.csv")]) == 2
+    assert "--max-speed goes with --robot only" in capsys.readouterr().err
     assert main(["identify", str(folder / "plain.csv"), "--columns", "torque_elbow=torque_elbow"]) == 2
     assert "columns are named for" in capsys.readouterr().err

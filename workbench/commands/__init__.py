@@ -13,7 +13,7 @@ from workbench.terminal import Terminal
 
 COMMANDS: dict[str, str] = {  # and what help says of each
     "demo": "hide an effect, record, diagnose and report: the whole workflow in one go",
-    "record": "record a pendulum: the rig, or a simulated one with effects hidden in it if asked for",
+    "record": "record a pendulum: the rig, or a simulated one, or arm, with effects hidden in it if asked for",
     "identify": "estimate the four parameters of the paper's model by its six schemes",
     "compare": "compare a model with recordings: how far off it is, and where",
     "diagnose": "find the effects that a model lacks, and add them",

@@ -1,4 +1,4 @@
-"""`record`: a run of a pendulum, written to a file."""
+"""`record`: a run of a pendulum or an arm, written to a file."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from agents.network import Network, load
 from agents.observer import EPISODE
 from agents.pilot import Pilot
 from agents.verdicts import LONGEST
+from estimators.arms.excitation import USUAL_SPEED
 from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
@@ -25,7 +26,17 @@ from pendulum_env.recording import Recording, write_recording
 from pendulum_env.recording.checks import FEWEST, SHORTEST, SLOWEST
 from pendulum_env.recording.storage import WRITERS
 from pendulum_env.registration import PENDULUM
-from workbench.inputs import argument, check_outputs, number, plant_of, read_suggestion, take_plant, whole, wrote
+from workbench.inputs import (
+    argument,
+    check_outputs,
+    number,
+    plant_of,
+    read_suggestion,
+    take_plant,
+    take_robot,
+    whole,
+    wrote,
+)
 from workbench.mistakes import InputError
 from workbench.rig import configured, controller, describe, record_rig
 from workbench.terminal import Terminal
@@ -40,6 +51,7 @@ BACKENDS = (
     "dm1015b",  # the rig
 )
 SECONDS = 30.0  # length of a recording
+USUAL = "paper"  # excitation
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
 UNTIL_POLICY = "discriminate-peak"  # that is meant for it
 LEARNT = "rl"  # excitation that a policy chooses while the arm moves
@@ -55,10 +67,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--excitation",
         type=argument(_excitation),
-        default="paper",
         metavar="NAME",
         help=f"{', '.join(EXCITATIONS)} (default paper); {SUGGESTED}: the experiment that --diagnosis suggests; "
-        f"{LEARNT}: by a policy that sees the motion and what it has taught so far",
+        f"{LEARNT}: by a policy that sees the motion and what it has taught so far; an arm follows a multisine that is "
+        "designed within the limits of its joints",
     )
     parser.add_argument(
         "--policy",
@@ -76,7 +88,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--diagnosis", metavar="FILE", help=f"what `diagnose --json` wrote, for --excitation {SUGGESTED}"
     )
     parser.add_argument(
-        "--amplitude", type=number(0.0, MOST_TORQUE), help="bound of the torque [N m]; each excitation has its own"
+        "--amplitude",
+        type=number(0.0, MOST_TORQUE),
+        help="bound of the torque [N m]; each excitation has its own, an arm those of its file",
+    )
+    parser.add_argument(
+        "--max-angle",
+        metavar="RAD",
+        type=number(0.01),
+        help="with --robot: bound of each joint's designed angle to either side [rad] (default the file's, or pi)",
+    )
+    parser.add_argument(
+        "--max-speed",
+        metavar="RAD/S",
+        type=number(0.01),
+        help=f"with --robot: bound of each joint's designed speed [rad/s] (default the file's, or {USUAL_SPEED:g})",
     )
     parser.add_argument(
         "--backend",
@@ -87,6 +113,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
     parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
     take_plant(parser)
+    take_robot(parser)
     parser.add_argument("--rate", type=number(SLOWEST, 1e5), default=1000.0, help="samples per second (default 1000)")
     parser.add_argument(
         "--counts", type=whole(0, 2**32), default=COUNTS, help=f"of the encoder per turn (default {COUNTS})"
@@ -102,20 +129,28 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Run a pendulum and write what it did."""
-    check_outputs([arguments.output], [path for path in (arguments.diagnosis, arguments.replay) if path])
+    """Run a pendulum or an arm and write what it did."""
+    inputs = (arguments.diagnosis, arguments.replay, arguments.robot)
+    check_outputs([arguments.output], [path for path in inputs if path])
     if not arguments.output.lower().endswith(tuple(WRITERS)):
         raise InputError(f"{arguments.output}: the name should end in {', '.join(WRITERS)}")
     rng = np.random.default_rng(arguments.seed)
+    if arguments.robot is not None:
+        from workbench import arms  # Pinocchio is imported by who needs it
+
+        seconds = arguments.seconds or SECONDS
+        arms.record(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
+        return
+    for name in ("max_angle", "max_speed"):
+        if getattr(arguments, name) is not None:
+            raise InputError(f"--{name.replace('_', '-')} goes with --robot only: a pendulum's torque is not designed")
     rig = configured(arguments)
     rate = arguments.rate if rig is None else rig.rate
     command, seconds = experiment(arguments, rng, rate)
-    samples = seconds * rate
-    if not FEWEST <= samples <= MOST:
-        raise InputError(f"{samples:.0f} samples are asked for, between {FEWEST} and {MOST} are possible")
+    samples = _samples(seconds, rate)
     plant = plant_of(arguments)
     if rig is not None:
-        record_rig(rig, command, round(samples), arguments.output, terminal, arguments.until is not None)
+        record_rig(rig, command, samples, arguments.output, terminal, arguments.until is not None)
         return
     recording = _run(arguments, plant, command, seconds, rng, terminal)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
@@ -127,6 +162,18 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if plant.effects:
         terminal.say(f"hidden: {', '.join(plant.effects)}")
     wrote([arguments.output], terminal)
+
+
+def _samples(seconds: float, rate: float) -> int:
+    """How many a recording has.
+
+    Raises:
+        InputError: if they are too few or too many.
+    """
+    samples = seconds * rate
+    if not FEWEST <= samples <= MOST:
+        raise InputError(f"{samples:.0f} samples are asked for, between {FEWEST} and {MOST} are possible")
+    return round(samples)
 
 
 def experiment(
@@ -154,7 +201,7 @@ def experiment(
         raise InputError(f"--diagnosis goes with --excitation {SUGGESTED} only")
     seconds = arguments.seconds or (SECONDS if arguments.until is None else LONGEST)
     try:
-        return excitation(arguments.excitation, rng, seconds, arguments.amplitude), seconds
+        return excitation(arguments.excitation or USUAL, rng, seconds, arguments.amplitude), seconds
     except ValueError as error:
         raise InputError(str(error)) from None
 

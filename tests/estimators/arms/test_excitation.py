@@ -31,5 +31,5 @@ def test_more_tries_are_no_worse_and_single_sines_are(body):
 
 
 def test_a_motion_that_needs_too_much_torque_is_refused(body):
-    with pytest.raises(IdentificationError, match="lower max_speed"):
+    with pytest.raises(IdentificationError, match="allow less speed or angle, or more torque"):
         design_excitation(body, period=0.02, harmonics=1, max_speed=6.0, tries=2)

@@ -1,0 +1,86 @@
+"""A simulated arm that follows a designed motion, as a robot's own controller would let it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estimators.arms.excitation import Excited
+from estimators.progress import Progress, no_progress
+from pendulum_env._typing import Array
+from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.arms.rollout import rollout_arm
+
+BANDWIDTH = 30.0  # [rad/s]: fast beside the motion, slow beside samples of some milliseconds
+
+
+@dataclass(frozen=True, eq=False)
+class Follow:
+    """A controller by computed torque: what the body by its file needs to come back, critically damped.
+
+        tau = Y(q, q', a) theta,    a = q_r'' + 2 w (q_r' - q') + w^2 (q_r - q)
+
+    It knows no friction, which therefore leaves a lag behind the reference.
+    Source: Siciliano, Sciavicco, Villani and Oriolo, Robotics, 2009, section 8.5.2.
+
+    Attributes:
+        motion: the reference.
+        limits: of the torques (n,) [N m].
+        bandwidth: w [rad/s].
+    """
+
+    motion: Excited
+    limits: Array
+    bandwidth: float = BANDWIDTH
+
+    def torque(self, info: Mapping[str, Any]) -> Array:
+        """Torques (n,) [N m] for the period that begins with a measurement of time, position and velocity."""
+        body, w = self.motion.body, self.bandwidth
+        time, q, v = info["time"], info["position"], info["velocity"]
+        (q_r,), (v_r,), (a_r,) = self.motion(np.array([time]))
+        a = a_r + 2 * w * (v_r - v) + w**2 * (q_r - q)
+        (asked,) = body.torque(q[None], v[None], a[None]) @ body.values
+        return np.clip(asked, -self.limits, self.limits)
+
+
+def follow(
+    arm: PlanarArm,
+    motion: Excited,
+    samples: int,
+    max_torque: float | None = None,
+    *,
+    rng: np.random.Generator,
+    name: str = "simulated",
+    progress: Progress = no_progress,
+) -> ArmRecording:
+    """Record an arm that follows a motion from its first instant on.
+
+    Args:
+        arm: with the joints of the motion.
+        motion: to follow.
+        samples: of the recording.
+        max_torque: of every joint [N m], if less than the file's.
+        rng: of the noise.
+        name: of the recording.
+        progress: told what is being done.
+
+    Raises:
+        RecordingError: if the motion is none that a recording can hold.
+    """
+    limits = np.minimum(motion.body.torque_limits, np.inf if max_torque is None else max_torque)
+    (position,), (velocity,), _ = motion(np.zeros(1))
+    seconds = samples / arm.rate
+    return rollout_arm(
+        arm,
+        Follow(motion, limits),
+        samples,
+        position=position,
+        velocity=velocity,
+        seed=int(rng.integers(2**31)),
+        name=name,
+        watch=lambda info: progress(f"{info['time']:.0f} s", info["time"] / seconds),
+    )

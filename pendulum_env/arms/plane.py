@@ -1,0 +1,71 @@
+"""An arm that moves in a vertical plane, as the planar simulator has it: its links from a robot's file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.arms.body import Body, BodyError
+from pendulum_env.arms.planar import GRAVITY, Link
+from pendulum_env.plant import PAPER
+
+ALIKE = 1e-6  # of directions, and of lengths as shares of the arm's
+ELSEWHERE = "record it elsewhere, with columns time, position_JOINT and torque_JOINT"
+
+
+def planar_links(body: Body) -> tuple[Link, ...]:
+    """Links of a chain whose joints all turn about one horizontal direction.
+
+    Friction is the file's (`<dynamics damping="..." friction="..."/>` of URDF); a joint without any has the paper's.
+
+    Raises:
+        BodyError: if the arm is none such: pymunk simulates in a plane.
+    """
+    chain = body.chain
+    if chain is None:
+        raise BodyError(f"{body.name}: branches, the simulator knows chains only: {ELSEWHERE}")
+    up = -chain.gravity / max(float(np.linalg.norm(chain.gravity)), ALIKE)
+    for joint, axis in zip(body.joints, chain.axes, strict=True):
+        if abs(axis @ up) > ALIKE or axis @ chain.axes[0] < 1 - ALIKE:
+            raise BodyError(
+                f"{body.name}: joint '{joint}' does not turn in a vertical plane that all joints share, and the "
+                f"simulator knows planar arms only: {ELSEWHERE}"
+            )
+    if abs(np.linalg.norm(chain.gravity) - GRAVITY) > ALIKE * GRAVITY:
+        raise BodyError(f"{body.name}: has another gravity than {GRAVITY:g} m/s^2, which the simulator has")
+    if np.any(chain.rotors > 0):
+        raise BodyError(
+            f"{body.name}: motors have inertia of their own, which the simulator does not know: {ELSEWHERE}"
+        )
+    plane = np.stack([np.cross(up, chain.axes[0]), up])  # right and up, (2, 3)
+    joints, centers = chain.joints @ plane.T, chain.centers @ plane.T  # (n, 2)
+    links = []
+    for k, mass in enumerate(chain.masses.tolist()):
+        inertia = float(chain.axes[k] @ chain.inertias[k] @ chain.axes[k])
+        to_center, last = centers[k] - joints[k], k + 1 == len(joints)
+        line = to_center if last else joints[k + 1] - joints[k]
+        length = float(np.linalg.norm(line))
+        if length <= ALIKE * np.ptp(centers, axis=0).max():
+            if not last:
+                raise BodyError(f"{body.name}: joints '{body.joints[k]}' and '{body.joints[k + 1]}' are in one place")
+            line, length = np.array([0.0, -1.0]), float(np.sqrt(inertia / mass))  # a wheel
+        along = line / length
+        damping, dry = chain.friction[k].tolist()
+        viscous, coulomb = (damping, dry) if damping or dry else (PAPER["viscous"], PAPER["coulomb"])
+        links.append(
+            Link(
+                mass=mass,
+                length=length,
+                center=float(to_center @ along),
+                inertia=inertia,
+                viscous=viscous,
+                coulomb=coulomb,
+                aside=float(_cross(along, to_center)),
+                angle=float(np.arctan2(along[0], -along[1])),
+            )
+        )
+    return tuple(links)
+
+
+def _cross(one: Array, other: Array) -> float:
+    return float(one[0] * other[1] - one[1] * other[0])

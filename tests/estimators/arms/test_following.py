@@ -1,0 +1,61 @@
+"""A simulated arm that follows a designed motion: against its closed form, integrated by SciPy, and what is found."""
+
+import numpy as np
+import pytest
+
+from benchmarks.two_link import TwoLink
+from estimators.arms.excitation import design_excitation
+from estimators.arms.following import Follow, follow
+from estimators.arms.identification import ARM_SCHEMES, identify_arm
+from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.plane import planar_links
+
+ARM = TwoLink()
+
+
+@pytest.fixture(scope="module")
+def motion(body):
+    return design_excitation(body, rng=np.random.default_rng(1))
+
+
+def arm(body, **arguments):
+    return PlanarArm(planar_links(body), joints=body.joints, velocity="ideal", **arguments)
+
+
+def test_a_recorded_arm_is_the_textbooks_under_the_same_torque(body, motion):
+    recording = follow(arm(body, counts=0), motion, 2000, rng=np.random.default_rng(0))
+    time, held = recording.time, recording.torque
+    middles = time + 0.5e-3  # of what is held; between them it hardly changes
+
+    def torque(at):
+        return np.array([np.interp(at, middles, held[:, k]) for k in range(2)])
+
+    (q,), (v,), _ = motion(np.zeros(1))
+    told, _ = ARM.simulate(torque, time, tuple(q), tuple(v), rtol=1e-6)
+    assert np.ptp(told, axis=0).min() > 0.5
+    assert np.abs(recording.position - told).max() < 2e-3
+
+
+def test_the_arm_keeps_near_its_reference_and_its_parameters_are_found(body, motion):
+    recording = follow(arm(body, torque_noise=0.02), motion, 8000, rng=np.random.default_rng(0))
+    lag = recording.position - motion(recording.time)[0]
+    assert np.sqrt(np.mean(lag**2, axis=0)).max() < 0.15  # what friction asks for, by the stiffness w^2 M
+    estimates = identify_arm(recording, body, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"].model.estimates
+    for joint, viscous, coulomb in zip(body.joints, ARM.viscous, ARM.coulomb, strict=True):
+        assert estimates[f"viscous@{joint}"].value == pytest.approx(viscous, rel=0.02)
+        assert estimates[f"coulomb@{joint}"].value == pytest.approx(coulomb, rel=0.01)
+    first_moment = -(ARM.mass[0] * ARM.center[0] + ARM.mass[1] * ARM.length)
+    assert estimates["mz@shoulder"].value == pytest.approx(first_moment, rel=0.005)
+
+
+def test_torque_limits_are_kept_whatever_the_error(body, motion):
+    controller = Follow(motion, np.array([2.0, 0.5]))
+    asked = controller.torque({"time": 0.0, "position": np.array([3.0, -3.0]), "velocity": np.zeros(2)})
+    assert (np.abs(asked) == [2.0, 0.5]).all()
+
+
+def test_bounds_of_angle_and_torque_make_a_smaller_motion(body):
+    bounded = design_excitation(body, max_angle=0.8, max_torque=6.0, tries=10)
+    q, v, _ = bounded(np.linspace(0, bounded.period, 4001))
+    assert np.abs(q).max() <= 0.8 and np.abs(v).max() <= 4.0
+    assert np.abs(bounded.torque(np.linspace(0, bounded.period, 401))).max() <= 6.0

@@ -1,0 +1,78 @@
+"""A planar arm that is simulated from a robot's file: pymunk against Pinocchio's regressors, and what is refused."""
+
+import re
+
+import numpy as np
+import pytest
+
+from benchmarks import six_joint
+from pendulum_env.arms.body import BodyError, read_body
+from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.planar import Link
+from pendulum_env.arms.plane import planar_links
+from pendulum_env.plant import PAPER
+
+BENT = (  # centres of mass beside the lines, and lines that do not hang down where the joints are at zero
+    Link(1.2, 0.45, 0.2, 0.02, 0.1, 0.2, aside=0.03, angle=0.4),
+    Link(0.8, 0.35, 0.15, 0.008, 0.3, 0.4, aside=-0.02, angle=-1.9),
+)
+
+
+@pytest.fixture
+def read(tmp_path):
+    def body(text):
+        (tmp_path / "arm.urdf").write_text(text)
+        return read_body(tmp_path / "arm.urdf")
+
+    return body
+
+
+def test_links_come_back_from_their_file(read):
+    first, last = planar_links(read(PlanarArm(BENT).urdf))
+    assert [first.length, first.center, first.aside, first.angle] == pytest.approx([0.45, 0.2, 0.03, 0.4])
+    assert [first.viscous, first.coulomb, last.viscous, last.coulomb] == [0.1, 0.2, 0.3, 0.4]
+    assert (last.mass, last.inertia) == pytest.approx((0.8, 0.008))
+
+
+def test_a_bent_arm_moves_as_its_file_says(read):
+    """Without friction, torque that Pinocchio's regressor asks for along the simulated motion is what was applied."""
+    free = [Link(k.mass, k.length, k.center, k.inertia, 0.0, 0.0, k.aside, k.angle) for k in BENT]
+    arm = PlanarArm(free, counts=0, velocity="ideal", rate=2000.0)
+    body = read(arm.urdf)
+    _, info = arm.reset(options={"position": [0.7, -1.2], "velocity": [1.5, -2.0]})
+    applied, measured = np.array([0.6, -0.2]), []
+    for _ in range(1000):
+        measured.append((info["position"], info["velocity"]))
+        info = arm.step(applied)[4]
+    q, v = np.moveaxis(np.array(measured), 1, 0)
+    a = np.gradient(v, 1 / arm.rate, axis=0)
+    asked = (body.torque(q, v, a) @ body.values)[5:-5]
+    assert np.ptp(q, axis=0).min() > 0.5
+    assert np.abs(asked - applied).max() < 0.01  # of up to 8 N m of gravity
+
+
+def test_joints_without_friction_in_the_file_have_the_papers(read):
+    text = PlanarArm(BENT).urdf.replace('<dynamics damping="0.1" friction="0.2"/>', "")
+    assert planar_links(read(text))[0].coulomb == PAPER["coulomb"]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda text: text.replace("0 -1 0", "1 0 0", 1), "joint 'elbow' does not turn in a vertical plane"),
+        (lambda text: text.replace("0 -1 0", "0 0 1"), "joint 'shoulder' does not turn in a vertical plane"),
+        (lambda text: text.replace('parent link="link1"', 'parent link="base"'), "branches"),
+        (lambda text: re.sub(r'(link2"/><origin xyz=)"[^"]*"', r'\1"0 0 0"', text), "in one place"),
+    ],
+)
+def test_what_the_simulator_cannot_be_is_refused(read, change, told):
+    text = PlanarArm(BENT).urdf
+    assert change(text) != text
+    with pytest.raises(BodyError, match=told):
+        planar_links(read(change(text)))
+
+
+def test_arms_in_space_and_motors_with_inertia_are_refused():
+    body = six_joint.body()
+    with pytest.raises(BodyError, match="record it elsewhere, with columns time, position_JOINT"):
+        planar_links(body)
