@@ -1,4 +1,4 @@
-"""`record`, `identify`, `compare` and `diagnose` of an arm: what they do where `--robot` names its links."""
+"""Commands of an arm: what `record`, `identify`, `compare`, `diagnose` and `add` do where `--robot` names its links."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.arguments import chosen_effects
+from estimators.arms.addition import add_arm
 from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
 from estimators.arms.excitation import PERIOD, design_excitation
 from estimators.arms.following import follow
 from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.joints import joint_effects
+from pendulum_env.arms.joints import effect_at, joint_effects
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.plane import planar_links
 from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
@@ -155,6 +156,32 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.output is not None:
         found.model.save(arguments.output)
     _tell_diagnosis(found, terminal)
+    wrote(outputs, terminal)
+
+
+def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Refit a model without and with one more effect at a joint."""
+    _refuse(arguments, "align", "fixed", "bounds")
+    outputs = [arguments.output]
+    body, recordings = _given(arguments, arguments.recordings, outputs, terminal, (arguments.model,))
+    model = ArmModel.load(arguments.model, body)
+    try:
+        effect_at(arguments.effect, body.joints)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    held = [_read(name, body, arguments, terminal) for name in arguments.holdout]
+    with terminal.progress(f"adding {arguments.effect}") as progress:
+        added = add_arm(model, arguments.effect, recordings, held, progress)
+    if arguments.output is not None:
+        added.after.model.save(arguments.output)
+    for part, what in (("train", "fitted"), ("holdout", "held-out")):
+        terminal.heading(f"Torque errors on {what} data, the model refitted without and with the effect")
+        errors = [getattr(side, part) for side in (added.before, added.after)]
+        terminal.table(*errors_table(errors, ("before [N m]", "after [N m]")))
+    terminal.say(added.text)
+    terminal.heading("Parameters")
+    rows = [(name, plus_minus(e.value, e.std), e.unit) for name, e in added.after.model.estimates.items()]
+    terminal.table(("parameter", "estimate", "unit"), rows, left=("unit",))
     wrote(outputs, terminal)
 
 

@@ -1,5 +1,6 @@
 """Arms of n joints: identification by the six schemes, and effects at joints that a model lacks."""
 
+from estimators.arms.addition import ArmAddition, add_arm
 from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
 from estimators.arms.excitation import Excited, design_excitation
 from estimators.arms.following import Follow, follow
@@ -16,6 +17,7 @@ from estimators.arms.standard import standard_parameters
 
 __all__ = [
     "ARM_SCHEMES",
+    "ArmAddition",
     "ArmDiagnosis",
     "ArmEstimator",
     "ArmIdentification",
@@ -23,6 +25,7 @@ __all__ = [
     "Excited",
     "Follow",
     "JointError",
+    "add_arm",
     "compare_arm",
     "design_excitation",
     "diagnose_arm",

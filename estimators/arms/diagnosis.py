@@ -1,63 +1,27 @@
-"""Which effect is missing at which joint of an arm: added one by one by the pendulum's score, the body fitted along.
-
-Every effect of the library at every joint is tried. Columns that body and friction have are projected out once, so that
-a variant costs a small solve on the rows of its joint; the most promising ones are then judged by the log predictive
-density of stretches that they were not fitted to (`estimators.selection.score`), by the pendulum's `Criterion`.
-"""
+"""Which effect is missing at which joint of an arm: added one by one by the pendulum's score, the body fitted along."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.arms.evidence import ArmEvidence, gather_arm
+from estimators.arms.evidence import gather_arm
 from estimators.arms.identification import JointError, compare_arm
-from estimators.checks.physical import impossible
+from estimators.arms.search import ArmCandidate, ArmSearch
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.score import Bootstrap, Gain, cross_validated, predicted
-from estimators.selection.search import complexity
 from estimators.weak_form.dataset import LEAST_NOISE, TRIFLE
-from estimators.weak_form.shapes import gauss_newton
-from pendulum_env._typing import JSON, Array, Mask
+from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import JointTerm, friction, joint_effects
+from pendulum_env.arms.joints import friction, joint_effects
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.physics import Model, Term
+from pendulum_env.physics import Term
 
 SCHEMA = "pendulum-ident/arm-diagnosis@1"
 HELD_OUT = 0.3  # of each recording, where none is held out
-JUDGED = 8  # most promising effects that are scored
-SEARCHED = 24  # most promising ones whose shape parameters are searched, from the grid on
-SINGULAR = 1e-6  # share of a column that body and friction have to leave: with less it is theirs
-
-Terms = tuple[JointTerm, ...]
-
-
-@dataclass(frozen=True)
-class ArmCandidate:
-    """An effect at a joint that was judged.
-
-    Attributes:
-        effect: `stribeck@elbow`.
-        gain: log predictive density over the model before it [nat].
-        error: its standard error [nat].
-        probability: among the effects that were judged with it, in the same place.
-        verdict: selected, ambiguous or rejected.
-    """
-
-    effect: str
-    gain: float
-    error: float
-    probability: float
-    verdict: str
-
-    def json(self) -> JSON:
-        """Plain dictionary for JSON."""
-        return dict(vars(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +29,7 @@ class ArmDiagnosis:
     """What an arm's model lacks.
 
     Attributes:
+        base: the model without them.
         model: with the effects that were found.
         selected: them, `stribeck@elbow`.
         candidates: what was judged, of each step.
@@ -72,6 +37,7 @@ class ArmDiagnosis:
         unexplained: torque that each joint's neighbouring blocks still share [N m], where it surely is some.
     """
 
+    base: ArmModel
     model: ArmModel
     selected: tuple[str, ...]
     candidates: tuple[ArmCandidate, ...]
@@ -89,6 +55,17 @@ class ArmDiagnosis:
             "unexplained": dict(self.unexplained),
             "model": self.model.json(),
         }
+
+
+def parted(
+    recordings: ArmRecording | Sequence[ArmRecording], holdout: Sequence[ArmRecording] = ()
+) -> tuple[list[ArmRecording], list[ArmRecording]]:
+    """What is fitted and what is held out: the last 30 % of each recording, where no others are."""
+    recordings = [recordings] if isinstance(recordings, ArmRecording) else list(recordings)
+    if holdout:
+        return recordings, list(holdout)
+    pairs = [recording.split(1 - HELD_OUT) for recording in recordings]
+    return [first for first, _ in pairs], [last for _, last in pairs]
 
 
 def diagnose_arm(
@@ -115,10 +92,8 @@ def diagnose_arm(
     Raises:
         IdentificationError: if a joint hardly moves.
     """
-    recordings = [recordings] if isinstance(recordings, ArmRecording) else list(recordings)
-    pairs = [] if holdout else [recording.split(1 - HELD_OUT) for recording in recordings]
-    train, held = ([p[0] for p in pairs], [p[1] for p in pairs]) if pairs else (recordings, list(holdout))
-    search = _Search(
+    train, held = parted(recordings, holdout)
+    search = ArmSearch(
         gather_arm(train, body),
         gather_arm(held, body),
         joint_effects() if library is None else library,
@@ -128,12 +103,13 @@ def diagnose_arm(
     )
     base = friction(body.joints)
     terms = search.find(base)
-    models = [ArmModel.build(body, one, search.solve(one)) for one in (base, terms)]
-    before, after = (compare_arm(model, held) for model in models)
+    lacking, model = search.report(base), search.report(terms)
+    before, after = (compare_arm(one, held) for one in (lacking, model))
     residual = search.residual(terms)
     left = {joint: search.train.structure(residual, k) for k, joint in enumerate(body.joints)}
     return ArmDiagnosis(
-        model=search.report(terms),
+        base=lacking,
+        model=model,
         selected=tuple(own.id for own in terms[len(base) :]),
         candidates=tuple(search.judged),
         before=before,
@@ -144,228 +120,3 @@ def diagnose_arm(
             if sure > search.criterion.sure and size > TRIFLE / LEAST_NOISE * search.trifle(k)
         },
     )
-
-
-@dataclass
-class _Search:
-    """The loop that adds effects, and drops those that others make needless."""
-
-    train: ArmEvidence
-    held: ArmEvidence
-    library: Mapping[str, type[Term]]
-    criterion: Criterion
-    rng: np.random.Generator
-    progress: Progress
-    judged: list[ArmCandidate] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        base = friction(self.train.body.joints)
-        spread = np.array([np.std(self.train.torque[self.train.of(k)]) for k in range(len(self.train.body.joints))])
-        weights = 1.0 / np.maximum(spread, LEAST_NOISE * spread.max())  # a joint without a motor has no torque
-        for _ in range(2):  # joints with less noise count more
-            balance = self.train.balance(base, weights)
-            error = balance.error(balance.solve())
-            weights = weights / np.sqrt([np.mean(error[self.train.of(k)] ** 2) for k in range(len(weights))])
-        self.weights = weights
-        first, second = self.train.stretches.of_stretch, self.held.stretches.of_stretch
-        self.bootstrap = Bootstrap(np.concatenate([first, second + first.max() + 1]), self.rng)
-        self._densities: dict[Terms, Array] = {}
-        self._solved: dict[Terms, Array] = {}
-
-    def solve(self, terms: Terms) -> Array:
-        """Linear parameters (P,), base parameters first."""
-        if terms not in self._solved:
-            self._solved[terms] = self.train.balance(terms, self.weights).solve()
-        return self._solved[terms]
-
-    def residual(self, terms: Terms) -> Array:
-        """Torque (R,) that the fit leaves [N m]."""
-        balance = self.train.balance(terms, self.weights)
-        return np.asarray(balance.error(self.solve(terms)) / self.weights[self.train.joint])
-
-    def density(self, terms: Terms) -> Array:
-        """Log predictive density of every stretch (S,), those of the training data first [nat]."""
-        if terms not in self._densities:
-            balance, unseen = (part.balance(terms, self.weights) for part in (self.train, self.held))
-            known = cross_validated(balance, 0.0, self.train.stretches)
-            told = predicted(self.solve(terms), unseen, 0.0, self.held.stretches)
-            self._densities[terms] = np.concatenate([known, told])
-        return self._densities[terms]
-
-    def gain(self, after: Terms, before: Terms) -> Gain:
-        """What one model predicts better; the more was tried, the more it has to be."""
-        return self.bootstrap.gain(self.density(after), self.density(before), self.penalty(after, before))
-
-    def penalty(self, after: Terms, before: Terms) -> float:
-        """Logarithm of the number of models that were tried: the best of so many gains that much by chance."""
-        variants = [len(self._grid(own, before)) for own in after if own not in before]
-        return float(np.log(len(self.library) * len(self.train.body.joints) * max(1, sum(variants))))
-
-    def _grid(self, own: JointTerm, terms: Terms) -> list[Term]:
-        return list(type(own.term).grid(self.train.samples(own.joint), self.residual(terms)[self.train.of(own.joint)]))
-
-    def trifle(self, joint: int) -> float:
-        """Torque at a joint that smoothing leaves, which is not exact either [N m]."""
-        return LEAST_NOISE * float(np.std(self.train.torque[self.train.of(joint)]))
-
-    def find(self, base: Terms) -> Terms:
-        """The terms with all effects that surely predict better and explain what is left."""
-        terms = base
-        while len(terms) - len(base) < self.criterion.most:
-            longer = self._add(terms)
-            if longer is None:
-                break
-            terms = longer
-            for own in terms[len(base) : -1]:
-                without = tuple(other for other in terms if other is not own)
-                if not self.gain(terms, without).chance <= self.criterion.chance:
-                    terms = without
-        return terms
-
-    def _add(self, terms: Terms) -> Terms | None:
-        """The terms with one more effect, the one of the best prediction that nothing speaks against."""
-        promising = [(*terms, own) for own in self._screened(terms)]
-        for k, longer in enumerate(promising):
-            self.progress(f"judging {longer[-1].id}", k / len(promising))
-            self.density(longer)
-        order = list(self.library)
-        promising.sort(key=lambda longer: order.index(longer[-1].term.id))  # equal laws by the library's order
-        promising.sort(key=lambda longer: -round(float(self.density(longer).sum()), 2))
-        convincing = [longer for longer in promising if self._convinces(longer, terms)]
-        level = [longer for longer in convincing if self._is_level(longer, convincing[0])]
-        chosen = min(level, key=lambda longer: complexity(longer[-1].term), default=None)
-        if chosen is not None:  # what is as good with more parameters is no rival
-            simple = complexity(chosen[-1].term)
-            promising = [one for one in promising if one not in level or complexity(one[-1].term) == simple]
-        odds = (
-            self.bootstrap.probabilities([self.density(longer) for longer in promising]) if promising else np.empty(0)
-        )
-        for longer, probability in zip(promising, odds.tolist(), strict=True):
-            gain = self.gain(longer, terms)
-            rival = longer in level and probability > self.criterion.rival
-            verdict = "selected" if longer == chosen else "ambiguous" if rival else "rejected"
-            self.judged.append(ArmCandidate(longer[-1].id, gain.total, gain.error, probability, verdict))
-        return chosen
-
-    def _is_level(self, one: Terms, other: Terms) -> bool:
-        """Whether the first of two models may well be the better one."""
-        return bool(self.bootstrap.probabilities([self.density(one), self.density(other)])[0] > self.criterion.rival)
-
-    def _convinces(self, longer: Terms, terms: Terms) -> bool:
-        """Whether an effect surely gains, explains a good share of what its joint leaves, and could be a body's."""
-        joint, gain = longer[-1].joint, self.gain(longer, terms)
-        if gain.chance > self.criterion.chance:
-            return False
-        (had, shared), (left, _) = (self.train.structure(self.residual(one), joint) for one in (terms, longer))
-        if had < self.trifle(joint):
-            return False
-        # what shows in few places only, as friction at low speed, hardly shows in what neighbours share
-        excess = gain.total - self.penalty(longer, terms)
-        if shared < self.criterion.sure and excess < self.criterion.sure * gain.error:
-            return False
-        if 1.0 - (left / had) ** 2 <= self.criterion.share:
-            return False
-        sizes = [len(own.term.columns) for own in longer]
-        owner = np.repeat([-1, *(own.joint for own in longer)], [len(self.train.body.base), *sizes])
-        theta = self.solve(longer)[owner == joint]
-        model = Model.build([own.term for own in longer if own.joint == joint], theta)
-        return not impossible(model, self.train.samples(joint))
-
-    def _screened(self, terms: Terms) -> list[JointTerm]:
-        """The most promising effects at joints, their shape parameters searched, the best first."""
-        balance = self.train.balance(terms, self.weights)
-        frame = np.linalg.qr(balance.phi / np.maximum(np.linalg.norm(balance.phi, axis=0), 1e-300))[0]
-        error = balance.error(self.solve(terms))
-        error = error - frame @ (frame.T @ error)
-        present = {own.id for own in terms}
-        found: list[tuple[float, JointTerm]] = []
-        for joint, name in enumerate(self.train.body.joints):
-            self.progress(f"screening {name}", joint / len(self.train.body.joints))
-            here = self.train.of(joint)
-            left = _Left(self.train, joint, name, frame[here], error, here, self.weights[joint])
-            x, residual = self.train.samples(joint), error[here] / self.weights[joint]
-            for effect in self.library.values():
-                if f"{effect.id}@{name}" in present:
-                    continue
-                variants = [variant for variant in effect.grid(x, residual) if variant.possible(x)]
-                reductions = [left.reduction(variant) for variant in variants]
-                if reductions:
-                    best = int(np.argmax(reductions))
-                    found.append((reductions[best], JointTerm(joint, name, variants[best])))
-        found.sort(key=lambda entry: -entry[0])
-        refined = []
-        for reduction, own in found[:SEARCHED]:
-            here = self.train.of(own.joint)
-            left = _Left(self.train, own.joint, own.at, frame[here], error, here, self.weights[own.joint], frame)
-            if any(not shape.integer for shape in own.term.free):
-                term = gauss_newton(own.term, left.residuals)
-                if term.possible(self.train.samples(own.joint)):
-                    own = JointTerm(own.joint, own.at, term)
-                    reduction = max(reduction, left.reduction(term))
-            refined.append((reduction, own))
-        refined.sort(key=lambda entry: -entry[0])
-        return [own for reduction, own in refined[:JUDGED] if reduction > 0]
-
-    def report(self, terms: Terms) -> ArmModel:
-        """The model with standard errors, from the training data."""
-        clusters = np.unique(2 * self.train.stretches.stretch, return_inverse=True)[1]
-        fit = self.train.balance(terms, self.weights).fit(clusters)
-        return ArmModel.build(self.train.body, terms, fit.theta, fit.std)
-
-
-@dataclass(frozen=True, eq=False)
-class _Left:
-    """What body and terms leave of one joint's rows, for variants of effects there.
-
-    With an orthonormal frame Q of the columns that are fitted along, what a column C on the rows of one joint adds is
-    C - Q Q_i' C, whose products are C'C - (Q_i'C)'(Q_i'C): only the joint's own rows are touched.
-    """
-
-    train: ArmEvidence
-    joint: int
-    name: str
-    frame: Array  # Q_i (R_i, P)
-    error: Array  # (R,), without what the frame has
-    here: Mask  # rows of the joint
-    weight: float
-    whole: Array | None = None  # Q (R, P)
-
-    def _columns(self, variant: Term) -> tuple[Array, Array]:
-        own = self.train.columns(JointTerm(self.joint, self.name, variant))
-        return own.linear * self.weight, own.fixed * self.weight
-
-    def reduction(self, variant: Term) -> float:
-        """By how much a variant lowers the squared error."""
-        linear, fixed = self._columns(variant)
-        error = self.error[self.here]
-        gained = 0.0
-        if variant.fixed:  # at its own size
-            told = self.frame.T @ fixed
-            gained = float(2 * error @ fixed - (fixed @ fixed - told @ told))
-        if linear.shape[1] == 0:
-            return gained
-        size = np.linalg.norm(linear, axis=0)
-        if not (size > 0).all():
-            return -np.inf
-        linear = linear / size
-        told = self.frame.T @ linear
-        gram = linear.T @ linear - told.T @ told
-        values, vectors = np.linalg.eigh(gram)
-        use = values > SINGULAR
-        target = vectors[:, use].T @ (linear.T @ error)
-        return gained + float(np.sum(target**2 / values[use])) if use.any() else -np.inf
-
-    def residuals(self, variants: Sequence[Term]) -> list[Array]:
-        """Residual (R,) of the best fit with each variant."""
-        assert self.whole is not None
-        results = []
-        for variant in variants:
-            linear, fixed = self._columns(variant)
-            own = np.zeros((len(self.error), linear.shape[1] + 1))
-            own[self.here, :-1], own[self.here, -1] = linear, fixed
-            own -= self.whole @ (self.frame.T @ own[self.here])
-            error = self.error - own[:, -1]
-            if linear.shape[1]:
-                error = error - own[:, :-1] @ np.linalg.lstsq(own[:, :-1], error, rcond=1e-10)[0]
-            results.append(error)
-        return results

@@ -51,6 +51,19 @@ def test_identify_compare_and_diagnose_an_arm(capsys, folder):
     assert code == 0
 
 
+def test_add_an_effect_at_a_joint(capsys, folder):
+    run(capsys, folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "lacking.json")
+    code, out, _ = run(capsys, folder, "add", "lacking.json", "torque_offset@elbow", "hidden.csv", "-o", "added.json")
+    assert code == 0 and "torque_offset@elbow lowers the held-out torque error of elbow" in out
+    theta = json.loads((folder / "added.json").read_text())["theta"]
+    assert theta["torque_offset@elbow"]["value"] == pytest.approx(0.3, rel=0.03)
+    for wrong, told in (("stribeck@wrist", "unknown joint 'wrist'"), ("stribeck", "should say at which joint")):
+        code, _, err = run(capsys, folder, "add", "lacking.json", wrong, "hidden.csv")
+        assert code == 2 and told in err and err.count("\n") == 1
+    code, _, err = run(capsys, folder, "add", "added.json", "torque_offset@elbow", "hidden.csv")
+    assert code == 2 and "the model has torque_offset@elbow already" in err
+
+
 def test_record_an_arm_with_an_effect_at_a_joint(capsys, folder):
     asked = ("--seconds", "4", "--amplitude", "12", "--noise", "0", "--effect", "torque_offset@elbow=1")
     code, out, _ = run(capsys, folder, "record", *asked, "-o", "run.csv")
@@ -101,6 +114,8 @@ def test_mistakes_are_one_line(capsys, folder, arguments, told):
 def test_a_pendulums_command_knows_no_joints(capsys, folder):
     assert main(["record", "--effect", "stribeck@elbow", "-o", str(folder / "x.csv")]) == 2
     assert "is an effect at a joint of an arm, which takes --robot" in capsys.readouterr().err
+    assert main(["add", "m.json", "stribeck@elbow", str(folder / "plain.csv")]) == 2
+    assert "is an effect at a joint of an arm" in capsys.readouterr().err
     assert main(["record", "--max-speed", "2", "-o", str(folder / "x.csv")]) == 2
     assert "--max-speed goes with --robot only" in capsys.readouterr().err
     assert main(["identify", str(folder / "plain.csv"), "--columns", "torque_elbow=torque_elbow"]) == 2

@@ -16,9 +16,11 @@ from workbench.inputs import (
     in_torque,
     read_model,
     read_recordings,
+    refuse_joint,
     take_align,
     take_limits,
     take_recordings,
+    take_robot,
     wrote,
 )
 from workbench.terminal import Terminal
@@ -29,8 +31,11 @@ FAR_ABOVE = 2.0  # times the noise floor, from which an error is no noise
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, effect, recordings and output."""
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
-    parser.add_argument("effect", metavar="EFFECT", type=argument(_effect), help="an id that `effects` lists")
+    parser.add_argument(
+        "effect", metavar="EFFECT", type=argument(_effect), help="an id that `effects` lists, of an arm ID@JOINT"
+    )
     take_recordings(parser, holdout=True)
+    take_robot(parser)
     take_align(parser)
     take_limits(parser)
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model with the effect")
@@ -38,6 +43,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
+    if arguments.robot is not None:
+        from workbench import arms  # Pinocchio is imported by who needs it
+
+        arms.add(arguments, terminal)
+        return
+    refuse_joint(arguments.effect)
     asked = given(arguments)
     check_outputs([arguments.output], asked.files)
     model = read_model(arguments.model)
@@ -66,5 +77,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _effect(text: str) -> str:
-    effect(text)
+    effect(text.partition("@")[0])
     return text

@@ -1,0 +1,118 @@
+"""One effect added at a joint by choice, and what the errors say of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.arms.diagnosis import parted
+from estimators.arms.evidence import gather_arm
+from estimators.arms.identification import JointError, compare_arm
+from estimators.arms.search import ArmSearch
+from estimators.diagnosis.addition import CHANCE
+from estimators.progress import Progress, no_progress
+from estimators.regression.equations import IdentificationError
+from estimators.selection.criterion import Criterion
+from pendulum_env._typing import JSON
+from pendulum_env.arms.joints import effect_at
+from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics import ModelError
+from pendulum_env.words import listing
+
+
+@dataclass(frozen=True, eq=False)
+class Refitted:
+    """A model of an arm fitted to recordings, and its torque errors on them and on what was held out."""
+
+    model: ArmModel
+    train: tuple[JointError, ...]
+    holdout: tuple[JointError, ...]
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        parts = {"train": self.train, "holdout": self.holdout}
+        return {name: [error.json() for error in errors] for name, errors in parts.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class ArmAddition:
+    """One effect added at a joint of an arm.
+
+    Attributes:
+        effect: `stribeck@elbow`.
+        joint: index of its joint.
+        before: the model refitted without the effect.
+        after: the same with the effect.
+        objection: what speaks against the effect, None if nothing does.
+    """
+
+    effect: str
+    joint: int
+    before: Refitted
+    after: Refitted
+    objection: str | None
+
+    @property
+    def text(self) -> str:
+        """Whether the effect earns its place, in a sentence: only data that it was not fitted to can tell."""
+        if self.objection is not None:
+            return f"{self.effect} {self.objection}: these recordings give no reason to keep it"
+        old, new = (part.holdout[self.joint] for part in (self.before, self.after))
+        share = new.torque_rms / old.torque_rms
+        return f"{self.effect} lowers the held-out torque error of {new.joint} to {share:.1%} of before"
+
+
+def add_arm(
+    model: ArmModel,
+    effect: str,
+    recordings: ArmRecording | Sequence[ArmRecording],
+    holdout: Sequence[ArmRecording] = (),
+    progress: Progress = no_progress,
+    *,
+    criterion: Criterion | None = None,
+    rng: np.random.Generator | None = None,
+) -> ArmAddition:
+    """Refit the body and the terms of a model, then with one more effect; shape parameters of its terms stay.
+
+    Args:
+        model: to start from.
+        effect: `stribeck@elbow`.
+        recordings: to fit, jointly.
+        holdout: to confirm on; without any, the last 30 % of each recording.
+        progress: told what is being done.
+        criterion: what the effect has to achieve.
+        rng: of the bootstrap.
+
+    Raises:
+        ValueError: if there is no such effect or joint, or it cannot be there.
+        ModelError: if the model has the effect already.
+        IdentificationError: if a joint hardly moves, or its motion does not show the effect at all.
+    """
+    body, criterion = model.body, criterion or Criterion()
+    kind, joint = effect_at(effect, body.joints)
+    if any(own.id == effect for own in model.terms):
+        raise ModelError(f"the model has {effect} already")
+    train, held = parted(recordings, holdout)
+    rng = rng or np.random.default_rng(0)
+    search = ArmSearch(gather_arm(train, body), gather_arm(held, body), {kind.id: kind}, criterion, rng, progress)
+    found = search.screened(model.terms, (body.joints[joint],))
+    if not found:
+        names = ", ".join(recording.name for recording in train)
+        raise IdentificationError(f"{names}: the motion does not show {effect} at all: record another one")
+    longer = (*model.terms, found[0])
+    before, after = (
+        Refitted(fitted, compare_arm(fitted, train), compare_arm(fitted, held))
+        for fitted in (search.report(model.terms), search.report(longer))
+    )
+    old, new = before.holdout[joint].torque_rms, after.holdout[joint].torque_rms
+    against = None
+    if wrong := search.impossible(longer):
+        against = f"would mean {listing(wrong)}, which no joint has"
+    elif new >= old:
+        against = f"does not lower the held-out torque error of {body.joints[joint]} ({old:.3g} -> {new:.3g} N m)"
+    elif search.gain(longer, model.terms).chance > criterion.chance:
+        against = CHANCE
+    return ArmAddition(effect, joint, before, after, against)

@@ -1,0 +1,63 @@
+"""An effect added at a joint, in data from SciPy's integration of the textbook's arm with air drag at the elbow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from benchmarks.two_link import Multisine, TwoLink
+from estimators.arms.addition import add_arm
+from estimators.arms.identification import ARM_SCHEMES, identify_arm
+from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics import ModelError
+
+DRAG = 0.06  # [N m s^2/rad^2]
+
+
+@dataclass(frozen=True)
+class Dragged(TwoLink):
+    def bias(self, q, v):
+        return super().bias(q, v) + np.array([0.0, DRAG * v[1] * abs(v[1])])
+
+
+@pytest.fixture(scope="module")
+def recording(body):
+    time, signal = np.arange(0, 10, 1e-3), Multisine.paper(0, (3.5, 2.2))
+    position, _ = Dragged().simulate(signal, time)
+    torque = signal.held(time, 1e-3) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
+    return ArmRecording.of("dragged", body.joints, time, position, torque)
+
+
+@pytest.fixture(scope="module")
+def lacking(body, recording):
+    return identify_arm(recording, body, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"].model
+
+
+def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(recording, lacking):
+    added = add_arm(lacking, "quadratic_drag@elbow", recording)
+    for part in ("train", "holdout"):
+        before, after = (getattr(side, part)[1].torque_rms for side in (added.before, added.after))
+        assert after < 0.5 * before
+    estimates = added.after.model.estimates
+    assert estimates["quadratic_drag@elbow"].value == pytest.approx(DRAG, rel=0.03)
+    assert estimates["viscous@elbow"].value == pytest.approx(TwoLink().viscous[1], rel=0.02)
+    biased = added.before.model.estimates["viscous@elbow"].value
+    assert abs(biased / TwoLink().viscous[1] - 1) > 0.1
+    assert added.objection is None and "lowers the held-out torque error of elbow to" in added.text
+
+
+def test_an_effect_that_is_not_there_is_objected_to(recording, lacking):
+    complete = add_arm(lacking, "quadratic_drag@elbow", recording).after.model
+    added = add_arm(complete, "spring@shoulder", recording)
+    assert added.objection is not None and "no reason to keep it" in added.text
+    assert abs(added.after.model.estimates["spring.stiffness@shoulder"].value) < 0.02
+
+
+def test_what_cannot_be_added_is_refused(recording, lacking):
+    with pytest.raises(ValueError, match="unknown joint 'wrist'"):
+        add_arm(lacking, "spring@wrist", recording)
+    with pytest.raises(ValueError, match="cannot sit at a joint"):
+        add_arm(lacking, "backlash@elbow", recording)
+    added = add_arm(lacking, "quadratic_drag@elbow", recording)
+    with pytest.raises(ModelError, match="has quadratic_drag@elbow already"):
+        add_arm(added.after.model, "quadratic_drag@elbow", recording)
