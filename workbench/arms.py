@@ -125,28 +125,32 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print how far the torque of a model is from recordings, joint by joint."""
     _refuse(arguments, "align")
-    body, recordings = _given(arguments, arguments.recordings, [arguments.json], terminal, (arguments.model,))
+    outputs = [arguments.json, arguments.report]
+    body, recordings = _given(arguments, arguments.recordings, outputs, terminal, (arguments.model,))
     model = ArmModel.load(arguments.model, body)
     with terminal.progress("comparing"):
         errors = compare_arm(model, recordings)
+    if arguments.report is not None:
+        from workbench.report.arm import write_arm_comparison_report  # plotly takes a while to import
+
+        with terminal.progress("writing the report"):
+            write_arm_comparison_report(arguments.report, recordings, model, errors)
     terminal.heading("Torque errors, clear of stick and reversals")
     terminal.table(*errors_table([errors], ("torque error [N m]",)))
     if arguments.json is not None:
         content = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
         write_whole(arguments.json, json.dumps(content, indent=1) + "\n")
-    wrote([arguments.json], terminal)
+    wrote(outputs, terminal)
 
 
 def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print which effects are missing at which joints."""
-    _refuse(
-        arguments, "model", "max_torque", "max_angle", "max_speed", "experiment", "report", "fixed", "bounds", "all"
-    )
+    _refuse(arguments, "model", "max_torque", "max_angle", "max_speed", "experiment", "fixed", "bounds", "all")
     try:
         library = chosen_effects(joint_effects(), arguments.only, arguments.without)
     except ValueError as error:
         raise InputError(f"{error} (effects that can sit at a joint)") from None
-    outputs = [arguments.json, arguments.output]
+    outputs = [arguments.json, arguments.report, arguments.output]
     body, recordings = _given(arguments, arguments.recordings, outputs, terminal)
     held = [_read(name, body, arguments, terminal) for name in arguments.holdout]
     with terminal.progress("diagnosing") as progress:
@@ -155,6 +159,11 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
     if arguments.output is not None:
         found.model.save(arguments.output)
+    if arguments.report is not None:
+        from workbench.report.arm import write_arm_report  # plotly takes a while to import
+
+        with terminal.progress("writing the report"):
+            write_arm_report(arguments.report, recordings, held, found)
     _tell_diagnosis(found, terminal)
     wrote(outputs, terminal)
 

@@ -24,6 +24,7 @@ from estimators.signals.measurements import Measurements, remember
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import JointTerm
+from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Samples, Term
 
@@ -158,8 +159,28 @@ class ArmEvidence:
         w = weights[self.joint]
         return Balance(phi * w[:, None], y * w, slopes, passed, least, most, np.ones(len(w)))
 
+    def residual(self, model: ArmModel) -> Array:
+        """Torque (R,) that a model leaves [N m]."""
+        balance = self.balance(model.terms, np.ones(len(self.body.joints)))
+        return np.asarray(balance.error(model.theta))
+
     def structure(self, residual: Array, joint: int) -> tuple[float, float]:
         """Torque that neighbouring blocks of a joint share of a residual (R,) [N m], and how sure that is."""
+        product, power = self._neighbours(residual, joint)
+        if len(product) == 0:
+            return 0.0, 0.0
+        sure = float(product.sum() / max(power.sum(), 1e-300) * np.sqrt(len(product)))
+        return float(np.sqrt(max(product.mean(), 0.0))), sure
+
+    def noise(self, residual: Array, joint: int) -> float:
+        """Torque of a block that its neighbours do not share of a residual (R,) [N m]."""
+        product, power = self._neighbours(residual, joint)
+        if len(product) == 0:
+            return float(np.std(residual[self.of(joint)]))
+        return float(np.sqrt(max(power.mean() - max(product.mean(), 0.0), 0.0)))
+
+    def _neighbours(self, residual: Array, joint: int) -> tuple[Array, Array]:
+        """Products of a residual (R,) at blocks of a joint that are nearly neighbours, and their mean squares."""
         own, first, products, powers = residual[self.of(joint)], 0, [], []
         for part in self.parts:
             blocks = part.blocks[joint]
@@ -169,11 +190,7 @@ class ArmEvidence:
             near = np.flatnonzero(blocks[2:, 0] - blocks[:-2, 0] == 2 * blocks.shape[1])
             products.append(here[near] * here[near + 2])
             powers.append(0.5 * (here[near] ** 2 + here[near + 2] ** 2))
-        product, power = np.concatenate(products), np.concatenate(powers)
-        if len(product) == 0:
-            return 0.0, 0.0
-        sure = float(product.sum() / max(power.sum(), 1e-300) * np.sqrt(len(product)))
-        return float(np.sqrt(max(product.mean(), 0.0))), sure
+        return np.concatenate(products), np.concatenate(powers)
 
 
 def gather_arm(recordings: Sequence[ArmRecording], body: Body) -> ArmEvidence:

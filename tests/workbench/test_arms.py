@@ -6,6 +6,7 @@ import pytest
 from benchmarks import six_joint
 from benchmarks.two_link import Multisine, TwoLink
 from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
+from tests.workbench.pages import Page
 from workbench.cli import main
 
 ARM = TwoLink()
@@ -31,6 +32,13 @@ def run(capsys, folder, command, *arguments):
     return code, told.out, told.err
 
 
+def curves(page, figure):
+    """Band and curves of a figure of a report."""
+    found = Page(page.read_text())
+    plots = [attributes["id"] for _, attributes in found.tags if attributes.get("class") == "plot"]
+    return found.figures[plots.index(figure)]["data"]
+
+
 def test_identify_compare_and_diagnose_an_arm(capsys, folder):
     code, out, _ = run(capsys, folder, "identify", "plain.csv", "-o", "arm.json", "--json", "found.json")
     assert code == 0
@@ -39,13 +47,23 @@ def test_identify_compare_and_diagnose_an_arm(capsys, folder):
     assert found["schema"] == "pendulum-ident/arm-identification@1"
     assert found["schemes"]["energy"]["theta"]["coulomb@elbow"]["value"] == pytest.approx(ARM.coulomb[1], rel=0.01)
 
-    code, out, _ = run(capsys, folder, "compare", "arm.json", "hidden.csv", "--json", "errors.json")
+    written = ("--json", "errors.json", "--report", "compared.html")
+    code, out, _ = run(capsys, folder, "compare", "arm.json", "hidden.csv", *written)
     assert code == 0 and "Torque errors" in out
+    for axis in ("position", "velocity", "time"):
+        ((_, shoulder), (_, elbow)) = (curves(folder / "compared.html", f"joint-{k}-{axis}") for k in range(2))
+        assert np.abs(shoulder["y"]).max() < 0.02  # [N m]
+        assert np.mean(elbow["y"]) == pytest.approx(0.3, abs=0.02)
     errors = json.loads((folder / "errors.json").read_text())["joints"]
     assert errors[1]["torque_rms"] == pytest.approx(0.3, rel=0.05)
 
-    code, out, _ = run(capsys, folder, "diagnose", "hidden.csv", "--json", "diagnosis.json", "-o", "better.json")
+    written = ("--json", "diagnosis.json", "-o", "better.json", "--report", "found.html")
+    code, out, _ = run(capsys, folder, "diagnose", "hidden.csv", *written)
     assert code == 0 and "Missing: torque_offset@elbow" in out
+    page = (folder / "found.html").read_text()
+    assert "<h1" in page and "Missing: torque_offset@elbow" in page and 'id="judged"' in page
+    _, before, after = curves(folder / "found.html", "joint-1-velocity")
+    assert np.abs(before["y"]).max() > 10 * np.abs(after["y"]).max()
     assert json.loads((folder / "diagnosis.json").read_text())["selected"] == ["torque_offset@elbow"]
     code, out, _ = run(capsys, folder, "compare", "better.json", "hidden.csv")
     assert code == 0
@@ -98,7 +116,8 @@ def test_an_arm_in_space_is_recorded_elsewhere(capsys, tmp_path):
         (("identify", "plain.csv", "--align"), "--align is for pendulums"),
         (("identify", "plain.csv", "--fix", "gravity=2"), "--fix is for pendulums"),
         (("diagnose", "plain.csv", "--only", "backlash"), "unknown effect 'backlash'"),
-        (("diagnose", "plain.csv", "--report", "x.html"), "--report is for pendulums"),
+        (("diagnose", "plain.csv", "--experiment", "x.csv"), "--experiment is for pendulums"),
+        (("diagnose", "plain.csv", "--report", "x.pdf"), "a report is one HTML page"),
         (("identify", "plain.csv", "plain.csv"), "a recording is named twice"),
         (("identify", "study.toml"), "is a study, which is of pendulums"),
         (("identify", "arm.urdf"), "the name does not end in"),

@@ -22,6 +22,8 @@ TITLES = {
 QUARTERS = [-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi]
 FEWEST = 2  # windows that make a cell of the phase plane
 
+Curve = tuple[str, str]  # label and colour of a model
+
 
 def failures(case: Case) -> Section:
     """Residual maps of the base model beside the final one, on the data that were fitted."""
@@ -29,6 +31,8 @@ def failures(case: Case) -> Section:
     residuals = case.residuals(evidence)
     maps = [profiles(evidence.samples, residual, noise) for residual in residuals]
     regions = stand_out(maps[0])
+    curves = [(label, color) for label, color, _ in case.models]
+    still = case.diagnosis.unexplained if case.diagnosis.selected else ()
     reach = 1.08 * max(float(np.max(np.abs(item.mean))) for drawn in maps for item in drawn if item.axis != "frequency")
     return Section(
         "failures",
@@ -38,11 +42,10 @@ def failures(case: Case) -> Section:
             "regions": regions,
             "unexplained": case.diagnosis.unexplained,
             "found": bool(case.diagnosis.selected),
-            "key": key(case, regions),
+            "key": key(curves, bool(regions), bool(case.diagnosis.selected and case.diagnosis.unexplained)),
             "threshold": STANDS_OUT,
             "figures": [
-                profile_figure(case, [m[k] for m in maps], regions, case.diagnosis.unexplained, reach)
-                for k in range(len(maps[0]))
+                profile_figure(curves, [m[k] for m in maps], regions, still, reach) for k in range(len(maps[0]))
             ],
             "planes": [
                 (label, figure)
@@ -52,28 +55,41 @@ def failures(case: Case) -> Section:
     )
 
 
-def key(case: Case, regions: Sequence[Region]) -> list[tuple[str, str, str]]:
-    """Kind, colour and meaning of what the profiles show."""
-    entries = [("stroke", color, label) for label, color, _ in case.models]
+def key(curves: Sequence[Curve], regions: bool, still: bool) -> list[tuple[str, str, str]]:
+    """Kind, colour and meaning of what the profiles show: curves, and stripes under the first and the last of them."""
+    entries = [("stroke", color, label) for label, color in curves]
     entries.append(("patch", "--noise", f"noise (±{STANDS_OUT:g}σ)"))
     if regions:
-        entries.append(("patch", "--region", "stands out under the base model"))
-    if case.diagnosis.selected and case.diagnosis.unexplained:
-        entries.append(("patch", "--open", "stands out under the final model"))
+        entries.append(("patch", "--region", f"stands out under the {curves[0][0]}"))
+    if still:
+        entries.append(("patch", "--open", f"stands out under the {curves[-1][0]}"))
     return entries
 
 
 def profile_figure(
-    case: Case, drawn: Sequence[Profile], regions: Sequence[Region], unexplained: Sequence[Region], reach: float
+    curves: Sequence[Curve],
+    drawn: Sequence[Profile],
+    regions: Sequence[Region],
+    still: Sequence[Region],
+    reach: float,
+    name: str = "profile",
 ) -> Figure:
-    """Mean residual of each model over one quantity up to `reach` [N m], noise band, and regions that stand out."""
+    """Mean residual of each model over one quantity up to `reach` [N m], noise band, and regions that stand out.
+
+    Args:
+        curves: label and colour of each model.
+        drawn: its profile.
+        regions: that stand out under the first model.
+        still: that stand out under the last one, if it is another.
+        reach: of the ordinate to either side [N m].
+        name: before the axis in the figure's id.
+    """
     first = drawn[0]
     middle = 0.5 * (first.edges[1:] + first.edges[:-1])
     oscillates = first.axis == "frequency"
     data = [band(middle, STANDS_OUT * first.error, f"noise (±{STANDS_OUT:g}σ)")]
-    for (label, color, _), profile in zip(case.models, drawn, strict=True):
+    for (label, color), profile in zip(curves, drawn, strict=True):
         data.append(line(middle, profile.mean, label, color, "N m", mode="lines" if oscillates else "lines+markers"))
-    still = unexplained if case.diagnosis.selected else ()
     half = 0.5 if still else 0.0  # both kinds of stripe share the height
     shapes = [stripe(r, "--region", half, 1.0) for r in regions if r.axis == first.axis]
     shapes += [stripe(r, "--open", 0.0, half) for r in still if r.axis == first.axis]
@@ -87,7 +103,7 @@ def profile_figure(
     }
     if oscillates:
         layout["yaxis"]["range"] = [0, 1.08 * max(float(np.max(p.mean)) for p in drawn)]
-    return Figure(f"profile-{first.axis}", f"Residual torque against {first.axis}", data, layout, 290)
+    return Figure(f"{name}-{first.axis}", f"Residual torque against {first.axis}", data, layout, 290)
 
 
 def stripe(region: Region, color: str, low: float, high: float) -> JSON:

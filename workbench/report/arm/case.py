@@ -1,0 +1,59 @@
+"""What a section of an arm's report may look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from estimators.arms.evidence import ArmEvidence
+from estimators.arms.identification import JointError
+from estimators.arms.search import ArmCandidate
+from pendulum_env.arms.model import ArmModel
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """One model of the report.
+
+    Attributes:
+        label: by which the page calls it.
+        color: of its curves, a name of the page's style.
+        model: itself.
+        errors: its torque errors, joint by joint.
+    """
+
+    label: str
+    color: str
+    model: ArmModel
+    errors: tuple[JointError, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ArmCase:
+    """One model of an arm, or one before and one after effects were added, with the recordings they are drawn on.
+
+    Attributes:
+        evidence: blocks of the recordings.
+        models: one or two, the last one final.
+        measured: of what the errors are, in words.
+        selected: effects that were found, `stribeck@elbow`.
+        judged: what was judged, of each step.
+        unexplained: torque that is left at joints and surely is something [N m].
+    """
+
+    evidence: ArmEvidence
+    models: tuple[Drawn, ...]
+    measured: str
+    selected: tuple[str, ...] = ()
+    judged: tuple[ArmCandidate, ...] = ()
+    unexplained: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.evidence.body.joints
+
+    @property
+    def final(self) -> Drawn:
+        """The last of the models."""
+        return self.models[-1]

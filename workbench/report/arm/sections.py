@@ -1,0 +1,85 @@
+"""Sections of an arm's report: errors, one strip of residuals a joint, what was judged, parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimators.checks.residual import STANDS_OUT, Region, profile, stand_out
+from estimators.weak_form.dataset import TRIFLE
+from pendulum_env._typing import JSON
+from pendulum_env.physics import effect
+from workbench.report.arm.case import ArmCase
+from workbench.report.section import Section
+from workbench.report.sections.failures import key, profile_figure
+from workbench.report.words import percent
+
+SHOWN = ("position", "velocity", "time")  # a strip's plots
+
+
+def joints(case: ArmCase, headline: str) -> Section:
+    """Torque errors of every joint under each model."""
+    rows = list(zip(*(drawn.errors for drawn in case.models), strict=True))
+    laws = [(id, effect(id.partition("@")[0]).law) for id in case.selected]
+    content = {
+        "measured": case.measured,
+        "labels": [drawn.label for drawn in case.models],
+        "rows": rows,
+        "laws": laws,
+        "unexplained": case.unexplained,
+    }
+    return Section("joints", "Result", headline, content)
+
+
+def strips(case: ArmCase) -> Section:
+    """One strip of plots a joint: mean residual over angle, velocity and time, of each model."""
+    curves = [(drawn.label, drawn.color) for drawn in case.models]
+    residuals = [case.evidence.residual(drawn.model) for drawn in case.models]
+    found, standing = [], [False] * len(residuals)
+    for k, joint in enumerate(case.joints):
+        x, here = case.evidence.samples(k), case.evidence.of(k)
+        noise = case.evidence.noise(residuals[-1], k)
+        trifle = TRIFLE * float(np.std(case.evidence.torque[here]))
+        maps = [[profile(axis, np.asarray(getattr(x, axis)), own[here], noise) for axis in SHOWN] for own in residuals]
+        regions = [[r for r in stand_out(own) if abs(r.residual) > trifle] for own in maps]
+        standing = [seen or bool(own) for seen, own in zip(standing, regions, strict=True)]
+        reach = 1.08 * max(float(np.abs(item.mean).max()) for own in maps for item in own)
+        still = regions[-1] if len(maps) > 1 else []
+        figures = [
+            profile_figure(
+                curves,
+                [own[place] for own in maps],
+                regions[0],
+                still,
+                reach,
+                f"joint-{k}",
+            )
+            for place in range(len(SHOWN))
+        ]
+        found.append({"joint": joint, "figures": figures, "regions": _told(case, regions)})
+    entries = key(curves, standing[0], len(standing) > 1 and standing[-1])
+    content = {"strips": found, "key": entries, "threshold": STANDS_OUT, "trifle": percent(TRIFLE)}
+    return Section("strips", "Where it fails", "Where each joint's torque is not the model's", content)
+
+
+def _told(case: ArmCase, regions: list[list[Region]]) -> list[JSON]:
+    pairs = zip(case.models, regions, strict=True)
+    return [{"label": drawn.label, "regions": [region.text for region in own]} for drawn, own in pairs]
+
+
+def judged(case: ArmCase) -> Section | None:
+    """What was judged beside what was found."""
+    if not case.judged:
+        return None
+    return Section("judged", "Judged", "Effects at joints that were judged", {"rows": case.judged})
+
+
+def parameters(case: ArmCase) -> Section:
+    """Base parameters and friction under each model."""
+    model = case.final.model
+    rows = [
+        (name, estimate.unit, [drawn.model.estimates.get(name) for drawn in case.models])
+        for name, estimate in model.estimates.items()
+    ]
+    combined = [parameter for parameter in model.body.base if len(parameter.parts) > 1]
+    content = {"labels": [d.label for d in case.models], "rows": rows, "combined": combined}
+    return Section("base", "Parameters", "Parameters", content)
