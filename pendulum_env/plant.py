@@ -72,6 +72,18 @@ def typical(kind: type[Term]) -> dict[str, float]:
     return {name.removeprefix(f"{term.id}."): value for name, value in (names | shapes).items()}
 
 
+def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
+    """Parameters of an effect, of about the size that a rig might show: linear ones first, then free shapes."""
+    values = typical(kind)
+    shapes = {
+        shape.name: float(rng.integers(5, 25)) if shape.integer else values[shape.name] * float(rng.uniform(0.7, 1.4))
+        for shape in kind.shapes
+        if shape.usual is None
+    }
+    linear = list(values)[: len(kind().columns)]
+    return {name: values[name] * float(rng.uniform(0.8, 1.5)) for name in linear} | shapes
+
+
 def hide(plant: Model, text: str) -> Model:
     """Plant with one more effect, given as text.
 

@@ -19,6 +19,7 @@ from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import effect_at, joint_effects
 from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.planar import Link
 from pendulum_env.arms.plane import planar_links
 from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
 from pendulum_env.backends.sensing import COUNTS
@@ -45,7 +46,9 @@ def record(
             raise InputError(f"--{name} {asked} is for pendulums: arms know {own} alone, leave it out with --robot")
     body = read_body(arguments.robot, rotors=True if arguments.rotors else None)
     try:
-        arm = simulated(body, arguments.effects, arguments.rate, arguments.counts, arguments.noise)
+        arm = simulated(
+            planar_links(body), body.joints, arguments.effects, arguments.rate, arguments.counts, arguments.noise
+        )
     except ValueError as error:  # an effect that cannot be there
         raise InputError(str(error)) from None
     motion = design_excitation(
@@ -76,17 +79,21 @@ def record(
 
 
 def simulated(
-    body: Body, effects: Sequence[str], rate: float, counts: int = COUNTS, noise: float = TORQUE_NOISE
+    links: Sequence[Link],
+    joints: Sequence[str],
+    effects: Sequence[str],
+    rate: float,
+    counts: int = COUNTS,
+    noise: float = TORQUE_NOISE,
 ) -> PlanarArm:
-    """A body as pymunk simulates it, with effects hidden at its joints; its controller sees the velocity as it is.
+    """Links as pymunk simulates them, with effects hidden at their joints; a controller sees velocities as they are.
 
     Raises:
-        BodyError: if the body is none of a planar arm.
         ValueError: if an effect cannot be there.
     """
     return PlanarArm(
-        planar_links(body),
-        joints=body.joints,
+        links,
+        joints=joints,
         effects=effects,
         rate=rate,
         substeps=max(1, round(STEP_RATE / rate)),
@@ -164,7 +171,7 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
         with terminal.progress("writing the report"):
             write_arm_report(arguments.report, recordings, held, found)
-    _tell_diagnosis(found, terminal)
+    tell_diagnosis(found, terminal)
     wrote(outputs, terminal)
 
 
@@ -225,7 +232,8 @@ def _tell_body(body: Body, terminal: Terminal) -> None:
             terminal.say(f"  {parameter.name} stands for {parameter.text}")
 
 
-def _tell_diagnosis(found: ArmDiagnosis, terminal: Terminal) -> None:
+def tell_diagnosis(found: ArmDiagnosis, terminal: Terminal) -> None:
+    """Print what is missing at which joints, errors before and after, and what was judged."""
     if found.selected:
         terminal.say(f"\nMissing: {enumerate_words(found.selected)}", style="bold")
     else:

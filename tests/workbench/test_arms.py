@@ -1,4 +1,5 @@
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -128,6 +129,16 @@ def test_an_arm_in_space_is_recorded_elsewhere(capsys, tmp_path):
 def test_mistakes_are_one_line(capsys, folder, arguments, told):
     code, _, err = run(capsys, folder, *arguments)
     assert code == 2 and told in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("record", "-o", "x.csv"), ("add", "arm.json", "stribeck@elbow", "plain.csv"), ("compare", "a.json", "b.csv")],
+)
+def test_without_pinocchio_the_pip_command_is_told(capsys, folder, monkeypatch, command):
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    code, _, err = run(capsys, folder, *command)
+    assert code == 2 and "pip install 'pendulum-ident[arms]'" in err and err.count("\n") == 1
 
 
 def test_a_pendulums_command_knows_no_joints(capsys, folder):

@@ -13,7 +13,7 @@ from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.physics.library import BUILT_IN
-from pendulum_env.plant import PAPER, typical
+from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
 from workbench.commands.identify import six_schemes
 from workbench.inputs import check_outputs, whole, wrote
@@ -27,6 +27,9 @@ SECONDS = 20.0
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare seed and output."""
+    parser.add_argument(
+        "--robot", choices=("two-link",), help="an arm in the place of a pendulum (needs the extra arms)"
+    )
     parser.add_argument("--seed", type=whole(0), default=0, help="another seed hides another effect (default 0)")
     parser.add_argument(
         "-o",
@@ -38,14 +41,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Hide an effect, record, diagnose, report, reveal."""
-    from workbench.report import write_report  # plotly takes a while to import
-
     if arguments.output is None:
         FOLDER.mkdir(exist_ok=True)
     report = Path(arguments.output or FOLDER / "report.html")
     files = [report.with_name(f"{report.stem}.{part}.csv") for part in ("train", "holdout")]
-    check_outputs([str(report), *map(str, files)])
+    if arguments.robot is not None:
+        from workbench import arm_demo  # Pinocchio is imported by who needs it
 
+        arm_demo.run(report, files, SECONDS, arguments.seed, terminal)
+        return
+    from workbench.report import write_report  # plotly takes a while to import
+
+    check_outputs([str(report), *map(str, files)])
     rng = np.random.default_rng(arguments.seed)
     plant = draw_plant(rng)
     terminal.heading("A pendulum whose parameters nobody told, with one effect that the paper's model does not know")
@@ -72,14 +79,9 @@ def draw_plant(rng: np.random.Generator) -> Model:
     """A pendulum like the paper's, with one effect of the library hidden in it."""
     theta = np.array(list(PAPER.values())) * rng.uniform(0.75, 1.25, len(PAPER))
     kind = BUILT_IN[rng.integers(len(BUILT_IN))]
-    values = typical(kind)
-    shapes = {
-        shape.name: float(rng.integers(5, 25)) if shape.integer else values.pop(shape.name) * rng.uniform(0.7, 1.4)
-        for shape in kind.shapes
-        if shape.usual is None
-    }
-    sizes = [values[name] * rng.uniform(0.8, 1.5) for name in list(values)[: len(kind().columns)]]
-    return Model.build(BASE, theta).add(kind(**shapes), np.array(sizes))
+    parameters = draw_effect(kind, rng)
+    shapes = {shape.name: parameters.pop(shape.name) for shape in kind.shapes if shape.name in parameters}
+    return Model.build(BASE, theta).add(kind(**shapes), np.array(list(parameters.values())))
 
 
 def run_once(plant: Model, rng: np.random.Generator, name: str) -> Recording:

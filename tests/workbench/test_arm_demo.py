@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from estimators.arms.diagnosis import ArmDiagnosis
+from estimators.arms.search import ArmCandidate
+from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.recording import read_arm_recording
+from workbench import arm_demo
+from workbench.cli import main
+from workbench.terminal import Terminal
+
+
+def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, capsys):
+    report, files = tmp_path / "r.html", [tmp_path / "a.csv", tmp_path / "b.csv"]
+    arm_demo.run(report, files, 8.0, 3, Terminal())
+    told = capsys.readouterr().out
+    assert "Missing: cogging@shoulder" in told and "hidden was cogging@shoulder" in told
+    assert "\nfound\n" in told
+    rows = {line.split()[0]: line.split() for line in told.splitlines() if "@" in line and "±" in line}
+    for name in ("mz@shoulder", "Iyy@elbow", "coulomb@elbow"):  # the file has other masses
+        assert float(rows[name][2]) == pytest.approx(float(rows[name][1]), rel=0.01)
+    assert all(len(read_arm_recording(file, ("shoulder", "elbow"))) == 8000 for file in files)
+    assert report.stat().st_size > 0
+
+
+def test_every_effect_that_may_be_hidden_can_be_simulated():
+    seen = set()
+    for seed in range(60):
+        hidden = arm_demo.hide_somewhere(np.random.default_rng(seed), ("shoulder", "elbow"))
+        PlanarArm(effects=[hidden]).reset()
+        seen.add(hidden.partition("@")[0])
+    assert len(seen) > 12
+
+
+@pytest.mark.parametrize(
+    ("selected", "verdict", "told"),
+    [
+        (("spring@elbow",), "selected", "found"),
+        (("stribeck@elbow",), "ambiguous", "found as one of a group that looks the same: spring@elbow and stribeck@"),
+        (("stribeck@elbow",), "rejected", "NOT found as it is: the diagnosis says stribeck@elbow"),
+        ((), "rejected", "NOT found as it is: the diagnosis says nothing"),
+        (("spring@elbow", "stribeck@elbow"), "selected", "NOT found as it is"),
+    ],
+)
+def test_the_verdict_is_honest(selected, verdict, told):
+    candidates = (ArmCandidate("spring@elbow", 9.0, 1.0, 0.5, verdict),)
+    found = ArmDiagnosis(None, None, selected, candidates, (), (), {})
+    assert arm_demo.verdict("spring@elbow", found).startswith(told)
+
+
+def test_the_demo_knows_its_arms(capsys):
+    assert main(["demo", "--robot", "six-link"]) == 2
+    assert "invalid choice" in capsys.readouterr().err

@@ -1,0 +1,121 @@
+"""The demo of an arm: a hidden effect found at its joint, end to end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
+from estimators.arms.excitation import design_excitation
+from estimators.arms.following import follow
+from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.joints import joint_effects
+from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
+from pendulum_env.arms.recording import ArmRecording, write_arm_recording
+from pendulum_env.files import write_whole
+from pendulum_env.physics import effect
+from pendulum_env.physics.library import BUILT_IN
+from pendulum_env.plant import draw_effect
+from workbench.arms import simulated, tell_diagnosis
+from workbench.inputs import check_outputs, wrote
+from workbench.terminal import Terminal
+from workbench.words import enumerate_words, plus_minus
+
+RATE = 1000.0  # [Hz]
+SPREAD = 0.25  # of what nobody told, to either side
+
+
+def run(report: Path, files: Sequence[Path], seconds: float, seed: int, terminal: Terminal) -> None:
+    """Hide an effect at a joint, record, diagnose, report, reveal."""
+    from workbench.report.arm import write_arm_report  # plotly takes a while to import
+
+    robot, truth = (report.with_name(f"{report.stem}.{part}.urdf") for part in ("robot", "truth"))
+    written = [robot, *files]
+    check_outputs([str(path) for path in (report, truth, *written)])
+    rng = np.random.default_rng(seed)
+    joints = joint_names(len(TWO_LINK))
+    links, hidden = draw_links(rng), hide_somewhere(rng, joints)
+    write_whole(robot, urdf(TWO_LINK, joints))  # of the right lengths, with masses and inertias as somebody drew them
+    write_whole(truth, urdf(links, joints))
+    body = read_body(robot)
+    arm = simulated(links, joints, [hidden], RATE)
+    terminal.heading(
+        "An arm of two links, of which a file tells the lengths, with one effect at a joint that nobody told"
+    )
+    recordings = [record(arm, body, round(seconds * RATE), rng, file, terminal) for file in files]
+    train, holdout = recordings
+    terminal.say(f"recorded twice for {seconds:g} s: once to learn from, once to check on")
+    with terminal.progress("diagnosing") as progress:
+        found = diagnose_arm(train, body, [holdout], progress)
+    tell_diagnosis(found, terminal)
+    with terminal.progress("writing the report"):
+        write_arm_report(report, [train], [holdout], found)
+    reveal(arm, read_body(truth), hidden, found, terminal)
+    wrote([report, truth, *written], terminal)
+    terminal.say(f"another arm: pendulum-ident demo --robot two-link --seed {seed + 1}")
+
+
+def draw_links(rng: np.random.Generator) -> tuple[Link, ...]:
+    """Links as long as those of the file, all else about as there."""
+    drawn = []
+    for link in TWO_LINK:
+        names = ("mass", "center", "inertia", "viscous", "coulomb")
+        factors = rng.uniform(1 - SPREAD, 1 + SPREAD, len(names))
+        values = {name: getattr(link, name) * factor for name, factor in zip(names, factors.tolist(), strict=True)}
+        drawn.append(replace(link, **values))
+    return tuple(drawn)
+
+
+def hide_somewhere(rng: np.random.Generator, joints: Sequence[str]) -> str:
+    """One effect of the library at one of the joints, as text: `stribeck@elbow:stribeck=0.4,stribeck_velocity=0.3`."""
+    known = [kind for kind in BUILT_IN if kind.id in joint_effects()]
+    kind = known[rng.integers(len(known))]
+    joint = joints[int(rng.integers(len(joints)))]
+    parameters = ",".join(f"{name}={value:.4g}" for name, value in draw_effect(kind, rng).items())
+    return f"{kind.id}@{joint}:{parameters}"
+
+
+def record(
+    arm: PlanarArm, body: Body, samples: int, rng: np.random.Generator, file: Path, terminal: Terminal
+) -> ArmRecording:
+    """One recording of a motion designed for it, written to a file."""
+    motion = design_excitation(body, rng=rng)
+    with terminal.progress(f"recording {file.name}") as progress:
+        recording = follow(arm, motion, samples, rng=rng, name=file.stem, progress=progress)
+    write_arm_recording(recording, file)
+    return recording
+
+
+def reveal(arm: PlanarArm, body: Body, hidden: str, found: ArmDiagnosis, terminal: Terminal) -> None:
+    """Print the truth beside the estimates."""
+    at = hidden.partition(":")[0]
+    terminal.heading("The truth")
+    terminal.say(f"hidden was {at}: {effect(at.partition('@')[0]).law}")
+    terminal.say(verdict(at, found))
+    truth = dict(zip(body.names, body.values.tolist(), strict=True))
+    for joint, model in zip(arm.joints, arm.models, strict=True):
+        truth |= {f"{name}@{joint}": estimate.value for name, estimate in model.estimates.items()}
+    estimates = found.model.estimates
+    rows = [
+        (
+            name,
+            f"{truth[name]:.4g}" if name in truth else "-",
+            plus_minus(estimates[name].value, estimates[name].std) if name in estimates else "-",
+        )
+        for name in dict.fromkeys([*estimates, *truth])
+    ]
+    terminal.table(("parameter", "truth", "estimate"), rows)
+
+
+def verdict(hidden: str, found: ArmDiagnosis) -> str:
+    """Whether the diagnosis was right, in a sentence."""
+    if found.selected == (hidden,):
+        return "found"
+    alike = [candidate.effect for candidate in found.candidates if candidate.verdict == "ambiguous"]
+    if len(found.selected) == 1 and hidden in alike:
+        return f"found as one of a group that looks the same: {enumerate_words(sorted({*alike, *found.selected}))}"
+    return f"NOT found as it is: the diagnosis says {enumerate_words(found.selected) or 'nothing'}"
