@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -26,6 +27,7 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
+from pendulum_env.reading import LARGE
 from pendulum_env.words import Table, plus_minus
 from workbench.inputs import check_outputs, wrote
 from workbench.mistakes import InputError
@@ -61,20 +63,26 @@ def record(
     )
     with terminal.progress("simulating") as tell:
         recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
+    if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
+        raise InputError(f"the joints turn by more than {LARGE:g} rad: hide less, or allow less torque")
     write_arm_recording(recording, arguments.output)
     terminal.say(recording.summary)
     terminal.say(
         f"the joints follow a multisine of {motion.period:g} s, condition of the base regressor {motion.condition:.3g}"
     )
+    off = np.sqrt(np.mean((motion(recording.time)[0] - recording.position) ** 2, axis=0))
     rows = [
-        (name, f"{joint.position.min():.2f} to {joint.position.max():.2f}", f"{np.abs(joint.torque).max():.3g}")
-        for name, joint in zip(recording.names, recording.joints, strict=True)
-    ]
-    terminal.table(("joint", "angle [rad]", "largest torque [N m]"), rows)
-    if arguments.effects:
-        terminal.say(
-            f"hidden: {enumerate_words([text.partition('=')[0].partition(':')[0] for text in arguments.effects])}"
+        (
+            name,
+            f"{joint.position.min():.2f} to {joint.position.max():.2f}",
+            f"{rms:.2g}",
+            f"{np.abs(joint.torque).max():.3g}",
         )
+        for name, joint, rms in zip(recording.names, recording.joints, off.tolist(), strict=True)
+    ]
+    terminal.table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
+    if arguments.effects:
+        terminal.say(f"hidden: {enumerate_words([re.split('[=:]', text)[0] for text in arguments.effects])}")
     wrote([arguments.output], terminal)
 
 
