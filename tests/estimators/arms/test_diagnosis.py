@@ -7,6 +7,7 @@ from benchmarks import six_joint
 from benchmarks.six_joint import Hidden
 from benchmarks.two_link import Multisine, TwoLink
 from estimators.arms.diagnosis import diagnose_arm
+from estimators.arms.evidence import gather_arm
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
 from estimators.regression.equations import IdentificationError
 from pendulum_env.arms.body import read_body
@@ -83,3 +84,11 @@ def test_a_joint_that_hardly_moves_is_told(two):
     recording = ArmRecording.of("half", two.joints, time, position, np.cos(3 * time)[:, None] * np.ones(2))
     with pytest.raises(IdentificationError, match="joint 'elbow' is hardly ever clear of stick"):
         diagnose_arm(recording, two)
+
+
+def test_noise_is_what_neighbouring_blocks_do_not_share(two):
+    evidence = gather_arm([offset_run(two, (0.0, 0.0))], two)
+    white = 0.01 * np.random.default_rng(0).normal(size=len(evidence.joint))
+    for shared in (0.0, 0.1):
+        assert evidence.noise(white + shared, 1) == pytest.approx(0.01, rel=0.15)
+        assert evidence.structure(white + shared, 1)[0] == pytest.approx(shared, abs=0.004)
