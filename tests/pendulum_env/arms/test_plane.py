@@ -48,6 +48,7 @@ def test_a_bent_arm_moves_as_its_file_says(read):
     a = np.gradient(v, 1 / arm.rate, axis=0)
     asked = (body.torque(q, v, a) @ body.values)[5:-5]
     assert np.ptp(q, axis=0).min() > 0.5
+    assert v[1] == pytest.approx([1.5, -2.0], abs=0.05)  # as it was started
     assert np.abs(asked - applied).max() < 0.01  # of up to 8 N m of gravity
 
 
