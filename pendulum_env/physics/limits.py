@@ -107,9 +107,15 @@ def _limited(kind: type[Term], limits: tuple[tuple[str, float, float], ...]) -> 
         "columns": property(columns),
         "shapes": tuple(narrower(shape) for shape in kind.shapes),
         "grid": classmethod(grid),
+        "__reduce__": lambda self: (_again, (kind, limits, self.shape)),  # no module has this kind by its name
     }
     made = cast(type[Term], type(kind.__name__, (kind,), members))
     return made
+
+
+def _again(kind: type[Term], limits: tuple[tuple[str, float, float], ...], shape: Mapping[str, float]) -> Term:
+    """A limited term in another process."""
+    return _limited(kind, limits)(**shape)  # type: ignore[arg-type]  # classes can be hashed
 
 
 def _clipped(term: Term) -> Term:

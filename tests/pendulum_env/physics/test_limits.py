@@ -1,5 +1,7 @@
 """Parameters that are known or bounded, effects from a file, and what people also call parameters."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -61,6 +63,13 @@ def test_a_base_term_can_be_known():
     gravity = limited_term(BASE[1], {"gravity": (2.0, 2.0)})
     assert gravity.columns[0].is_known and gravity.id == "gravity"
     assert gravity == limited_term(BASE[1], {"gravity": (2.0, 2.0)}) != BASE[1]
+
+
+def test_limits_go_along_to_another_process():
+    kind = limited(effects()["cogging"], {"cogging.order": (10, 14)})
+    for term in (kind(order=12.0), limited_term(BASE[1], {"gravity": (2.0, 2.0)})):
+        there = pickle.loads(pickle.dumps(term))
+        assert there == term and there.columns[0].least == term.columns[0].least and there.shapes == term.shapes
 
 
 @pytest.mark.parametrize(
