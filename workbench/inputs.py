@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -194,7 +194,7 @@ def take_limits(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fix",
         dest="fixed",
-        type=argument(lambda text: dict(_values(text))),
+        type=argument(known),
         action=Gather,
         default={},
         metavar="NAME=VALUE,...",
@@ -203,7 +203,7 @@ def take_limits(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bound",
         dest="bounds",
-        type=argument(lambda text: dict(_ranges(text))),
+        type=argument(ranges),
         action=Gather,
         default={},
         metavar="NAME=LOW:HIGH,...",
@@ -226,21 +226,27 @@ def ids(text: str) -> list[str]:
     return [effect(id.strip()).id for id in text.split(",") if id.strip()]
 
 
-def _values(text: str) -> Iterator[tuple[str, float]]:
+def known(text: str) -> dict[str, float]:
+    """Values by parameter, of `gravity=2.01,...`; raises ValueError if it is something else."""
+    values = {}
     for part in text.split(","):
         name, equals, value = (word.strip() for word in part.partition("="))
         if not (name and equals):
-            raise ValueError(f"{shown(part)} should be NAME=VALUE, such as gravity=2.01")
-        yield name, _bound(value)
+            raise InputError(f"{shown(part)} should be NAME=VALUE, such as gravity=2.01")
+        values[name] = _bound(value)
+    return values
 
 
-def _ranges(text: str) -> Iterator[tuple[str, tuple[float, float]]]:
+def ranges(text: str) -> dict[str, tuple[float, float]]:
+    """Bounds by parameter, of `viscous=0:0.5,...`; raises ValueError if it is something else."""
+    bounds = {}
     for part in text.split(","):
         name, equals, both = (word.strip() for word in part.partition("="))
         low, colon, high = (word.strip() for word in both.partition(":"))
         if not (name and equals and colon):
-            raise ValueError(f"{shown(part)} should be NAME=LOW:HIGH, such as viscous=0:0.5")
-        yield name, (_bound(low or "-inf"), _bound(high or "inf"))
+            raise InputError(f"{shown(part)} should be NAME=LOW:HIGH, such as viscous=0:0.5")
+        bounds[name] = (_bound(low or "-inf"), _bound(high or "inf"))
+    return bounds
 
 
 def _bound(text: str) -> float:
@@ -249,7 +255,7 @@ def _bound(text: str) -> float:
     except ValueError:
         value = math.nan
     if math.isnan(value):
-        raise ValueError(f"{shown(text)} should be a number")
+        raise InputError(f"{shown(text)} should be a number")
     return value
 
 

@@ -68,10 +68,13 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
 def limited(kind: type[Term], limits: Limits) -> type[Term]:
     """A kind of term whose parameters stay within limits; the same kind if none are its own.
 
-    A parameter whose limits are one value is known: fits keep it, and it has no standard error.
+    A parameter whose limits are one value is known: fits keep it, and it has no standard error. Of a kind that has
+    limits already, new ones of the same parameters take their place.
     """
+    kind, held = getattr(kind, "bare", (kind, ()))
     own = {column.name for column in kind().columns} | {f"{kind.id}.{shape.name}" for shape in kind.shapes}
-    chosen = tuple(sorted((name, low, high) for name, (low, high) in limits.items() if name in own))
+    merged = {name: (low, high) for name, low, high in held} | {name: limits[name] for name in limits if name in own}
+    chosen = tuple(sorted((name, low, high) for name, (low, high) in merged.items()))
     return _limited(kind, chosen) if chosen else kind  # type: ignore[arg-type]  # classes can be hashed
 
 
@@ -107,6 +110,7 @@ def _limited(kind: type[Term], limits: tuple[tuple[str, float, float], ...]) -> 
         "columns": property(columns),
         "shapes": tuple(narrower(shape) for shape in kind.shapes),
         "grid": classmethod(grid),
+        "bare": (kind, limits),
         "__reduce__": lambda self: (_again, (kind, limits, self.shape)),  # no module has this kind by its name
     }
     made = cast(type[Term], type(kind.__name__, (kind,), members))

@@ -87,9 +87,10 @@ def button(label: Content, id: Any, primary: bool = False, **more: Any) -> Compo
     )
 
 
-def labelled(label: str, control: Component, note: str = "") -> Component:
-    """A control with its label, and a word on it."""
-    return html.Label([html.Span(label), control, *([html.Small(note)] if note else [])], className="field")
+def labelled(label: str, control: Component, note: str = "", wrong: str = "") -> Component:
+    """A control with its label, and a word on it, or what is wrong with what it holds."""
+    said = html.Small(wrong, className="wrong", role="alert") if wrong else html.Small(note) if note else None
+    return html.Label([html.Span(label), control, *([said] if said else [])], className="field")
 
 
 def panel(title: str, *content: Component | str, className: str = "") -> Component:

@@ -17,6 +17,7 @@ from pendulum_env.recording import RecordingError, Source, checks, columns, writ
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.study import read_sources
 from workbench.app import uploads
+from workbench.app.asked import NOTHING, Asked
 from workbench.app.jobs import Job
 from workbench.app.live import Run
 from workbench.app.mapping import Card
@@ -47,6 +48,7 @@ class Session:
         self.lock = RLock()
         self.state = State()
         self.cards: tuple[Card, ...] = ()  # recordings whose columns a person is asked about, the first one now
+        self.tried = NOTHING  # what a person would have looked for, or says is known, right or wrong
         self.notice = ""  # a sentence for the user: what went wrong
         self.version = time.time_ns() // 1_000_000  # grows with all that the page shows; no two sessions share one
         self.job: Job | None = None
@@ -98,6 +100,8 @@ class Session:
             checks.UNWRAP: f"tick '{UNWRAP}' and load it again",
             columns.CHOOSE: "choose one",
             "--columns ": "",
+            "name fewer in `without`, or more in `only`": "leave out fewer, or look for more",
+            "`effects` lists those of effects, by ID or ID.NAME": "an effect's are called ID or ID.NAME",
         }
         text = text.replace(f"{self.folder}/", "")
         for option, control in here.items():
@@ -319,6 +323,14 @@ class Session:
     def align(self, is_aligned: bool) -> None:
         """Correct torque that was logged late or filtered for all that follows, or leave it; the ladder starts anew."""
         self.state = self.state.aligned(is_aligned)
+
+    def look_for(self, asked: Asked) -> bool:
+        """Look for some effects, or with some values known, from now on; whether that makes sense."""
+        self.tried = asked
+        if asked.faults(self.state.terms):
+            return False
+        self.state = self.state.asking(asked)
+        return True
 
     def begin_from(self, name: str, content: str) -> None:
         """Take the terms of an uploaded model as the base model; the ladder starts anew.

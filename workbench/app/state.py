@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimators.arguments import within_limits
 from estimators.checks.alignment import Aligned
 from estimators.checks.homogeneity import Disagreement, disagreements
 from estimators.checks.identifiability import Doubt, identifiability
@@ -25,6 +26,7 @@ from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording, Source
+from workbench.app.asked import NOTHING, Asked
 from workbench.app.brushing import Points
 from workbench.commands.identify import six_schemes
 from workbench.report.case import Case
@@ -81,6 +83,7 @@ class State:
         terms: of the base model.
         model_file: name of the file that they came from; empty for the paper's four.
         is_aligned: whether torque that was logged late or filtered is corrected.
+        asked: which effects are looked for, and which values are known.
         corrected: what was, in sentences.
         ladder: the base model, then one step for each effect that was added; empty while nothing can be fitted.
         trouble: why nothing can be fitted.
@@ -93,6 +96,7 @@ class State:
     terms: tuple[Term, ...] = BASE
     model_file: str = ""
     is_aligned: bool = False
+    asked: Asked = NOTHING
     corrected: tuple[str, ...] = ()
     ladder: tuple[Step, ...] = ()
     trouble: str = ""
@@ -102,10 +106,15 @@ class State:
 
     @classmethod
     def of(
-        cls, loaded: Sequence[Loaded], terms: Sequence[Term] = BASE, model_file: str = "", is_aligned: bool = False
+        cls,
+        loaded: Sequence[Loaded],
+        terms: Sequence[Term] = BASE,
+        model_file: str = "",
+        is_aligned: bool = False,
+        asked: Asked = NOTHING,
     ) -> State:
         """Begin with recordings as they were read: the base model is fitted to them, if it can be."""
-        bare = cls(tuple(one.uncorrected for one in loaded), tuple(terms), model_file, is_aligned)
+        bare = cls(tuple(one.uncorrected for one in loaded), tuple(terms), model_file, is_aligned, asked)
         if not loaded:
             return bare
         if not bare.train:
@@ -119,7 +128,7 @@ class State:
                 aligned = Aligned.of(bare.train, bare.holdout)
                 bare = replace(bare._with(aligned), corrected=aligned.texts(True))
             evidence = gather(bare.train, bare.holdout)
-            base = fit(*evidence, terms)
+            base = fit(*evidence, within_limits(terms, {}, **asked.limits)[0])
             base = replace(base, model=calibrated_model(base.model, bare.train, bare.holdout))
             return replace(bare, ladder=(base,), evidence=evidence)
         except IdentificationError as error:
@@ -134,15 +143,21 @@ class State:
 
     def having(self, loaded: Sequence[Loaded]) -> State:
         """Begin anew with other recordings and the same base model."""
-        return State.of(loaded, self.terms, self.model_file, self.is_aligned)
+        return State.of(loaded, self.terms, self.model_file, self.is_aligned, self.asked)
 
     def fitting(self, terms: Sequence[Term] = BASE, model_file: str = "") -> State:
         """Begin anew with another base model and the same recordings."""
-        return State.of(self.loaded, terms, model_file, self.is_aligned)
+        return State.of(self.loaded, terms, model_file, self.is_aligned, self.asked)
 
     def aligned(self, is_aligned: bool) -> State:
         """Begin anew with torque that was logged late or filtered corrected, or as it was logged."""
-        return State.of(self.loaded, self.terms, self.model_file, is_aligned)
+        return State.of(self.loaded, self.terms, self.model_file, is_aligned, self.asked)
+
+    def asking(self, asked: Asked) -> State:
+        """Look for other effects from now on; where other values are known, begin anew with them."""
+        if asked.limits == self.asked.limits:
+            return replace(self, asked=asked)
+        return State.of(self.loaded, self.terms, self.model_file, self.is_aligned, asked)
 
     @cached_property
     def timing(self) -> Aligned | None:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 
 from estimators.diagnosis.addition import Addition, add
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
-from estimators.progress import Progress
-from pendulum_env.physics import Model, Term, effect
-from pendulum_env.recording import Recording
+from pendulum_env.physics import effect
 from workbench.app.jobs import Job, Workers
 from workbench.app.session import Session
 from workbench.mistakes import InputError
@@ -29,7 +26,7 @@ def start_diagnosis(session: Session, workers: Workers) -> None:
 
         session.finish(job, keep)
 
-    task = partial(_diagnose, state.train, state.holdout, state.model.terms)
+    task = partial(diagnose, state.train, state.holdout, state.model.terms, **state.asked.effects, **state.asked.limits)
     session.start(Job("Diagnosing", task, workers, done, session.fail))
 
 
@@ -51,17 +48,5 @@ def start_addition(session: Session, workers: Workers, id: str) -> None:
 
         session.finish(job, keep)
 
-    task = partial(_add, state.model, id, state.train, state.holdout)
+    task = partial(add, state.model, id, state.train, state.holdout, **state.asked.limits)
     session.start(Job(f"Adding {name(id)}", task, workers, done, session.fail))
-
-
-def _diagnose(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], terms: Sequence[Term], progress: Progress
-) -> Diagnosis:
-    return diagnose(recordings, holdout, terms, progress)
-
-
-def _add(
-    model: Model, id: str, recordings: Sequence[Recording], holdout: Sequence[Recording], progress: Progress
-) -> Addition:
-    return add(model, id, recordings, holdout, progress)

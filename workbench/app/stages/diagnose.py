@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
 
 import dash
-from dash import ALL, Input, html
+from dash import ALL, Input, State, dcc, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis.result import Diagnosis, Verdict
+from pendulum_env.physics import effects
 from workbench.app import timing
-from workbench.app.parts import aria, button, fragment, panel, table
+from workbench.app.asked import NOTHING, Asked
+from workbench.app.parts import aria, button, fragment, labelled, panel, table
 from workbench.app.recorder import simulated, start_suggested
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
-from workbench.app.state import State
+from workbench.app.state import State as Work
 from workbench.app.tasks import start_addition, start_diagnosis
 from workbench.report.sections.candidates import Row, candidates
 from workbench.report.sections.story import story
@@ -35,6 +39,7 @@ def show(session: Session) -> list[Component]:
             "Every effect of the library is screened for what explains the rest of the torque. It counts as missing "
             "only if it lowers the errors on data it was not fitted to, in torque and in free-running simulation."
         ),
+        _asked(session),
         button("Diagnose again" if again else "Diagnose", "diagnose", primary=not again, disabled=busy),
     )
     if state.diagnosis is None:
@@ -63,7 +68,34 @@ def show(session: Session) -> list[Component]:
     ]
 
 
-def _next(state: State, busy: bool) -> list[Component]:
+def _asked(session: Session) -> Component:
+    """Fields for what is looked for and what is known; a mistake stands beside its field."""
+    tried = session.tried
+    faults = {field: opening(session.plain(why)) for field, why in tried.faults(session.state.terms).items()}
+    library = [{"label": opening(name(id)), "value": id} for id in effects()]
+    kept: dict[str, Any] = {"persistence": True, "persistence_type": "session"}
+
+    def several(label: str, id: str, empty: str) -> Component:
+        chosen = [one for one in getattr(tried, id).split(",") if one]
+        control = dcc.Dropdown(library, chosen, id=f"ask-{id}", multi=True, placeholder=empty, **kept)
+        return labelled(label, control, wrong=faults.get(id, ""))
+
+    def text(label: str, id: str, example: str, note: str) -> Component:
+        control = dcc.Input(getattr(tried, id), type="text", id=f"ask-{id}", placeholder=example, **kept)
+        return labelled(label, control, note, faults.get(id, ""))
+
+    parameters = ", ".join(column.name for term in session.state.terms for column in term.columns)
+    fields = [
+        several("Look only for", "only", "every effect"),
+        several("Do not look for", "without", "none"),
+        text("Values that are known", "fix", "gravity=2.01", f"of {parameters}, and those of effects"),
+        text("Bounds of others", "bound", "viscous=0:0.5", "one of the two may be left out; cogging.order=10:14"),
+    ]
+    summary = html.Summary("Choose what to look for, and say what is known")
+    return html.Details([summary, html.Div(fields, className="fields asked")], open=tried != NOTHING)
+
+
+def _next(state: Work, busy: bool) -> list[Component]:
     """The experiment that would settle what is open, to be recorded at once if the pendulum is a simulated one."""
     suggestion = state.diagnosis.suggestion if state.diagnosis is not None else None
     if suggestion is None or simulated(state) is None:
@@ -127,9 +159,12 @@ def _ranking(rows: Sequence[Row], added: Sequence[str], busy: bool) -> Component
 def connect(bench: Bench) -> None:
     """Wire the search, and the buttons that add an effect, wherever they are."""
 
-    @bench.on(Input("diagnose", "n_clicks"))
-    def diagnose(session: Session, _: int) -> None:
-        start_diagnosis(session, bench.workers)
+    @bench.on(
+        Input("diagnose", "n_clicks"), given=tuple(State(f"ask-{field.name}", "value") for field in fields(Asked))
+    )
+    def diagnose(session: Session, _: int, *values: str | list[str] | None) -> None:
+        if session.look_for(Asked.of(values)):
+            start_diagnosis(session, bench.workers)
 
     @bench.on(Input("record-next", "n_clicks"))
     def record(session: Session, _: int) -> None:

@@ -76,7 +76,8 @@ def commands(state: State) -> str:
     holdout = [word for one in state.loaded if one.held_out for word in ("--holdout", one.file.name)]
     if _needs_study(state):
         train, holdout = [STUDY], []  # which says what is held out
-    align = ["--align"] * state.is_aligned
+    limits = state.asked.options("fix", "bound")
+    align = [*["--align"] * state.is_aligned, *limits]
     before, start = _diagnosed_after(state), state.model_file
     models = [start or MODEL, *[MODEL] * len(state.added)]  # before each effect, and after the last
     adding = [
@@ -84,14 +85,15 @@ def commands(state: State) -> str:
         for model, effect in zip(models, state.added, strict=False)
     ]
     if start:
-        lines.append(shlex.join([PROGRAM, "compare", start, *train, *align]))
+        lines.append(shlex.join([PROGRAM, "compare", start, *train, *["--align"] * state.is_aligned]))
     else:
         lines.append(shlex.join([PROGRAM, "identify", *train, *align, "-o", MODEL]))
     lines += adding[:before]
     if state.diagnosis is not None:
         base = ["--model", models[before]] if before or start else []
         outputs = ["--report", REPORT, "--json", DIAGNOSIS]
-        lines.append(shlex.join([PROGRAM, "diagnose", *train, *holdout, *base, *outputs]))
+        looked = [*state.asked.options("only", "without"), *limits]
+        lines.append(shlex.join([PROGRAM, "diagnose", *train, *holdout, *base, *looked, *outputs]))
     return "\n".join([*lines, *adding[before:]])
 
 
@@ -115,12 +117,15 @@ def snippet(state: State) -> str:
     train = [one.file.name for one in state.loaded if not one.held_out]
     holdout = [one.file.name for one in state.loaded if one.held_out]
     before = _diagnosed_after(state)
-    adding = [f"model = add(model, {effect!r}, recordings, holdout).after.model" for effect in state.added]
+    asked, limits = state.asked, state.asked.arguments(state.asked.limits)
+    adding = [f"model = add(model, {effect!r}, recordings, holdout{limits}).after.model" for effect in state.added]
+    start = "Model" if state.model_file else "BASE" if limits else ""
     diagnosed = state.diagnosis is not None
     used = [*["Aligned"] * state.is_aligned, *["add"] * bool(adding), *["diagnose"] * diagnosed, "fit", "gather"]
     lines = [
         f"from estimators import {', '.join(used)}",
-        *(["from pendulum_env.physics import Model"] if state.model_file else []),
+        *(["from estimators.arguments import within_limits"] if limits else []),
+        *([f"from pendulum_env.physics import {start}"] if start else []),
         f"from pendulum_env.recording import {'read_study' if _needs_study(state) else 'read_recording'}",
         *(["from workbench.report import write_report"] if diagnosed else []),
         "",
@@ -137,12 +142,13 @@ def snippet(state: State) -> str:
             if state.is_aligned
             else []
         ),
-        *([f"terms = Model.load({state.model_file!r}).terms"] if state.model_file else []),
-        f"model = fit(*gather(recordings, holdout){', terms' if state.model_file else ''}).model",
+        *([f"terms = {f'Model.load({state.model_file!r}).terms' if state.model_file else 'BASE'}"] if start else []),
+        *([f"terms, _ = within_limits(terms, {{}}{limits})"] if limits else []),
+        f"model = fit(*gather(recordings, holdout){', terms' if start else ''}).model",
         *adding[:before],
     ]
     if diagnosed:
-        lines.append("found = diagnose(recordings, holdout, model.terms)")
+        lines.append(f"found = diagnose(recordings, holdout, model.terms{asked.arguments(asked.effects)}{limits})")
         lines.append(f"write_report({REPORT!r}, recordings, holdout, found)")
     return "\n".join([*lines, *adding[before:], f"model.save({MODEL!r})"])
 
