@@ -477,6 +477,30 @@ def refuse_archive(path: str | os.PathLike[str], most: float, remedy: str) -> No
             raise
 
 
+def read_archive(path: str | os.PathLike[str], hint: str, most: int) -> dict[str, bytes]:
+    """What is in the files of a ZIP archive, by name; the hint says which file is meant, as in `read_json`.
+
+    Raises:
+        Unreadable: as `regular_size` and `refuse_archive`, or if it is none, damaged, or names a file twice.
+    """
+    regular_size(path, most)
+    try:
+        refuse_archive(path, most, "it is another file")
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+            if len(set(names)) < len(names):
+                raise Unreadable("it names a file twice")
+            return {name: archive.read(name) for name in names}
+    except Unreadable as error:
+        raise Unreadable(f"{path}: {str(error).removeprefix(f'{path}: ')}; {hint}") from None
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, LookupError) as error:
+        raise Unreadable(
+            f"{path}: is damaged, or no ZIP archive ({' '.join(str(error).split())[:100]}); {hint}"
+        ) from None
+    except (NotImplementedError, RuntimeError, OverflowError, MemoryError) as error:
+        raise Unreadable(f"{path}: is packed in another way ({' '.join(str(error).split())[:100]}); {hint}") from None
+
+
 def refuse_inflation(packed: Iterable[bytes], wbits: int, most: float, remedy: str) -> int:
     """Bytes that a stream of deflate unpacks to, counted without keeping them.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from typing import Any
 
 from dash import ClientsideFunction, Input, Output, State, ctx, dcc, html, no_update
@@ -20,6 +21,7 @@ from workbench.report.sections.story import changes
 from workbench.report.words import listing, name, number, opening
 
 TITLE = "pendulum-ident"
+SESSION = "session.zip"
 AS_NOISE = 1.15  # times the noise floor, an error that noise may well explain
 WORTH = 1.05  # times smaller, from which an error has become smaller
 POLL = 300  # [ms] between two looks at a job
@@ -106,6 +108,17 @@ def story_so_far(state: Work, stage: Stage) -> list[Component]:
     if lead:
         parts.append(html.P(lead, className="lead"))
     return parts
+
+
+def steps(session: Session) -> list[Component]:
+    """The way back, and to another day."""
+    if not (session.last_change or session.state.loaded):
+        return []
+    what = session.last_change
+    back = button(f"Undo: {what}" if what else "Undo", "back", disabled=session.busy() or not what)
+    return [
+        html.Div([back, button("Save session", "save-session", disabled=not session.state.loaded)], className="row")
+    ]
 
 
 def told(state: Work) -> tuple[str, str, list[Any]]:
@@ -210,7 +223,7 @@ def _connect_page(bench: Bench) -> None:
                 session.notice = ""  # it was about another stage
             return (
                 navigation(stage),
-                story_so_far(session.state, stage),
+                [*story_so_far(session.state, stage), *steps(session)],
                 session.notice,
                 html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
             )
@@ -238,6 +251,23 @@ def _connect_jobs(bench: Bench) -> None:
             # a page that has just been loaded is drawn already: it only has to learn when its job is over
             changed = session.version != version if version else ctx.triggered_id == "poll" and not busy
             return running(session), not busy, session.version if changed else no_update
+
+    @bench.on(Input("back", "n_clicks"))
+    def back(session: Session, _: int) -> None:
+        session.undo()
+
+    @bench.app.callback(
+        Output("download", "data", allow_duplicate=True),
+        Input("save-session", "n_clicks"),
+        State("session", "data"),
+        prevent_initial_call=True,
+    )
+    def save(clicks: int, id: str) -> dict[str, Any]:
+        if not clicks:
+            raise PreventUpdate
+        session = bench.sessions.of(id)
+        with session.lock:
+            return {"filename": SESSION, "content": b64encode(session.save()).decode(), "base64": True}
 
     @bench.app.callback(
         Output("version", "data", allow_duplicate=True),

@@ -104,8 +104,7 @@ def simulated(state: State) -> tuple[str, ...] | None:
 
 def free_name(session: Session) -> str:
     """A name for the next recording."""
-    taken = {one.file.name for one in session.state.loaded}
-    return next(name for k in range(1, 1000) if (name := f"recording-{k}.csv") not in taken)
+    return next(name for k in range(1, 1000) if not (session.folder / (name := f"recording-{k}.csv")).exists())
 
 
 def options(

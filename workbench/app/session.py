@@ -7,22 +7,23 @@ import re
 import shutil
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 
-from pendulum_env.reading import amount
+from pendulum_env.reading import amount, read_archive
 from pendulum_env.recording import RecordingError, Source, checks, columns, write_study
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.study import read_sources
-from workbench.app import uploads
+from workbench.app import saved, uploads
 from workbench.app.asked import NOTHING, Asked
 from workbench.app.jobs import Job
 from workbench.app.live import Run
 from workbench.app.mapping import Card
-from workbench.app.state import Loaded, State
-from workbench.app.uploads import MODELS, STUDIES, UNWRAP, is_study, safe_name, unpack
+from workbench.app.state import Loaded, State, change
+from workbench.app.uploads import MODELS, SESSIONS, STUDIES, UNWRAP, is_study, safe_name, unpack
 from workbench.inputs import read_model
 from workbench.mistakes import MISTAKES, InputError, sentence
 
@@ -33,6 +34,7 @@ MOST_RECORDINGS = 12  # in one session
 MOST_SAMPLES = 20_000_000  # of all its recordings, which take less than a gigabyte
 SPACE = 300_000_000  # bytes of its files
 SPARE = 100_000_000  # bytes that are left to the disk
+MOST_UNDONE = 20  # changes
 IDLE = 12 * 3600.0  # [s] after which a session that nobody has asked for ends
 
 
@@ -46,7 +48,8 @@ class Session:
         """Take an empty folder, and the configuration of the rig if there is one."""
         self.folder, self.rig = folder, rig
         self.lock = RLock()
-        self.state = State()
+        self._state, self._past = State(), deque[State]()  # what it is, and what it was before each change
+        self._changed: int | None = None  # version of the last change
         self.cards: tuple[Card, ...] = ()  # recordings whose columns a person is asked about, the first one now
         self.tried = NOTHING  # what a person would have looked for, or says is known, right or wrong
         self.notice = ""  # a sentence for the user: what went wrong
@@ -54,6 +57,49 @@ class Session:
         self.job: Job | None = None
         self.run: Run | None = None
         self._over = False
+
+    @property
+    def state(self) -> State:
+        """What the session knows now."""
+        return self._state
+
+    @state.setter
+    def state(self, state: State) -> None:
+        if self._changed != self.version:  # all that one click changes is undone at once
+            self._past.append(self._state)
+            self._changed = self.version
+        self._state = state
+        held = {id(one.recording): len(one.recording) for past in self._past for one in past.loaded}
+        while len(self._past) > MOST_UNDONE or sum(held.values()) > MOST_SAMPLES:
+            gone = self._past.popleft()
+            held = {id(one.recording): len(one.recording) for past in self._past for one in past.loaded}
+            self._sweep(gone)
+
+    @property
+    def last_change(self) -> str:
+        """What `undo` would take back, in words; empty if there is nothing."""
+        return change(self._past[-1], self._state) if self._past else ""
+
+    def undo(self) -> None:
+        """Take back the last change, whatever it was."""
+        if not self._past:
+            raise InputError("there is nothing to undo")
+        gone, self._state = self._state, self._past.pop()
+        self.tried = self._state.asked
+        self._sweep(gone)
+        self.cards = tuple(card for card in self.cards if card.file.exists())
+
+    def _forget(self) -> None:
+        """Nothing can be undone any more, and files that were kept for it go."""
+        while self._past:
+            self._sweep(self._past.popleft())
+
+    def _sweep(self, gone: State) -> None:
+        """Delete recordings of a state that has gone, if no other has them."""
+        kept = {one.file for state in (*self._past, self._state) for one in state.loaded}
+        for one in gone.loaded:
+            if one.file not in kept:
+                one.file.unlink(missing_ok=True)
 
     def busy(self) -> bool:
         """Whether a job is on its way."""
@@ -83,8 +129,8 @@ class Session:
         with self.lock:
             if self.job is job:
                 self.job = None
-                change()
                 self.version += 1
+                change()
 
     def fail(self, job: Job, why: str) -> None:
         """End a job that came to nothing."""
@@ -132,6 +178,8 @@ class Session:
         waiting = [card for card in self.cards if card.file != file]
         if any(one.file == file for one in known):
             raise InputError(f"{file.name}: is loaded already: remove it, or give this one another name")
+        if any(one.file == file for past in self._past for one in past.loaded):
+            self._forget()  # another file of that name takes its place
         if len(known) + len(waiting) >= MOST_RECORDINGS:
             raise InputError(f"{file.name}: {MOST_RECORDINGS} recordings are enough: remove one first")
         return file
@@ -176,11 +224,16 @@ class Session:
         """
         for folder in (self.folder.parent, self.folder):
             folder.mkdir(mode=0o700, exist_ok=True)  # somebody may have cleaned up
-        held = sum(file.stat().st_size for file in self.folder.iterdir())
-        if held + size > SPACE:
+        if self._held() + size > SPACE:
+            self._forget()
+        if self._held() + size > SPACE:
             raise InputError(f"{name}: {amount(SPACE)} of files are enough: remove one first")
         if shutil.disk_usage(self.folder).free < size + SPARE:
             raise InputError(f"{name}: there is no room left on the disk that {self.folder.parent} is on: make some")
+
+    def _held(self) -> int:
+        """Bytes of the files in the folder."""
+        return sum(file.stat().st_size for file in self.folder.iterdir() if file.is_file())
 
     def _study(self, name: str, content: str) -> list[Source]:
         """Recordings that an uploaded study names, as if they lay in the folder."""
@@ -307,7 +360,6 @@ class Session:
     def remove(self, name: str) -> None:
         """Remove a recording."""
         gone = self.find(name)
-        gone.file.unlink(missing_ok=True)
         self.cards = tuple(card for card in self.cards if card.file != gone.file)
         self.state = self.state.having([one for one in self.state.loaded if one is not gone])
 
@@ -345,6 +397,68 @@ class Session:
             self.state = self.state.fitting(read_model(str(file)).terms, file.name)
         finally:
             file.unlink()
+
+    # ------------------------------------------------------------------------------------------------ whole
+
+    def save(self) -> bytes:
+        """The whole session in one file, for `open`.
+
+        Raises:
+            InputError: if it would be too large to be opened again.
+        """
+        packed = saved.pack(self.state, self.study(), STUDY)
+        if len(packed) > uploads.UPLOAD:
+            raise InputError(
+                f"a session is opened up to {amount(uploads.UPLOAD)}, and this one takes {amount(len(packed))}: "
+                f"remove a recording first, or save {STUDY} and the model"
+            )
+        return packed
+
+    def open(self, name: str, content: str) -> None:
+        """Take in an uploaded session in the place of this one, whole or not at all; nothing before it can be undone.
+
+        Raises:
+            InputError: if it is none, or too large.
+        """
+        folder = Path(tempfile.mkdtemp(dir=self.folder.parent))
+        other = Session(folder)
+        try:
+            other._restore(folder / safe_name(name, SESSIONS), content)
+        except MISTAKES as mistake:
+            shutil.rmtree(folder)
+            what = f"{safe_name(name, SESSIONS)}: "
+            raise InputError(what + sentence(mistake).replace(f"{folder}/", "").removeprefix(what)) from None
+        old, self.folder = self.folder, folder
+        self._state, self.cards, self.tried = other.state, (), other.state.asked
+        self._past.clear()
+        shutil.rmtree(old)
+
+    def _restore(self, file: Path, content: str) -> None:
+        """Become what an uploaded file holds, in an empty folder."""
+        self._refuse_lack(file.name, len(content) * 3 // 4)
+        unpack(file, content)
+        contents = read_archive(file, saved.HINT, SPACE)
+        file.unlink()
+        self._refuse_lack(file.name, sum(map(len, contents.values())))
+        for name in (saved.CONTENTS, STUDY):
+            (self.folder / name).write_bytes(saved.member(contents, name))
+        known = saved.Saved.read(self.folder / saved.CONTENTS)
+        sources = read_sources(self.folder / STUDY)
+        for name in (saved.CONTENTS, STUDY):
+            (self.folder / name).unlink()
+        if len(known.origins) != len(sources):
+            raise InputError(f"{STUDY} and {saved.CONTENTS} tell of different recordings; {saved.HINT}")
+        loaded: list[Loaded] = []
+        for source, origin in zip(sources, known.origins, strict=True):
+            place = self.place(source.file.name, *loaded)
+            place.write_bytes(saved.member(contents, source.file.name))
+            loaded += [replace(one, origin=origin) for one in self.take(place, replace(source, file=place))]
+        if self.cards:
+            raise InputError(self.cards[0].why)
+        self._state = known.begin()
+        if loaded:
+            self.keep(*loaded)
+        self._state = known.restore(self._state)
 
     def halt(self) -> None:
         """Stop the live run, whatever else is going on, and one that is just being started."""

@@ -30,6 +30,7 @@ from workbench.app.asked import NOTHING, Asked
 from workbench.app.brushing import Points
 from workbench.commands.identify import six_schemes
 from workbench.report.case import Case
+from workbench.report.words import listing, name
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,6 +290,28 @@ class State:
     def seconds(self) -> float:
         """Length of all recordings [s]."""
         return float(np.sum([one.recording.duration for one in self.loaded]))
+
+
+def change(old: State, new: State) -> str:
+    """What was done between two states, in the words of a button that takes it back."""
+    before, after = ({one.file: one for one in state.loaded} for state in (old, new))
+    if coming := [one.recording.name for file, one in after.items() if file not in before]:
+        return f"load {listing(coming)}"
+    if gone := [one.recording.name for file, one in before.items() if file not in after]:
+        return f"remove {listing(gone)}"
+    if new.is_aligned != old.is_aligned:
+        return "correct the torque" if new.is_aligned else "take the torque as it was logged"
+    if len(new.added) > len(old.added):
+        return f"add {name(new.added[-1])}"
+    if new.diagnosis is not None and new.diagnosis is not old.diagnosis:
+        return "diagnose"
+    if new.terms != old.terms or new.model_file != old.model_file:
+        return f"start from {new.model_file or 'four terms'}"
+    if new.asked != old.asked:
+        return "choose what is looked for"
+    if any(after[file].held_out != one.held_out for file, one in before.items()):
+        return "fit or check"
+    return f"take {name(old.added[-1])} out" if len(new.added) < len(old.added) else "read columns anew"
 
 
 def ids(steps: Sequence[Step]) -> tuple[str, ...]:

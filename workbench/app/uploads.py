@@ -16,6 +16,7 @@ UNPACKED = 400_000_000  # bytes of what a packed file holds, and of its columns 
 LONGEST_NAME = 80  # characters
 MODELS = (".json",)
 STUDIES = (".toml",)
+SESSIONS = (".zip",)
 UNWRAP = "undo jumps of 2π in position"  # what the page calls the reader's `unwrap`
 
 

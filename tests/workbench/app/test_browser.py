@@ -358,6 +358,40 @@ def test_a_diagnosis_is_watched_over_a_reload_and_cancelled(tab: Tab, folder: Pa
     assert tab.page.inner_text("#any") == "Quadratic drag"  # it was chosen before
 
 
+def test_what_is_asked_for_is_saved_with_the_session_opened_again_and_undone(
+    tab: Tab, browser: "sync_api.Browser", folder: Path
+) -> None:
+    page = tab.page
+    tab.load(folder / "swing.csv")
+    page.wait_for_selector("td:has-text('swing')")
+    tab.go("diagnose")
+    page.click("summary:has-text('Choose what to look for')")
+    page.click("#ask-only")
+    page.click(".dash-dropdown-option:has-text('Quadratic drag')")
+    page.keyboard.press("Escape")
+    page.fill("#ask-fix", "gravty=2")
+    page.click("#diagnose")
+    page.wait_for_selector(".field:has(#ask-fix) .wrong:has-text('did you mean gravity?')")
+    assert page.inner_text("#ask-only").startswith("Quadratic drag") and page.input_value("#ask-fix") == "gravty=2"
+    page.fill("#ask-fix", "gravity=2.01")
+    page.click("#diagnose")
+    page.wait_for_selector(".ranking")
+    file = tab.save("Save session")
+    other = Tab(browser, tab.address)
+    session = {"name": "session.zip", "mimeType": "application/zip", "buffer": file.read_bytes()}
+    other.page.set_input_files("#open-session input[type=file]", session)
+    other.page.wait_for_selector("td:has-text('swing')")
+    assert other.title() == tab.title() and other.page.is_disabled("#back")
+    other.go("diagnose")
+    assert other.page.inner_text(".ranking") == page.inner_text(".ranking")
+    assert other.page.locator(".ranking tbody tr").count() == 1
+    assert other.page.input_value("#ask-fix") == "gravity=2.01"
+    other.close()
+    page.click("#back:has-text('Undo: diagnose')")
+    page.wait_for_selector("#back:has-text('Undo: choose what is looked for')")
+    assert page.locator(".ranking").count() == 0
+
+
 def test_a_keyboard_is_enough(tab: Tab) -> None:
     """The demo, a stage, a region of the residual and a diagnosis, without a mouse."""
     page = tab.page

@@ -61,6 +61,13 @@ def _upload(state: Work) -> Component:
             className="note",
         ),
         dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], [], id="unwrap"),
+        dcc.Upload(
+            html.Button("Open a saved session", type="button", className="action"),
+            id="open-session",
+            max_size=UPLOAD,
+            className="open",
+            style={},
+        ),
     ]
     if not state.loaded:
         ways += [
@@ -214,6 +221,10 @@ def connect(bench: Bench) -> None:
     @bench.on(Input("upload", "contents"), given=(State("upload", "filename"), State("unwrap", "value")))
     def upload(session: Session, contents: list[str], names: list[str], unwrap: list[str]) -> None:
         session.receive(list(zip(names, contents, strict=True)), bool(unwrap))
+
+    @bench.on(Input("open-session", "contents"), given=(State("open-session", "filename"),))
+    def open_session(session: Session, content: str, name: str) -> None:
+        session.open(name, content)
 
     @bench.on(Input("demo", "n_clicks"))
     def demo(session: Session, _: int) -> None:
