@@ -24,6 +24,7 @@ TITLE = "pendulum-ident"
 SESSION = "session.zip"
 AS_NOISE = 1.15  # times the noise floor, an error that noise may well explain
 WORTH = 1.05  # times smaller, from which an error has become smaller
+NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 POLL = 300  # [ms] between two looks at a job
 
 
@@ -60,6 +61,7 @@ def page() -> Component:
             dcc.Store(id="session"),  # the id, kept by the tab
             dcc.Store(id="version", data=0),  # of the session's state; 0 until something changes
             dcc.Store(id="theme-now"),
+            dcc.Store(id="chosen"),  # names of files in the order in which they were chosen; small ones arrive first
             dcc.Download(id="download"),
             html.Div(id="warm", hidden=True),
             dcc.Interval(id="poll", interval=POLL, disabled=True),
@@ -136,7 +138,7 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name(effect)}' for effect in state.added)}"
     diagnosis = state.told
     first, last = (state.ladder[k].errors["holdout"] for k in (0, -1))
-    floor = f"noise alone would leave {number(diagnosis.noise_floor)} N m"
+    floor = f"noise alone would leave {number(diagnosis.noise_floor)}{NBSP}N{NBSP}m"
     if state.added:
         lead = ["On data it was not fitted to, the torque error fell from ", _b(first.torque_rms, "N m"), " to "]
         lead += [_b(last.torque_rms, "N m"), f" ({floor}), and that of a free-running simulation from "]
@@ -161,7 +163,7 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
 
 
 def _b(value: float, unit: str) -> Component:
-    return html.B(f"{number(value)} {unit}")
+    return html.B(f"{number(value)} {unit}".replace(" ", NBSP))
 
 
 def running(session: Session) -> list[Component]:

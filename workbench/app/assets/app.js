@@ -100,10 +100,11 @@
   }).observe(root, { childList: true, subtree: true });
 
   // A file that is too large is refused by the page without a word: say why.
-  addEventListener("change", (event) => tooLarge(event.target.files), true);
-  addEventListener("drop", (event) => tooLarge(event.dataTransfer?.files), true);
-  function tooLarge(files) {
+  addEventListener("change", (event) => coming(event.target.files), true);
+  addEventListener("drop", (event) => coming(event.dataTransfer?.files), true);
+  function coming(files) {
     const most = Number(document.querySelector("[data-most]")?.dataset.most), all = [...(files ?? [])];
+    if (all.length) window.dash_clientside.set_props("chosen", { data: all.map((file) => file.name) });
     if (!most || all.reduce((sum, file) => sum + file.size, 0) <= most) return;
     const what = all.length === 1 ? `${all[0].name}: is` : "these files: are together";
     const text = `${what} larger than ${Math.round(most / 1e6)} MB: shorten or load one at a time, or use the command line`;

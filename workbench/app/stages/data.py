@@ -95,7 +95,11 @@ def _record() -> Component:
     ]
     return panel(
         "Or record a simulated pendulum",
-        html.P("The paper's pendulum at 1 kHz, behind its encoder, with 0.02 N m of torque noise.", className="note"),
+        html.P(
+            "The paper's pendulum at 1 kHz, behind its encoder, with "
+            "0.02\N{NO-BREAK SPACE}N\N{NO-BREAK SPACE}m of torque noise.",
+            className="note",
+        ),
         html.Div(fields, className="fields"),
         button("Record", "record"),
     )
@@ -218,9 +222,14 @@ def connect(bench: Bench) -> None:
     card.connect(bench)
     timing.connect(bench)
 
-    @bench.on(Input("upload", "contents"), given=(State("upload", "filename"), State("unwrap", "value")))
-    def upload(session: Session, contents: list[str], names: list[str], unwrap: list[str]) -> None:
-        session.receive(list(zip(names, contents, strict=True)), bool(unwrap))
+    @bench.on(
+        Input("upload", "contents"),
+        given=(State("upload", "filename"), State("unwrap", "value"), State("chosen", "data")),
+    )
+    def upload(session: Session, contents: list[str], names: list[str], unwrap: list[str], chosen: list[str]) -> None:
+        came = zip(names, contents, strict=True)
+        order = {name: place for place, name in enumerate(chosen or [])}
+        session.receive(sorted(came, key=lambda one: order.get(one[0], len(order))), bool(unwrap))
 
     @bench.on(Input("open-session", "contents"), given=(State("open-session", "filename"),))
     def open_session(session: Session, content: str, name: str) -> None:

@@ -25,6 +25,7 @@ from workbench.report.sections.schemes import convergence_figure, stroke
 from workbench.report.words import estimate, name, number, opening, unit
 
 RIG = "dm1015b"  # backend that is offered where a configuration was given on the command line
+NAMES = {"replay": "a recording", RIG: "the rig", "mujoco": "MuJoCo"}  # of backends
 BEAT = 250  # [ms] between two looks
 SIGMAS = 2.0  # standard errors of an interval
 PARAMETERS = tuple(column.name for term in BASE for column in term.columns)
@@ -37,8 +38,8 @@ def show(session: Session) -> list[Component]:
     running = session.run is not None and session.run.running
     buttons = [
         button("Start", "live-start", primary=True),
-        button("Stop", "live-stop"),
-        button("Keep as a recording", "live-keep"),
+        button("Stop", "live-stop", disabled=session.run is None),
+        button("Keep as a recording", "live-keep", disabled=session.run is None),
     ]
     return [
         dcc.Interval(id="live-beat", interval=BEAT, disabled=not running),
@@ -59,7 +60,7 @@ def show(session: Session) -> list[Component]:
 
 def _controls(session: Session) -> list[Component]:
     """What to run."""
-    backends = [{"label": id, "value": id} for id in BACKENDS if id != RIG or session.rig is not None]
+    backends = [{"label": NAMES.get(id, id), "value": id} for id in BACKENDS if id != RIG or session.rig is not None]
     hidden = [{"label": "nothing", "value": ""}] + [{"label": opening(name(id)), "value": id} for id in effects()]
     replays = [{"label": one.recording.name, "value": one.file.name} for one in session.state.loaded]
     kept: dict[str, Any] = {"persistence": True, "persistence_type": "session"}

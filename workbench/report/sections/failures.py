@@ -166,7 +166,7 @@ def cells(x: Array, y: Array, values: Array, limit: float) -> JSON:
         "zmin": -limit,
         "zmax": limit,
         "colorscale": [[0, "--low"], [0.5, "--middle"], [1, "--high"]],
-        "colorbar": {"title": {"text": "residual [N m]", "side": "right"}, "thickness": 12, "outlinewidth": 0},
+        "colorbar": {"title": {"text": "[N m]", "side": "top"}, "thickness": 12, "outlinewidth": 0},
         "hoverongaps": False,
         "hovertemplate": "q %{x:.2f} rad, q' %{y:.2f} rad/s: %{z:.3g} N m<extra></extra>",
     }
