@@ -23,6 +23,7 @@ from workbench.commands import COMMANDS
 from workbench.commands.effects import parameters
 
 ROOT = Path(__file__).parents[1]
+GALLERY = ROOT / "workbench" / "app" / "assets" / "gallery"  # the app shows the same
 WIDTH = "84"  # characters of a line of help
 ARITHMATEX = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<latex>.*?)</(?P=tag)>', re.S)
 
@@ -42,6 +43,8 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
     }
     for name, content in made.items():
         files.append(File.generated(config, name, content=content))
+    for picture in GALLERY.iterdir():
+        files.append(File.generated(config, f"gallery/{picture.name}", abs_src_path=str(picture)))
 
 
 def on_page_content(content: str, **_: Any) -> str:
@@ -136,11 +139,11 @@ def gallery() -> str:
         "# Gallery of effects",
         "What each effect leaves of the base model, fitted to 20 s of the paper's excitation: mean residual torque "
         "over angle, velocity, torque and time, beside what noise alone would give (grey). Find the row that looks "
-        "like yours: `pendulum-ident compare --report` draws the same four curves for your recordings. An effect that "
-        "looks flat here needs another motion to show; the reference says which.",
+        "like yours: the [app](app.md) and `pendulum-ident compare --report` draw the same four curves for your "
+        "recordings. An effect that looks flat here needs another motion to show; the reference says which.",
     ]
     for id in effects():
-        if (ROOT / "docs" / "gallery" / f"{id}.svg").exists():
+        if (GALLERY / f"{id}.svg").exists():
             label = f"Residual over angle, velocity, torque and time where {id} is hidden"
             parts += [f"**[`{id}`](reference/effects.md#{id})**", f"![{label}](gallery/{id}.svg)"]
     return "\n\n".join(parts)

@@ -1,28 +1,28 @@
 """The gallery: what each effect leaves of a model that lacks it, as pictures for the page of effects."""
 
-import html
 from pathlib import Path
 
 import numpy as np
 
-from estimators.checks.residual import AXES, SYMBOLS, Profile, profile
+from estimators.checks.residual import AXES, Profile, profile
 from estimators.diagnosis.run import gather
 from estimators.selection.data import fit_terms
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, effects
 from pendulum_env.plant import make_plant
+from workbench.report.gallery import picture
 
 SECONDS = 20.0  # of motion, under the paper's excitation
-WIDTH, HEIGHT, MARGIN = 190.0, 110.0, 8.0  # of a panel [px]
-CURVE, GRID, TEXT = "#c2611f", "#8a93a5", "#7c8699"  # seen on white and on black
 
 
 def gallery(folder: Path) -> None:
     """Draw every effect of the library into a folder, one picture each."""
     folder.mkdir(exist_ok=True)
     for id in effects():
-        (folder / f"{id}.svg").write_text(picture(id, signature(id)), encoding="utf-8")
+        (folder / f"{id}.svg").write_text(
+            picture(f"What {id} leaves of the base model", signature(id)), encoding="utf-8"
+        )
 
 
 def signature(id: str) -> list[Profile]:
@@ -32,33 +32,3 @@ def signature(id: str) -> list[Profile]:
     model, fit = fit_terms(evidence, BASE)
     noise, x = evidence.data.noise(model.estimates["inertia"].value), evidence.samples
     return [profile(axis, np.asarray(getattr(x, axis)), fit.residual, noise) for axis in AXES]
-
-
-def picture(id: str, profiles: list[Profile]) -> str:
-    """Four panels beside each other, in one scale [N m]."""
-    largest = max(float(np.abs(item.mean).max()) for item in profiles)
-    panels = "".join(panel(item, k * WIDTH, largest) for k, item in enumerate(profiles))
-    size = f'width="{len(profiles) * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {len(profiles) * WIDTH:g} {HEIGHT:g}"'
-    title = f"<title>What {html.escape(id)} leaves of the base model, up to {largest:.2g} N m</title>"
-    style = f'font-family="system-ui, sans-serif" font-size="11" fill="{TEXT}"'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {style}>{title}{panels}</svg>\n'
-
-
-def panel(item: Profile, left: float, largest: float) -> str:
-    """Mean residual over one quantity: zero as a line, what noise alone would give as a band, the limits below."""
-    middle, reach = 0.5 * (HEIGHT - 14), 0.5 * (HEIGHT - 14) - MARGIN
-    inner = WIDTH - 2 * MARGIN
-    low, high = float(item.edges[0]), float(item.edges[-1])
-    x = left + MARGIN + inner * (0.5 * (item.edges[1:] + item.edges[:-1]) - low) / (high - low)
-    y = middle - reach * item.mean / largest
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
-    band = 2 * reach * min(1.0, 2 * float(np.median(item.error)) / largest)
-    below, ends = HEIGHT - 3, (left + MARGIN, left + WIDTH - MARGIN)
-    return (
-        f'<rect x="{ends[0]:g}" y="{middle - band / 2:.1f}" width="{inner:g}" height="{band:.1f}" fill="{GRID}" '
-        f'fill-opacity="0.25"/><path d="M{ends[0]:g} {middle:g}H{ends[1]:g}" stroke="{GRID}" stroke-width="0.7"/>'
-        f'<polyline points="{points}" fill="none" stroke="{CURVE}" stroke-width="1.8"/>'
-        f'<text x="{ends[0]:g}" y="{below:g}">{low:.2g}</text>'
-        f'<text x="{0.5 * sum(ends):g}" y="{below:g}" text-anchor="middle">{html.escape(SYMBOLS[item.axis])} '
-        f'[{item.unit}]</text><text x="{ends[1]:g}" y="{below:g}" text-anchor="end">{high:.2g}</text>'
-    )

@@ -21,6 +21,7 @@ from tests.prose import ROOT
 from workbench.report import write_report
 
 HIDDEN = ["spring:stiffness=0.25,preload=0.1", "stribeck:stribeck=0.5,stribeck_velocity=0.8"]
+GALLERY = "workbench/app/assets/gallery"
 SIZE = {"width": 1180, "height": 1470}  # [px] of the top of a report
 COLOURS = 256
 
@@ -50,8 +51,8 @@ def picture(page: Path, chromium: str) -> Image.Image:
 
 
 if __name__ == "__main__":
-    gallery(ROOT / "docs" / "gallery")
-    print("wrote docs/gallery")
+    gallery(ROOT / GALLERY)
+    print(f"wrote {GALLERY}")
     chromium = shutil.which("chromium")
     if chromium is None:
         sys.exit("docs/report.png was left as it is: chromium is not installed")

@@ -335,6 +335,10 @@ def test_tabs_are_apart_and_a_reload_changes_nothing(tab: Tab, browser: "sync_ap
     other.page.reload()
     other.page.wait_for_selector("#upload")
     assert other.title() == "What does your model lack?"
+    write_recording(recorded("brief", 2, 4.0), folder / "brief.csv")
+    other.load(folder / "swing.csv", folder / "brief.csv")  # the small one arrives first
+    other.page.wait_for_selector("td:has-text('brief')")
+    assert other.page.locator(".recordings td strong").all_inner_texts() == ["swing", "brief"]
     other.close()
 
 

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from estimators import add, diagnose
-from estimators.checks.residual import Region
+from estimators.checks.residual import AXES, Region
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
-from pendulum_env.physics import Model
+from pendulum_env.physics import Model, effects
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Recording, Source, write_recording
@@ -638,6 +638,22 @@ def test_the_residual_is_the_last_model_s(session: Session, state: State, worked
         chosen = page["of"]
         assert chosen.options[chosen.value]["label"] == last
         assert f"Residual torque of the {last}" in str(page["views"])
+
+
+def test_every_effect_has_a_picture_beside_the_residual(session: Session, worked: dict[str, State]) -> None:
+    session.state = worked["paper"]
+    page = html.Div(compare.show(session))
+    own, *others = [one.src for one in page._traverse() if isinstance(one, html.Img)]
+    drawn = base64.b64decode(own.removeprefix("data:image/svg+xml;base64,")).decode()
+    assert drawn.startswith("<svg") and drawn.count("<polyline") == len(AXES) and "nan" not in drawn
+    assert sorted(others) == sorted(f"/assets/gallery/{id}.svg" for id in effects())
+    assert others[0] == "/assets/gallery/stribeck.svg"  # the likeliest
+    bench = make_app()
+    client = bench.app.server.test_client()
+    for one in others:
+        with client.get(one) as answer:
+            assert answer.status_code == 200 and answer.mimetype == "image/svg+xml"
+    bench.close()
 
 
 def test_a_live_run_stands_under_a_headline_of_its_own(state: State) -> None:

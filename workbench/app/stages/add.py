@@ -40,7 +40,7 @@ def show(session: Session) -> list[Component]:
         ],
         className="columns even",
     )
-    undo = button(f"Undo: take {name(state.added[-1])} out", "undo", disabled=session.busy()) if state.added else None
+    undo = button(f"Take {name(state.added[-1])} out", "undo", disabled=session.busy()) if state.added else None
     fall = panel(
         "How the error falls", html.P(said(steps), className="before-after"), ladder, *([undo] if undo else [])
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
+from pathlib import Path
 from typing import Any
 
 import dash
@@ -12,16 +14,20 @@ from dash.exceptions import PreventUpdate
 
 from estimators.checks.residual import profiles, stand_out
 from pendulum_env._typing import JSON, Mask
+from pendulum_env.physics import effects
 from pendulum_env.recording import Recording
 from workbench.app.brushing import MAP, PHASE, TIME, VIEWS, Points, figures, inside, lit, within
 from workbench.app.parts import button, graph, labelled, panel
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
+from workbench.app.state import State as Work
 from workbench.report.case import Case
+from workbench.report.gallery import picture
 from workbench.report.sections.comparison import position_figure
-from workbench.report.words import number, opening
+from workbench.report.words import name, number, opening
 
 LINKED = "linked"
+GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region below: the same moments light up in the others."
 
 
@@ -58,6 +64,7 @@ def _views(session: Session, file: str, shown: int) -> list[Component]:
         ),
         html.Div(graph(drawn[TIME], html.B("Over time"), LINKED), className="panel"),
         _regions(points, shown),
+        _alike(session.state, points, shown),
         _flown(session.state.standing, session.find(file).recording),
     ]
 
@@ -84,6 +91,30 @@ def _regions(points: Points, shown: int) -> Component:
         for k, region in enumerate(regions)
     ]
     return panel("Where it fails", html.Ul(rows, className="regions-list"))
+
+
+def _alike(state: Work, points: Points, shown: int) -> Component:
+    """The rest, and what each effect leaves of a model that lacks it: the likeliest first, if somebody has looked."""
+    found = [one.effect for one in state.diagnosis.candidates] if state.diagnosis is not None else []
+    ranked = sorted(effects(), key=lambda id: found.index(id) if id in found else len(found))
+    *axes, _ = profiles(points.samples, points.residuals[shown][2], points.noise)
+    own = b64encode(picture("What is left here", axes).encode()).decode()
+    rows = [
+        html.Li([opening(name(id)), html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {name(id)} leaves")])
+        for id in ranked
+        if (GALLERY / f"{id}.svg").is_file()
+    ]
+    return panel(
+        "What it looks like",
+        html.P(
+            "The mean of what is left over angle, velocity, torque and time; in grey, what noise alone would give. "
+            "Below, the same where one effect is hidden in the paper's pendulum. Signs and sizes may differ.",
+            className="note",
+        ),
+        html.Ul([html.Li([html.Strong("Here"), html.Img(src=f"data:image/svg+xml;base64,{own}", alt="What is left")])]),
+        html.Details([html.Summary("Effects to compare it with"), html.Ul(rows)]),
+        className="gallery",
+    )
 
 
 def _points(session: Session, file: str) -> Points:
