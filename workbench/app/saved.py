@@ -137,6 +137,8 @@ def _climbs(base: Sequence[str | None], steps: Sequence[Step]) -> bool:
     known = list(base)
     for number, step in enumerate(steps):
         known += [step.added] if number else []
+        if any(0.0 in (errors.torque_rms, errors.position_rms) for errors in step.errors.values()):
+            return False  # of none, no share could be told
         if (step.added is None) != (number == 0) or _ids(step.model.terms) != known or set(step.errors) != PARTS:
             return False
     return True

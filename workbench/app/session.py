@@ -424,7 +424,7 @@ class Session:
         other = Session(folder)
         try:
             other._restore(folder / safe_name(name, SESSIONS), content)
-        except MISTAKES as mistake:
+        except (ValueError, OSError) as mistake:
             shutil.rmtree(folder)
             what = f"{safe_name(name, SESSIONS)}: "
             raise InputError(what + sentence(mistake).replace(f"{folder}/", "").removeprefix(what)) from None

@@ -135,6 +135,7 @@ def told(*path: str | int, to: object) -> Callable[[dict[str, bytes]], None]:
         (told("ladder", 0, "model", "terms", 0, to="os.system"), "unknown effect 'os.system'"),
         (told("ladder", 1, "added", to="cogging"), "do not follow from each other"),
         (told("ladder", 0, "errors", "train", "torque_rms", to="1"), "'ladder[0].errors.train.torque_rms' of the"),
+        (told("ladder", 1, "errors", "holdout", "position_rms", to=0), "do not follow from each other"),
         (told("diagnosis", "candidates", 0, "effect", to="<script>"), "is not one of its recordings"),
         (told("diagnosis", "candidates", 0, "verdict", to="sure"), "has to be one of selected, "),
         (told("diagnosis", to=None), "is not one of its recordings"),
