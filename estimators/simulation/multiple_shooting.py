@@ -77,7 +77,7 @@ def _linearise(every: Sequence[Shots], point: Point) -> Slopes:
     free = [_project(*move) for move in parts]
     steep = [np.linalg.norm(slopes, axis=1) for _, slopes in free]  # (B, P)
     limit = STEEP * np.median(np.concatenate(steep), axis=0)
-    steady = [np.minimum(1.0, limit / (own + 1e-300)).min(axis=1) for own in steep]
+    steady = [(limit / (np.maximum(own, limit) + 1e-300)).min(axis=1) for own in steep]
     weights = tuple(trust([np.sqrt(np.mean(error**2, axis=1)) for error, _, _ in parts]))
     root = [np.sqrt(w) * s for w, s in zip(weights, steady, strict=True)]
     counts = np.concatenate([np.full(len(error), error.shape[1]) for error, _, _ in parts])
