@@ -10,6 +10,7 @@ from dash.dependencies import MATCH
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
+from workbench.app import fleet
 from workbench.app.parts import PLOT, SPEC, aria, button
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
@@ -53,7 +54,7 @@ def index() -> str:
 </html>"""
 
 
-def page() -> Component:
+def page(has_fleet: bool) -> Component:
     """What every visitor gets; the rest follows from the session."""
     return html.Div(
         [
@@ -70,7 +71,7 @@ def page() -> Component:
                 html.Div(
                     [
                         html.Span(TITLE, className="brand"),
-                        html.Nav(navigation(STAGES[0]), id="nav", **aria(label="Stages")),
+                        html.Nav(navigation(STAGES[0], has_fleet), id="nav", **aria(label="Stages")),
                         html.Button("Theme", id="theme", type="button", title="Switch between light and dark"),
                     ],
                     className="inner",
@@ -90,9 +91,9 @@ def page() -> Component:
     )
 
 
-def navigation(here: Stage) -> list[Component]:
-    """Links to the stages."""
-    return [
+def navigation(here: Stage, has_fleet: bool) -> list[Component]:
+    """Links to the stages, and to the page of a fleet if there is one."""
+    stages: list[Component] = [
         html.A(
             stage.title,
             href=f"#{stage.id}",
@@ -101,6 +102,7 @@ def navigation(here: Stage) -> list[Component]:
         )
         for stage in STAGES
     ]
+    return [*stages, html.A("Fleet", href=fleet.PAGE, id="to-fleet")] if has_fleet else stages
 
 
 def story_so_far(state: Work, stage: Stage) -> list[Component]:
@@ -224,7 +226,7 @@ def _connect_page(bench: Bench) -> None:
             if ctx.triggered_id == "url":
                 session.notice = ""  # it was about another stage
             return (
-                navigation(stage),
+                navigation(stage, bench.survey is not None),
                 [*story_so_far(session.state, stage), *steps(session)],
                 session.notice,
                 html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),

@@ -19,7 +19,7 @@ from werkzeug.serving import WSGIRequestHandler, make_server
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.recording import Source, read_recording, write_recording
-from workbench.app import layout
+from workbench.app import fleet, layout
 from workbench.app.session import Sessions
 from workbench.app.stage import Bench
 from workbench.app.state import Loaded, State
@@ -38,12 +38,13 @@ POLICY = (  # nothing comes from elsewhere, and nothing goes there
 )
 
 
-def make_app(recordings: Sequence[Source] = (), rig: Path | None = None) -> Bench:
+def make_app(recordings: Sequence[Source] = (), rig: Path | None = None, survey: Path | None = None) -> Bench:
     """The app with its sessions and workers; close it in the end.
 
     Args:
         recordings: what every session begins with.
         rig: configuration of the rig that the live view may run; the page cannot name another.
+        survey: folder of a survey whose page is shown beside the stages; the page cannot name another.
     """
     app = Dash(
         "pendulum-ident",
@@ -58,9 +59,11 @@ def make_app(recordings: Sequence[Source] = (), rig: Path | None = None) -> Benc
         add_log_handler=False,
         on_error=_excuse,
     )
-    app.layout = layout.page()
-    bench = Bench(app, Sessions(recordings, rig))
+    app.layout = layout.page(survey is not None)
+    bench = Bench(app, Sessions(recordings, rig), survey=survey)
     layout.connect(bench)
+    if survey is not None:
+        fleet.serve(app.server, survey)
     _guard(app.server)
     return bench
 
@@ -94,7 +97,7 @@ def _guard(server: flask.Flask) -> None:
 
     @server.after_request
     def stay_here(response: flask.Response) -> flask.Response:
-        response.headers["Content-Security-Policy"] = POLICY
+        response.headers.add("Content-Security-Policy", POLICY)  # beside a stricter one: both hold
         response.headers["X-Content-Type-Options"] = "nosniff"
         response.headers["Referrer-Policy"] = "no-referrer"
         return response
@@ -119,7 +122,13 @@ class _Silent(WSGIRequestHandler):
 class Server:
     """The app behind a port of this computer: `serve`, then `close`."""
 
-    def __init__(self, port: int = 0, recordings: Sequence[Source] = (), rig: Path | None = None) -> None:
+    def __init__(
+        self,
+        port: int = 0,
+        recordings: Sequence[Source] = (),
+        rig: Path | None = None,
+        survey: Path | None = None,
+    ) -> None:
         """Bind the port, 0 being any that is free; the rest is as for `make_app`.
 
         Raises:
@@ -130,7 +139,7 @@ class Server:
         except OSError:
             raise InputError(f"port {port} is taken: name another with --port, or 0 for any that is free") from None
         with listening:
-            self.bench = make_app(recordings, rig)
+            self.bench = make_app(recordings, rig, survey)
             _warm_up()
             number = listening.getsockname()[1]
             self._server = make_server(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import dash
@@ -19,11 +20,12 @@ PATIENCE = 0.4  # [s] that an answer waits for a job, so that short ones need no
 
 @dataclass
 class Bench:
-    """What all callbacks share: the app, its sessions and its workers."""
+    """What all callbacks share: the app, its sessions, its workers, and the survey that it shows if there is one."""
 
     app: Dash
     sessions: Sessions = field(default_factory=Sessions)
     workers: Workers = field(default_factory=Workers)
+    survey: Path | None = None
 
     def close(self) -> None:
         """End everything."""

@@ -15,6 +15,7 @@ from pendulum_env.recording.record import ColumnError
 from workbench.inputs import KINDS, given, read_recordings, take_reading, whole
 from workbench.mistakes import InputError
 from workbench.processes import interrupts_wait
+from workbench.survey.cases import is_survey
 from workbench.terminal import Terminal
 
 PORT, HIGHEST = 8050, 65535
@@ -25,6 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recordings", metavar="RECORDING", nargs="*", help=f"{KINDS}; to begin with")
     take_reading(parser)
     parser.add_argument("--config", metavar="FILE", help="rig.toml of a rig, that the live view then offers, too")
+    parser.add_argument("--fleet", metavar="FOLDER", help="of a survey, whose page is then beside the stages")
     parser.add_argument("--port", type=_port, default=PORT, help=f"of this computer (default {PORT}); 0: any")
     parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
 
@@ -40,9 +42,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         except ColumnError as error:
             terminal.say(f"{error}: the browser asks what the columns mean")
     rig = None if arguments.config is None else _rig(arguments.config)
+    survey = None if arguments.fleet is None else _survey(arguments.fleet)
     from workbench.app.server import Server  # dash takes a while to import
 
-    server = Server(arguments.port, (*asked.fitted, *asked.held_out), rig)
+    server = Server(arguments.port, (*asked.fitted, *asked.held_out), rig, survey)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:
@@ -66,6 +69,13 @@ def _rig(name: str) -> Path:
         return load(name).path
     except ConfigError as error:
         raise InputError(str(error)) from None
+
+
+def _survey(name: str) -> Path:
+    """Folder of a survey, once it is known to be one."""
+    if not is_survey(Path(name)):
+        raise InputError(f"{name}: holds no survey: name what `survey` wrote with -o")
+    return Path(name)
 
 
 def _port(text: str) -> int:

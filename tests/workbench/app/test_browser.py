@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 from pendulum_env.physics import Model
 from pendulum_env.recording import write_recording
+from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import recorded
 from workbench.cli import main
 
@@ -48,8 +50,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
+    with served() as address:
+        yield address
+
+
+@contextmanager
+def served(*options: str) -> Iterator[str]:
     """A server of its own, started as a user starts it."""
-    command = [sys.executable, "-m", "workbench.cli", "app", "--port", "0", "--no-browser"]
+    command = [sys.executable, "-m", "workbench.cli", "app", "--port", "0", "--no-browser", *options]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}
     ) as server:
@@ -468,3 +476,36 @@ def test_no_stage_is_wider_than_the_window(
         tab.picture(f"{scheme}-{width}-{stage}")
     assert tab.page.evaluate("document.documentElement.dataset.theme") == scheme
     tab.close()
+
+
+def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser: "sync_api.Browser", tmp_path: Path) -> None:
+    survey = surveyed(tmp_path, weeks=4)
+    with served("--fleet", str(survey.folder)) as address:
+        tab = Tab(browser, address)
+        page = tab.page
+        page.click("#to-export")
+        page.click("#to-fleet")
+        page.wait_for_selector(".kicker:has-text('Survey of 4 recordings')")
+        assert tab.title() == "Stribeck friction is missing in 1"
+        page.click("nav a:has-text('Over time')")
+        page.wait_for_selector("#course-0 .main-svg")
+        tab.picture("fleet")
+        page.click("nav a:has-text('Cases')")
+        assert page.locator("#cases tbody tr").count() == 4
+        page.click("#cases tbody a")  # only the first week has a page of its own
+        page.wait_for_selector(".kicker:has-text('Diagnosis of 2026-03-02')")
+        assert tab.title() == "Stribeck friction is missing"
+        page.locator(".plot").first.scroll_into_view_if_needed()
+        page.wait_for_selector(".plot .main-svg")  # its scripts run, apart from the workbench
+        answer = page.evaluate(
+            'fetch("/_dash-update-component", {method: "POST", body: "{}"}).then(() => "came", () => "did not come")'
+        )
+        assert page.evaluate("origin") == "null" and answer == "did not come"
+        refused = [text for text in tab.complaints if "403" in text or "CORS" in text or "ERR_FAILED" in text]
+        assert refused and refused == tab.complaints
+        tab.complaints.clear()
+        page.go_back()
+        page.wait_for_selector("#cases tbody a")
+        page.click("#home")
+        page.wait_for_selector("#upload")
+        tab.close()

@@ -16,11 +16,11 @@ from workbench.report.section import Section
 from workbench.survey.fleet import Fleet
 
 
-def render(fleet: Fleet, folder: Path) -> str:
-    """HTML of the page, its links relative to the folder that it will be in."""
+def render(fleet: Fleet, folder: Path, home: str | None = None) -> str:
+    """HTML of the page, its links relative to the folder that it will be in; see `assemble`."""
     sections: tuple[Callable[[Fleet], Section | None], ...] = (summary, missing, courses, siblings)
     found = [section for make in sections if (section := make(fleet)) is not None]
-    return assemble([*found, cases(fleet, folder)], f"survey of {len(fleet.rows)} recordings")
+    return assemble([*found, cases(fleet, folder)], f"survey of {len(fleet.rows)} recordings", home)
 
 
 def write_fleet_report(path: str | Path, fleet: Fleet) -> None:
