@@ -1,7 +1,4 @@
-"""The form `sdf`: for Gazebo. Its own library has no package for pip, so that the few elements are written here.
-
-(`sdformat` on PyPI is another format, and `python-sdformat` ends with NumPy 1.)
-"""
+"""The form `sdf`: for Gazebo. Its own library has no package for pip, so that the few elements are written here."""
 
 from __future__ import annotations
 
