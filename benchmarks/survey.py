@@ -1,14 +1,12 @@
-"""Surveys of a simulated fleet: what is found, throughput, memory, overhead of a case, and going on after kill -9.
+"""Surveys that only read: what a case costs beside its diagnosis, and so how many workers one client feeds.
 
-A stub in the place of the diagnosis shows what the rest costs: reading and hashing files, Dask, and the dataset.
+That is reading and hashing files, Dask, and the dataset. What a survey finds is measured by `benchmarks.fleet`.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,7 +23,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.vector_env import DirectDrivePendulumVector
 from workbench.commands.survey import configure
-from workbench.survey import Case, Dataset, Findings, Fleet, Settings, Tally, find_cases, look, survey
+from workbench.survey import Case, Dataset, Findings, Settings, Tally, find_cases, survey
 from workbench.survey.cluster import connected
 from workbench.survey.work import content_hash
 from workbench.terminal import Terminal
@@ -33,9 +31,9 @@ from workbench.terminal import Terminal
 BEGAN = datetime(2026, 1, 5, tzinfo=UTC)
 NOISE = 0.01  # of the torque [N m]
 HIDDEN = 0.25  # Stribeck friction where it is missing [N m]
-DRIFT = 0.04  # of the Coulomb friction, in a week
+GROWTH = 0.2  # of the Coulomb friction where it drifts, over all weeks
 BATCH = 64  # recordings that are simulated together
-CLUSTER = 100  # workers that are asked about
+DIAGNOSIS = 1.5  # [s] of a core, of a recording of 10 s at 500 Hz
 
 
 @dataclass(frozen=True)
@@ -48,6 +46,7 @@ class Plan:
         drifting: joints whose Coulomb friction grows, the first ones.
         broken: joints in which Stribeck friction sets in half-way, the last ones.
         seconds: length of a recording.
+        growth: of the Coulomb friction that drifts, in a week, as a share.
     """
 
     joints: int
@@ -55,6 +54,7 @@ class Plan:
     drifting: int
     broken: int
     seconds: float = 10.0
+    growth: float = 0.0
 
     def label(self, joint: int) -> tuple[str, str]:
         """Robot and joint."""
@@ -64,19 +64,25 @@ class Plan:
         """Inertia, gravity, viscous, Coulomb and Stribeck friction (5,) of a joint in a week, and a day's scatter."""
         usual = np.array([0.0895, 2.01, 0.3638, 0.9163, HIDDEN])
         unit = np.random.default_rng(1000 + joint).normal(1.0, [0.01, 0.01, 0.03, 0.03, 0.0])  # no two are alike
-        day = rng.normal(1.0, [0.0, 0.0, 0.003, 0.003, 0.0])
-        theta: Array = usual * unit * day
+        today = rng.normal(1.0, [0.0, 0.0, 0.003, 0.003, 0.0])
+        theta: Array = usual * unit * today
         if joint < self.drifting:
-            theta[3] *= 1 + DRIFT * week
+            theta[3] *= 1 + self.growth * week
         if not (joint >= self.joints - self.broken and week >= self.weeks // 2):
             theta[4] = 0.0
         return theta
 
 
-def record(folder: Path, plan: Plan, rate: float = 500.0) -> None:
-    """Simulate the fleet and write a file for each joint and week."""
-    rng = np.random.default_rng(0)
-    everything = [(joint, week) for joint in range(plan.joints) for week in range(plan.weeks)]
+def day(week: int) -> datetime:
+    """When the joints are recorded in a week."""
+    return BEGAN + timedelta(weeks=week)
+
+
+def record(folder: Path, plan: Plan, rate: float = 500.0, everything: Sequence[tuple[int, int]] | None = None) -> None:
+    """Simulate the fleet and write a file for each joint and week, or for some."""
+    if everything is None:
+        everything = [(joint, week) for joint in range(plan.joints) for week in range(plan.weeks)]
+    rng = np.random.default_rng(len(everything))
     for start in range(0, len(everything), BATCH):
         part = everything[start : start + BATCH]
         plants = DirectDrivePendulumVector(len(part), effects=["stribeck"], torque_noise=NOISE, rate=rate)
@@ -87,7 +93,7 @@ def record(folder: Path, plan: Plan, rate: float = 500.0) -> None:
         shown = [plants.step(row[:, None].astype(np.float32))[-1] for row in torque]
         for k, (joint, week) in enumerate(part):
             robot, name = plan.label(joint)
-            path = folder / robot / name / f"{BEGAN + timedelta(weeks=week):%Y-%m-%d}.parquet"
+            path = folder / robot / name / f"{day(week):%Y-%m-%d}.parquet"
             path.parent.mkdir(parents=True, exist_ok=True)
             columns = {what: np.array([info[what][k] for info in shown]) for what in ("time", "position", "torque")}
             write_recording(Recording(path.stem, **columns), path)
@@ -140,38 +146,17 @@ def measured(
         return time.perf_counter() - begun, tally, meter
 
 
-def killed(folder: Path, out: Path, workers: int, after: float) -> tuple[int, int]:
-    """Rows that a survey has written when it is killed after some seconds, and workers that outlive it by five."""
-    command = [sys.executable, "-m", "workbench.cli", "survey", str(folder), "-o", str(out), "--workers", str(workers)]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 60
-    while not Dataset(out).parts and time.monotonic() < deadline and process.poll() is None:
-        time.sleep(0.1)
-    time.sleep(after)
-    children = psutil.Process(process.pid).children(recursive=True)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    _, alive = psutil.wait_procs(children, timeout=5)
-    return len(Dataset(out).rows(["name"])), len(alive)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--real", type=int, default=50, help="recordings that are diagnosed, 0 for none")
-    parser.add_argument("--stub", type=int, default=2000, help="recordings that are only read")
+    parser.add_argument("--stub", type=int, default=2000, help="recordings (default 2000)")
     parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args(argv)
-    terminal = Terminal()
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        overhead = _stubs(folder, arguments.stub, arguments.workers, terminal)
-        if arguments.real:
-            _real(folder, arguments.real, arguments.workers, overhead, terminal)
+        _stubs(Path(name), arguments.stub, arguments.workers, Terminal())
     return 0
 
 
-def _stubs(folder: Path, count: int, workers: int, terminal: Terminal) -> float:
-    """Time of a case in this process beside the diagnosis [s], which bounds how many workers it can feed."""
+def _stubs(folder: Path, count: int, workers: int, terminal: Terminal) -> None:
     distinct = min(count, 40)
     begun = time.perf_counter()
     record(folder / "few", Plan(distinct, 1, 0, 0))
@@ -200,49 +185,12 @@ def _stubs(folder: Path, count: int, workers: int, terminal: Terminal) -> float:
         ("throughput", f"{count / seconds:.0f} cases/s ({tally.done} done)"),
         ("hashed and read, each", f"{1e3 * read:.1f} ms"),
         ("client and scheduler, each", f"{1e3 * own:.2f} ms"),
+        (f"workers that one client can feed with {DIAGNOSIS:g} s each", f"{DIAGNOSIS / own:.0f}"),
         ("second run", f"{again:.2f} s ({unchanged.unchanged} known)"),
         ("dataset, each", f"{sum(p.stat().st_size for p in Dataset(folder / 'stubs').parts) / count:.0f} bytes"),
         ("most memory, client / worker", f"{meter.own:.0f} / {meter.worker:.0f} MB"),
     ]
     terminal.table(("what", "measured"), rows, left=("measured",))
-    return own
-
-
-def _real(folder: Path, count: int, workers: int, overhead: float, terminal: Terminal) -> None:
-    plan = Plan(max(5, count // 10), 10, drifting=1, broken=1)
-    record(folder / "fleet", plan)
-    cases = cases_of(folder / "fleet")
-    seconds, tally, meter = measured(cases, folder / "whole", workers, look, terminal)
-    rows, orphans = killed(folder / "fleet", folder / "killed", workers, after=0.25 * seconds)
-    _, resumed, _ = measured(cases, folder / "killed", workers, look, terminal)
-    compared = ("name", "status", "hash", "verdict", "selected", "parameters", "candidates", "diagnosis")
-    same = Dataset(folder / "whole").rows(compared) == Dataset(folder / "killed").rows(compared)
-    each = sum(row["seconds"] for row in Dataset(folder / "whole").rows(["seconds"])) / len(cases)
-    terminal.heading(f"{len(cases)} recordings of {plan.seconds:g} s that are diagnosed, {workers} workers")
-    table = [
-        ("throughput", f"{60 * len(cases) / seconds:.0f} cases a minute ({tally.done} done)"),
-        ("a case, in its worker", f"{each:.2f} s"),
-        ("workers busy", f"{each * len(cases) / seconds / workers:.0%}"),
-        ("most memory, client / worker", f"{meter.own:.0f} / {meter.worker:.0f} MB"),
-        ("written when killed", f"{rows} of {len(cases)}, {orphans} processes left behind"),
-        ("then gone on with", f"{resumed.done} done, {resumed.unchanged} known; result the same: {same}"),
-        ("workers that one client can feed", f"{each / overhead:.0f}"),
-        (f"10,000 cases with {CLUSTER} workers", f"{10_000 * max(each / CLUSTER, overhead) / 60:.1f} min"),
-    ]
-    terminal.table(("what", "measured"), table, left=("measured",))
-    fleet = Fleet.of(Dataset(folder / "whole"))
-    terminal.heading("Found")
-    terminal.say(f"hidden: Coulomb friction drifts in {'/'.join(plan.label(0))} by {100 * DRIFT:g} % a week, "
-                 f"Stribeck friction in {'/'.join(plan.label(plan.joints - 1))} from half-way")  # fmt: skip
-    for joint, series in fleet.drifting:
-        terminal.say(f"drifts: {joint.label} {series.parameter}")
-    for one in fleet.effects:
-        since = f" since {one.since:%Y-%m-%d}" if one.since else ""
-        terminal.say(f"missing: {one.joint.label} {one.effect} in {one.cases} of {one.of}{since}")
-    for odd in fleet.odd:
-        terminal.say(f"odd: {odd.joint.label} {odd.series.parameter}")
-    for shared in fleet.shared:
-        terminal.say(f"weak in each: {shared.group} {shared.effect} {shared.pooled.total:.3g} nats")
 
 
 if __name__ == "__main__":
