@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from io import FileIO
 from pathlib import Path
 from typing import BinaryIO
@@ -43,8 +45,9 @@ def write_whole(path: str | Path, content: str | bytes, *, private: bool = False
 def replacing(path: str | Path, *, private: bool = False) -> Iterator[BinaryIO]:
     """A file to write to, which takes its name only when all of it is on the disk.
 
-    Until then it lies beside its place under a hidden name, which goes away if anything is raised. Links are followed;
-    a device or pipe, such as /dev/null, is written to rather than replaced.
+    Until then it lies beside its place under a hidden name, which goes away if anything is raised. Links are followed,
+    but for one of the hidden name, which somebody else would have put there; a device or pipe, such as /dev/null, is
+    written to rather than replaced. A file that is replaced lets nobody read or write it who could not before.
 
     Raises:
         OSError: if it cannot be written; it names the file.
@@ -52,9 +55,12 @@ def replacing(path: str | Path, *, private: bool = False) -> Iterator[BinaryIO]:
     place = Path(os.path.realpath(path))
     special = place.exists() and not place.is_file()
     target = place if special else place.with_name(f".{place.name}.{os.getpid()}.part")
+    permissions = 0o600 if private else stat.S_IMODE(place.stat().st_mode) if place.is_file() else 0o666
     try:
+        if not special:
+            target.unlink(missing_ok=True)  # of a program that was killed, or a link
         try:
-            with open(target, "wb", opener=_private if private else None) as file:
+            with open(target, "wb" if special else "xb", opener=partial(os.open, mode=permissions)) as file:
                 yield file
                 file.flush()
                 synchronise(file)
@@ -66,10 +72,6 @@ def replacing(path: str | Path, *, private: bool = False) -> Iterator[BinaryIO]:
                     target.unlink(missing_ok=True)
     except OSError as error:
         raise OSError(error.errno, error.strerror or " ".join(str(error).split()), str(path)) from error
-
-
-def _private(path: str, flags: int) -> int:
-    return os.open(path, flags, 0o600)
 
 
 def synchronise(file: BinaryIO | FileIO) -> None:

@@ -103,15 +103,15 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         return {**self.__dict__, "_file": None, "_rows": [], "_copied": True}
 
     def _open(self) -> None:
-        self._episode += 1
-        while self._copied and self.file_of(self._episode).exists():
-            self._episode += 1
-        path = self.file_of(self._episode)
+        episode = self._episode + 1
+        while self._copied and self.file_of(episode).exists():
+            episode += 1
+        path = self.file_of(episode)
         try:
             self._file = FileIO(path, "wb" if self._overwrite else "xb")
         except FileExistsError:
-            self._episode -= 1
             raise FileExistsError(f"{path}: exists already: choose another name, or pass overwrite=True") from None
+        self._episode = episode
         columns: tuple[str, ...] = COLUMNS
         if self._joints is not None:
             columns = ("time", *(f"{quantity}_{joint}" for quantity in COLUMNS[1:] for joint in self._joints))

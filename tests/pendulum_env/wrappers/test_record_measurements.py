@@ -60,6 +60,17 @@ def test_each_episode_has_its_file_and_none_is_replaced(tmp_path):
     assert len(read_recording(tmp_path / "run.csv")) == 1100
 
 
+def test_a_file_that_could_not_be_opened_is_not_counted(tmp_path):
+    env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv", overwrite=True)
+    (tmp_path / "run.csv").mkdir()
+    with pytest.raises(IsADirectoryError):
+        rollout(env, POLICY, 10)
+    (tmp_path / "run.csv").rmdir()
+    rollout(env, POLICY, 1200)
+    env.close()
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+
+
 def test_a_copy_writes_a_file_of_its_own(tmp_path):
     env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv")
     rollout(env, POLICY, 1200)
