@@ -22,6 +22,8 @@ SHORTEST = 0.2  # [s]; a shorter segment holds no window of an estimator
 FEWEST = 10  # samples of a segment
 NAMED = 5  # places, as many as a note names
 NEGLIGIBLE = 1e-4  # of a step: at 1 kHz and 10 rad/s this moves position by 1e-6 rad
+FINER = 10  # times the samples that there are, at most, on uniform time
+SMALL = 1_000_000  # samples that are always made
 BLOCK = 1 << 18  # samples interpolated at a time
 MARGIN = 32  # samples on either side of a block; a cubic spline forgets by 0.27 per sample
 
@@ -132,6 +134,9 @@ def uniform(values: dict[str, Array], starts: Starts = (0,)) -> tuple[dict[str, 
     its printed digits, leaves the signals as they are. Else position and velocity are interpolated by cubic splines,
     and torque, held from sample to sample, becomes its mean over each new step: the impulse it gives is kept, and
     jitter never shifts it by a whole sample.
+
+    Raises:
+        RecordingError: if uniform time had many more samples than there are.
     """
     if is_uniform(values["time"], starts):
         return values, starts, ()
@@ -157,6 +162,7 @@ def uniform(values: dict[str, Array], starts: Starts = (0,)) -> tuple[dict[str, 
         return values | {"time": np.concatenate(grids)}, starts, (*filling, note)
     if slow.any():
         period = float(np.mean(steps[~slow]))
+    _refuse_finer(sum(float(part["time"][-1] - part["time"][0]) for part in parts) / period, len(time), period)
     note = (
         f"resampled to {1 / period:.6g} Hz: steps were {1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms "
         f"(standard deviation {1e3 * steps.std():.2g} ms)"
@@ -164,6 +170,15 @@ def uniform(values: dict[str, Array], starts: Starts = (0,)) -> tuple[dict[str, 
     if slow.any():
         note += f", {np.count_nonzero(slow)} of them over {LONG:g} times the usual"
     return *_joined([_resampled(part, period) for part in parts]), (*filling, note)
+
+
+def _refuse_finer(count: float, known: int, period: float) -> None:
+    """Refuse what would fill the memory with samples that nobody measured."""
+    if count > max(FINER * known, SMALL):
+        raise RecordingError(
+            f"time has steps of {period:.3g} s, but others so long that {known} samples would become {count:.3g} "
+            "on uniform time: check the column of time and its unit, or cut the recording there"
+        )
 
 
 def _joined(parts: Sequence[dict[str, Array]]) -> tuple[dict[str, Array], Starts]:
@@ -180,6 +195,7 @@ def _filled(parts: Sequence[dict[str, Array]], usual: float) -> tuple[list[dict[
     full, places = [], []
     for part in parts:
         missing = _lost(part["time"], usual)
+        _refuse_finer(float(missing.sum()), len(missing), usual)
         places.append(part["time"][:-1][missing > 0] - parts[0]["time"][0])
         full.append(_with_lost(part, missing) if missing.any() else part)
     count = sum(len(one["time"]) for one in full) - sum(len(part["time"]) for part in parts)

@@ -214,6 +214,16 @@ def test_numbers_that_nothing_measures_are_refused_with_their_row(
     assert "run.csv" in refused([*command, "run.csv"], reason, capsys)
 
 
+def test_time_that_would_become_billions_of_samples_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    time = np.concatenate([np.arange(400) * 1e-7, 1.0 + 10.0 * np.arange(50)])
+    rows = np.column_stack([time, np.sin(time), np.cos(time)])
+    np.savetxt("run.csv", rows, "%.15g", delimiter=",", header="time,position,torque", comments="")
+    assert "run.csv" in refused(["identify", "run.csv"], "450 samples would become 4.91e+09 on uniform time", capsys)
+
+
 def test_the_largest_numbers_that_are_taken_give_no_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
