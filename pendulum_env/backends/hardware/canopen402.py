@@ -73,7 +73,7 @@ class Canopen402:
         options = {"sleep_after_open": 0.0} if link.interface == "slcan" else {}
         try:
             network.connect(interface=link.interface, channel=link.channel, bitrate=link.bitrate, **options)
-        except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
+        except Exception as error:  # each kind of bus has a driver of its own, which raises what it likes
             raise DriveError(
                 f"the CAN bus {link.interface} {link.channel} cannot be opened ({error}): check canopen402.interface "
                 "and channel"

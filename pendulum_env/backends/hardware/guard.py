@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import time
 from collections import deque
 from datetime import datetime
@@ -250,7 +251,7 @@ class Guard:
         log.log(level, what)
         if self.config.log is not None:
             try:
-                with self.config.log.open("a", encoding="utf-8") as file:
+                with open(self.config.log, "a", encoding="utf-8", opener=_at_once) as file:
                     file.write(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {what}\n")
             except (OSError, ValueError) as error:  # ValueError: a name that is no Unicode, in an error's text
                 log.warning("%s: %s", self.config.log, error)  # a full disk must not keep the torque on
@@ -352,3 +353,9 @@ class Guard:
         except Exception as error:
             return [error]
         return []
+
+
+def _at_once(path: str, flags: int) -> int:
+    return os.open(
+        path, flags | getattr(os, "O_NONBLOCK", 0), 0o666
+    )  # a pipe that nobody reads would keep the torque on

@@ -58,6 +58,15 @@ def test_the_drives_rated_torque_is_the_one_that_torque_is_scaled_by(emulated):
         opened(emulated, "canopen402", canopen402={"rated_torque": 5.0})
 
 
+def test_whatever_the_driver_of_a_bus_raises_is_told_with_its_key(tmp_path):
+    pytest.importorskip("canopen")
+    (tmp_path / "rig.toml").write_text(
+        'adapter = "canopen402"\n[canopen402]\ninterface = "socketcand"\nchannel = "can0"\n'
+    )
+    with pytest.raises(DriveError, match=r"cannot be opened \(.*missing 2 .*\): check canopen402.interface"):
+        make_drive(load(tmp_path / "rig.toml")).open()
+
+
 def test_a_voltage_that_reaches_less_torque_says_so(emulated):
     """10 V are 15 N m here, and 5 N m at the scale in the file: more than these cannot be sent."""
     _, drive = opened(emulated, "nidaq", nidaq={"newton_metres_per_volt": 0.5, "volts_offset": 1.0})

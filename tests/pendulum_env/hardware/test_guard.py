@@ -1,6 +1,7 @@
 """Each limit of the guard, on a drive that does as it is told, in a time that passes as it is told."""
 
 import math
+import os
 from dataclasses import replace
 
 import pytest
@@ -112,6 +113,17 @@ def faulty(guard, match):
             guard.enable()
     assert not drive.powered
     assert drive.sent[-1] == 0.0
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of Unix")
+def test_a_log_that_nobody_reads_does_not_keep_the_torque_on(make, tmp_path):
+    guard, drive = make()
+    os.mkfifo(tmp_path / "rig.log")
+    guard.config = replace(guard.config, log=tmp_path / "rig.log")
+    drive.fault = "over-temperature"
+    with pytest.raises(Fault, match="over-temperature"):
+        guard.read()
+    faulty(guard, "over-temperature")
 
 
 @pytest.mark.parametrize("torque", [math.nan, math.inf, -math.inf])
