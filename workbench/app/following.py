@@ -89,18 +89,15 @@ class Follower:
         elif verdict.kind == "structure":
             self._events.append(Event(self._time, "structure changed", alarm=True))
 
-    def add(self) -> None:
-        """Take the likeliest missing effect into the model.
+    def add(self, effect: str) -> None:
+        """Take an effect into the model.
 
         Raises:
-            ValueError: if nothing is missing, or it cannot be added.
+            ValueError: if there is none of that id, or it cannot be added.
         """
         with self._lock:
-            said = self._diagnoser.said
-            if not said.group:
-                raise ValueError("nothing is missing that could be added: wait for an alarm")
-            self._diagnoser.add(said.group[0])
-            self._events.append(Event(self._time, f"added: {name(said.group[0])}", alarm=False))
+            self._diagnoser.add(effect)
+            self._events.append(Event(self._time, f"added: {name(effect)}", alarm=False))
             self._renew()
 
     def undo(self) -> None:

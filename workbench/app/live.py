@@ -238,6 +238,11 @@ class Apart:
         finally:
             self._end()
 
+    def halt(self) -> None:
+        """Tell the motor to stop at once: what was measured may still be looked at when it is to."""
+        with suppress(OSError):  # it has ended
+            self._connection.send(None)
+
     def _end(self) -> None:
         """See to it that the process ends, whatever has happened here: it drives a motor."""
         with suppress(OSError):
@@ -289,6 +294,8 @@ class Run:
     def stop(self) -> None:
         """End the run; the joint is without torque when this returns."""
         self._stop.set()
+        if isinstance(self._loop, Apart):
+            self._loop.halt()
         if self._thread.is_alive():
             self._thread.join()
 

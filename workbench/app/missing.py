@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from dash import Input, Output, html
+from dash import Input, Output, State, html
 from dash.development.base_component import Component
 
 from estimators.online import Standing
-from workbench.app.following import Event, Following
+from workbench.app.following import Event, Follower, Following
 from workbench.app.parts import button
 from workbench.app.session import Session
 from workbench.app.stage import Bench
@@ -26,6 +26,7 @@ OUTPUTS = (
     Output("live-verdict", "children"),
     Output("live-bars", "children"),
     Output("live-add", "children"),
+    Output("live-add", "value"),
     Output("live-add", "disabled"),
     Output("live-undo", "disabled"),
 )
@@ -46,20 +47,23 @@ def view(plot: Callable[[str, int], Component]) -> list[Component]:
 def connect(bench: Bench) -> None:
     """Wire the buttons."""
 
-    @bench.on(Input("live-add", "n_clicks"))
-    def add(session: Session, _: int) -> None:
-        _change(session, "add")
+    @bench.on(Input("live-add", "n_clicks"), given=(State("live-add", "value"),))
+    def add(session: Session, _: int, shown: object) -> None:
+        """The effect that the button named: another may lead by now."""
+        if not isinstance(shown, str) or not shown:
+            raise InputError("nothing is missing that could be added: wait for an alarm")
+        _change(session, lambda follower: follower.add(shown))
 
     @bench.on(Input("live-undo", "n_clicks"))
     def undo(session: Session, _: int) -> None:
-        _change(session, "undo")
+        _change(session, Follower.undo)
 
 
-def _change(session: Session, what: str) -> None:
+def _change(session: Session, do: Callable[[Follower], None]) -> None:
     if session.run is None:
         raise InputError("nothing runs: start a run first")
     try:
-        getattr(session.run.follower, what)()
+        do(session.run.follower)
     except ValueError as error:
         raise InputError(str(error)) from None
 
@@ -67,8 +71,9 @@ def _change(session: Session, what: str) -> None:
 def told(now: Following, running: bool) -> tuple[Any, ...]:
     """What `OUTPUTS` show."""
     said, free = now.said, bool(now.said.group)
-    label = f"Add {name(said.group[0])}" if free else "Add it"
-    return _verdict(now), _bars(now), label, not (running and free), not (running and said.added)
+    leader = said.group[0] if free else ""
+    label = f"Add {name(leader)}" if free else "Add it"
+    return _verdict(now), _bars(now), label, leader, not (running and free), not (running and said.added)
 
 
 def _verdict(now: Following) -> str:

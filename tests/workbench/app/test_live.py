@@ -3,7 +3,7 @@
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 from time import monotonic
 
 import numpy as np
@@ -12,6 +12,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from pendulum_env.backends.hardware.adapters import need
 from pendulum_env.recording import write_recording
+from pendulum_env.words import name
 from tests.pendulum_env.rigs import EmulatedRig, Host
 from tests.workbench.app.plants import recorded
 from workbench.app import live, missing
@@ -154,6 +155,27 @@ def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done
     assert len(torque) > 0.2 * run.rate and 3.0 < np.abs(torque).max() < 4.1
 
 
+def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: EmulatedRig, sessions: Sessions) -> None:
+    session, looking, looked = sessions.of(ID), Event(), Event()
+    run = driving(session)
+
+    def long(rows: object) -> None:
+        looking.set()
+        looked.wait(30.0)
+
+    run.follower.take = long  # type: ignore[method-assign]
+    assert looking.wait(30.0)
+    stopping = Thread(target=session.halt)
+    stopping.start()
+    try:
+        wait_until(lambda: is_off(rig))
+        assert not looked.is_set()
+    finally:
+        looked.set()
+        stopping.join()
+    assert not run.running
+
+
 def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
     rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -213,15 +235,19 @@ def followed(run: Run, seconds: float, first: float = 0.0) -> None:
 
 def test_what_is_missing_is_alarmed_about_added_and_taken_out() -> None:
     run = Run(Setup("pymunk", "paper", None, (), 10.0, 1))
-    with pytest.raises(ValueError, match="nothing is missing"):
-        run.follower.add()
+    with pytest.raises(ValueError, match="has not been tried yet"):
+        run.follower.add("torque_offset")
     followed(run, 8.0)
     now = run.follower.look()
     assert now.said.kind == "missing" and "torque_offset" in now.said.group
     assert now.events[0].alarm and now.course[-1][1] > now.said.threshold
-    run.follower.add()
-    assert run.follower.look().said.added[0] in now.said.group
-    verdict, _, _, no_add, no_undo = missing.told(run.follower.look(), True)
+    with pytest.raises(ValueError, match="effect that is run"):
+        run.follower.add("<script>")
+    leader, other = now.said.group[0], next(one.effect for one in now.said.ranking if one.effect != now.said.group[0])
+    assert missing.told(now, True)[2:4] == (f"Add {name(leader)}", leader)
+    run.follower.add(other)  # what the page has shown before another led
+    assert run.follower.look().said.added == (other,)
+    verdict, _, _, _, no_add, no_undo = missing.told(run.follower.look(), True)
     assert "base + " in verdict and no_add and not no_undo
     run.follower.undo()
     assert run.follower.look().said.added == ()
