@@ -161,7 +161,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
 
     def long(rows: object) -> None:
         looking.set()
-        looked.wait(30.0)
+        looked.wait()
 
     run.follower.take = long  # type: ignore[method-assign]
     assert looking.wait(30.0)
