@@ -254,8 +254,8 @@ def _bound(text: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if math.isnan(value):
-        raise InputError(f"{shown(text)} should be a number")
+    if not (abs(value) <= LARGE or math.isinf(value)):
+        raise InputError(f"{shown(text)} should be a number from {-LARGE:g} to {LARGE:g}, or left out")
     return value
 
 

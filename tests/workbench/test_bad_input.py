@@ -119,6 +119,8 @@ OPTIONS = [
     (["record", "--theta", "inertia=1e308", "-o", "x.csv"], "inertia of a plant cannot be 1e+308"),
     (["record", "--effect", "stribeck=1e308", "-o", "x.csv"], "stribeck of stribeck cannot be 1e+308"),
     (["record", "--effect", "x" * 100_000, "-o", "x.csv"], "unknown effect 'xxx"),
+    (["identify", "run.csv", "--bound", "inertia=1e308:"], "'1e308' should be a number from -1e+09 to 1e+09"),
+    (["identify", "run.csv", "--fix", "gravity=nan"], "'nan' should be a number from -1e+09 to 1e+09"),
 ]
 FILES = [
     *((["compare", "model.json", "run.csv"], "model.json", *case) for case in MODELS),
