@@ -11,11 +11,9 @@ alike, holds for the angles that were read as they are, without a derivative:
     I int w q'' = int w tau - mgl int w sin q - b int w q' - fc int w sgn q'
 
 Each parameter is known within a range only, dry friction at rest holds with anything up to fc, a command takes up to
-`delay` to act, readings are uncertain by the time they took, and `slack` stands for all that is not in the law. So
-every span gives two inequalities, linear in the parameters. If one holds nowhere in the ranges, no arm of these has
-moved so: the encoder or the drive is at fault, or somebody pushes. If one holds in a part of them, it narrows the
-ranges to that part, since the arm stays the same: half of the counts may be those of an arm of twice the inertia, but
-not of the arm that was there before. Short spans catch jumps at once, long ones what slack hides.
+`delay` to act, readings are uncertain by the time they took, and `slack` stands for all that is not in the law. What
+lies outside of all of that, over any of a few spans, no arm in these ranges has done: the encoder or the drive is at
+fault, or somebody pushes. Short spans catch jumps at once, long ones what slack hides.
 """
 
 from __future__ import annotations
@@ -34,7 +32,6 @@ FIRM = 4.0  # standard deviations of a reading's time that count
 CLOCK = 5e-5  # [s] by which any reading's time may be wrong
 SLOW = 0.02  # [rad/s], below which the arm may as well stick
 GAIN = 0.15  # share of a torque by which the motor's may differ
-FORGOTTEN = 10.0  # [s] in which ranges are back at what was known before, but for 1/e: friction follows the temperature
 
 
 class Mark(NamedTuple):
@@ -52,18 +49,16 @@ class Mark(NamedTuple):
 
 
 class Plausible:
-    """Keeps the readings of the last half second, and what those before have told of the arm."""
+    """Keeps the readings of the last half second."""
 
     def __init__(self, plant: Plant, step: float, noise: float) -> None:
         """Take the ranges, the angle of a count [rad], and the uncertainty of a reading's time [s]."""
         self._step, self._noise = abs(step), FIRM * noise + CLOCK
         share = plant.share
-        self._known = (
-            _around(plant.inertia, share, share),
-            _around(plant.gravity, share, share),
-            _around(plant.viscous, 4 * share, 3 * share),  # it follows the temperature, and air adds to it
-            _around(plant.coulomb, 2 * share, share),
-        )
+        self._inertia = _around(plant.inertia, share, share)
+        self._gravity = _around(plant.gravity, share, share)
+        self._viscous = _around(plant.viscous, 4 * share, 3 * share)  # it follows the temperature, and air adds to it
+        self._coulomb = _around(plant.coulomb, 2 * share, share)
         self._slack, self._delay = plant.slack, plant.delay
         self.reset()
 
@@ -74,7 +69,6 @@ class Plausible:
         self._slopes = [0.0] * 6  # first integrals, of all but the angle
         self._torques = [(-math.inf, 0.0, 0.0)]  # after which reading, and between what
         self._direction, self._start, self._wrong = 0, 0.0, 0
-        self.ranges = list(self._known)  # of the parameters, as narrow as this run has made them
 
     def commanded(self, torque: float) -> None:
         """A torque [N m] was sent after the last reading."""
@@ -102,15 +96,11 @@ class Plausible:
         if passed <= 0:
             return ""
         self._extend(time, position, passed, took)
-        before = self.ranges
-        self._forget(passed)
         found = ""
         for span in SPANS:
             if found := self._impossible(span):
                 break
         self._wrong = self._wrong + 1 if found else 0
-        if found:  # it teaches nothing
-            self.ranges = before
         if len(self._times) > 2 * BATCH and self._times[BATCH] < time - KEPT:
             del self._times[:BATCH], self._marks[:BATCH]
         return found if self._wrong >= SURE else ""
@@ -167,39 +157,27 @@ class Plausible:
             for first, second, third in zip(marks[begin], marks[middle], marks[-1], strict=True)
         )  # change of velocity [rad/s], impulses [N m s], and per unit of a parameter [s]
         doubt = marks[-1].doubt * after + marks[middle].doubt * both + marks[begin].doubt * before
-        dry, slack = forward - backward, self._slack * 0.5 * (end - times[begin])
-        # sum of factor times parameter <= most: the torque gave no less than this motion takes, and no more
-        laws = (
-            ((change - doubt, of_gravity, of_speed, dry - unsure), most + slack),
-            ((-change - doubt, -of_gravity, -of_speed, -dry - unsure), slack - least),
+        gravity, viscous = _range(self._gravity, of_gravity), _range(self._viscous, of_speed)
+        held = self._coulomb[1] * unsure
+        dry = (
+            self._coulomb[0] * forward - self._coulomb[1] * backward - held,
+            self._coulomb[1] * forward - self._coulomb[0] * backward + held,
         )
-        if all(self._narrowed(factors, most) for factors, most in laws):
+        slack = self._slack * 0.5 * (end - times[begin])
+        low = least - gravity[1] - viscous[1] - dry[1] - slack  # [N m s]
+        high = most - gravity[0] - viscous[0] - dry[0] + slack
+        slowest, fastest = change - doubt, change + doubt
+        light, heavy = self._inertia
+        if low <= max(fastest * light, fastest * heavy) and min(slowest * light, slowest * heavy) <= high:
             return ""
         return f"its speed changed by {change:.2g} rad/s within {1e3 / after:.0f} ms"
-
-    def _narrowed(self, factors: tuple[float, ...], most: float) -> bool:
-        """Whether factors times parameters sum to `most` at most anywhere in the ranges, which narrow to that part."""
-        ranges = self.ranges
-        room = most - sum(
-            factor * (low if factor > 0 else high) for factor, (low, high) in zip(factors, ranges, strict=True)
-        )
-        if room < 0:
-            return False
-        for k, (factor, (low, high)) in enumerate(zip(factors, ranges, strict=True)):
-            if factor * (high - low) > room:
-                ranges[k] = (low, low + room / factor)
-            elif factor * (low - high) > room:
-                ranges[k] = (high + room / factor, high)
-        return True
-
-    def _forget(self, passed: float) -> None:
-        """Widen the ranges towards what was known before, by a time that passed [s]."""
-        share = min(1.0, passed / FORGOTTEN)
-        self.ranges = [
-            (low + share * (least - low), high + share * (most - high))
-            for (low, high), (least, most) in zip(self.ranges, self._known, strict=True)
-        ]
 
 
 def _around(value: float, less: float, more: float) -> tuple[float, float]:
     return value / (1.0 + less), value * (1.0 + more)
+
+
+def _range(known: tuple[float, float], factor: float) -> tuple[float, float]:
+    """Of a parameter within a range, times a factor of any sign."""
+    one, other = known[0] * factor, known[1] * factor
+    return (one, other) if factor >= 0 else (other, one)

@@ -94,39 +94,6 @@ def test_an_encoder_that_tells_something_else_is_seen_soon(how, rate):
         assert start / rate <= at < start / rate + SOON
 
 
-def test_what_the_arm_has_shown_before_tells_half_the_counts_from_an_arm_of_twice_the_inertia():
-    """An arm that has moved before they began is known; one that has not may be any in the ranges."""
-    ((command, position, _),) = runs(250.0, names=("steps",), amplitudes=(3.5,))
-    begin = round(BEGIN * 250)
-    told = position[begin] + 0.5 * (position[begin:] - position[begin])
-    assert BEGIN <= stopped([*position[:begin], *told], command, 250.0) < BEGIN + SOON
-    assert stopped(told, command[begin:], 250.0) > SOON
-
-
-@pytest.mark.parametrize("effect", ["friction_drift", "payload_change", "periodic_disturbance"])
-def test_an_arm_that_changes_within_its_slack_is_let_pass(effect):
-    for command, position, _ in runs(250.0, names=("prbs", "paper"), amplitudes=(3.5, 6.0), effect=effect):
-        assert stopped(position, command, 250.0) == math.inf
-
-
-def test_what_was_learnt_is_forgotten_and_what_cannot_be_teaches_nothing():
-    ((command, position, _),) = runs(250.0, names=("prbs",), amplitudes=(6.0,))
-    watch = Plausible(ROUGH, STEP, 5e-5)
-    before = watch.ranges
-    watch.measured(0.0, float(position[0]))
-    for k, torque in enumerate(command.tolist()):
-        watch.commanded(torque)
-        watch.measured((k + 1) / 250.0, float(position[k + 1]))
-    learnt, end = watch.ranges, len(command) / 250.0
-    assert all(low <= a <= b <= high for (a, b), (low, high) in zip(learnt, before, strict=True))
-    (low, high), (least, most) = learnt[0], before[0]
-    assert high - low < 0.8 * (most - least) and low <= paper_plant().theta[0] <= high
-    watch.measured(end + 0.004, float(position[-1]) + 1.0)
-    assert watch.ranges == learnt
-    watch.measured(end + 1000.0, float(position[-1]))
-    np.testing.assert_allclose(watch.ranges, before)
-
-
 def test_half_the_counts_are_seen_when_they_begin_in_fast_motion():
     """From rest on, they are those of an arm of twice the inertia, which shows with a smaller `share`."""
     for command, position, velocity in runs(500.0, names=("prbs", "paper"), amplitudes=(6.0,)):
