@@ -15,6 +15,7 @@ from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive
 from pendulum_env.lookup import find
 from pendulum_env.rendering import MODES, Renderer
+from pendulum_env.words import listing
 
 RESET_OPTIONS = dict.fromkeys(("position", "velocity"))
 
@@ -76,6 +77,10 @@ class PlanarArm(gym.Env[Observation, Action]):
             find("render_mode", render_mode, dict.fromkeys(MODES))
         self.links = tuple(links)
         self.joints = joint_names(len(links)) if joints is None else tuple(joints)
+        if len(set(self.joints)) != len(self.links):
+            raise ValueError(
+                f"an arm of {len(self.links)} links needs as many joints of different names, not {listing(self.joints)}"
+            )
         self.sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
         hidden = [effects] if isinstance(effects, str) else list(effects)
         self.models = joint_models(self.links, self.joints, hidden)

@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pymunk
@@ -208,7 +209,7 @@ def urdf(links: Sequence[Link], names: Sequence[str], name: str = "planar-arm") 
             f'<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i / 10}"/></inertial></link>'
         )
         joints.append(
-            f'<joint name="{joint}" type="continuous"><parent link="{parent}"/><child link="link{k + 1}"/>'
+            f'<joint name={quoteattr(joint)} type="continuous"><parent link="{parent}"/><child link="link{k + 1}"/>'
             f'<origin xyz="{place}"/><axis xyz="0 -1 0"/>'
             f'<dynamics damping="{link.viscous}" friction="{link.coulomb}"/></joint>'
         )

@@ -35,28 +35,29 @@ def settings(request, tmp_path):
 
 
 def test_an_environment_keeps_its_contract(settings, tmp_path):
-    env = RecordMeasurements(gym.make(PENDULUM, **settings), tmp_path / "run.csv")
-    rate = env.unwrapped.rate
-    for episode in (1, 2):
-        observation, info = env.reset(seed=episode)
-        assert env.observation_space.contains(observation)
-        assert (info["time"], info["torque"]) == (0.0, 0.0)
-        start, spent = info["position"], 0.0
-        for k in range(1, int(1.02 * rate)):
-            before = info
-            observation, reward, terminated, truncated, info = env.step(PUSH)
-            assert (reward, terminated, truncated) == (0.0, False, False), info.get("fault")
+    with RecordMeasurements(gym.make(PENDULUM, **settings), tmp_path / "run.csv") as env:
+        rate = env.unwrapped.rate
+        for episode in (1, 2):
+            observation, info = env.reset(seed=episode)
             assert env.observation_space.contains(observation)
-            assert info["time"] == pytest.approx(k / rate, abs=1e-9)
-            assert info["velocity"] == pytest.approx((info["position"] - before["position"]) * rate, abs=1e-6)
-            np.testing.assert_allclose(observation[:2], [np.cos(info["position"]), np.sin(info["position"])], atol=1e-6)
-            spent += info["torque"] / rate
-        if info["follows"]:
-            assert 0.05 < info["position"] - start < 3.0  # the way it was pushed, also where the counter rolls over
-            assert info["torque"] == pytest.approx(2.0, abs=0.01)
-            assert spent == pytest.approx(2.0 * info["time"], rel=0.1)  # what came late is accounted for
-    env.close()
-    env.close()
+            assert (info["time"], info["torque"]) == (0.0, 0.0)
+            start, spent = info["position"], 0.0
+            for k in range(1, int(1.02 * rate)):
+                before = info
+                observation, reward, terminated, truncated, info = env.step(PUSH)
+                assert (reward, terminated, truncated) == (0.0, False, False), info.get("fault")
+                assert env.observation_space.contains(observation)
+                assert info["time"] == pytest.approx(k / rate, abs=1e-9)
+                assert info["velocity"] == pytest.approx((info["position"] - before["position"]) * rate, abs=1e-6)
+                np.testing.assert_allclose(
+                    observation[:2], [np.cos(info["position"]), np.sin(info["position"])], atol=1e-6
+                )
+                spent += info["torque"] / rate
+            if info["follows"]:
+                assert 0.05 < info["position"] - start < 3.0  # the way it was pushed, also where the counter rolls over
+                assert info["torque"] == pytest.approx(2.0, abs=0.01)
+                assert spent == pytest.approx(2.0 * info["time"], rel=0.1)  # what came late is accounted for
+    env.close()  # once more
     for name in ("run.csv", "run-2.csv"):
         assert read_recording(tmp_path / name).rate == pytest.approx(rate)
 

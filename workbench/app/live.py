@@ -224,8 +224,8 @@ class Apart:
         try:
             while True:
                 if until is None and not goes_on():
-                    self._connection.send(None)
                     until = time.monotonic() + GRACE
+                    self.halt()
                 if until is not None and time.monotonic() > until:
                     self._process.terminate()  # the rig takes the torque away before it ends
                 if self._connection.poll(SLICE):
@@ -240,7 +240,7 @@ class Apart:
 
     def halt(self) -> None:
         """Tell the motor to stop at once: what was measured may still be looked at when it is to."""
-        with suppress(OSError):  # it has ended
+        with suppress(OSError):  # it has ended, and what it has sent is still to be received
             self._connection.send(None)
 
     def _end(self) -> None:

@@ -65,15 +65,14 @@ class Session:
 
     @state.setter
     def state(self, state: State) -> None:
+        if state is self._state:
+            return
         if self._changed != self.version:  # all that one click changes is undone at once
             self._past.append(self._state)
             self._changed = self.version
         self._state = state
-        held = {id(one.recording): len(one.recording) for past in self._past for one in past.loaded}
-        while len(self._past) > MOST_UNDONE or sum(held.values()) > MOST_SAMPLES:
-            gone = self._past.popleft()
-            held = {id(one.recording): len(one.recording) for past in self._past for one in past.loaded}
-            self._sweep(gone)
+        while len(self._past) > MOST_UNDONE or sum(past.samples for past in self._past) > MOST_SAMPLES:
+            self._sweep(self._past.popleft())  # each state has made something of its own of its samples
 
     @property
     def last_change(self) -> str:
@@ -431,7 +430,7 @@ class Session:
         old, self.folder = self.folder, folder
         self._state, self.cards, self.tried = other.state, (), other.state.asked
         self._past.clear()
-        shutil.rmtree(old)
+        shutil.rmtree(old, ignore_errors=True)  # somebody may have cleaned up
 
     def _restore(self, file: Path, content: str) -> None:
         """Become what an uploaded file holds, in an empty folder."""

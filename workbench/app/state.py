@@ -152,10 +152,14 @@ class State:
 
     def aligned(self, is_aligned: bool) -> State:
         """Begin anew with torque that was logged late or filtered corrected, or as it was logged."""
+        if is_aligned == self.is_aligned:
+            return self
         return State.of(self.loaded, self.terms, self.model_file, is_aligned, self.asked)
 
     def asking(self, asked: Asked) -> State:
         """Look for other effects from now on; where other values are known, begin anew with them."""
+        if asked == self.asked:
+            return self
         if asked.limits == self.asked.limits:
             return replace(self, asked=asked)
         return State.of(self.loaded, self.terms, self.model_file, self.is_aligned, asked)
@@ -290,6 +294,11 @@ class State:
     def seconds(self) -> float:
         """Length of all recordings [s]."""
         return float(np.sum([one.recording.duration for one in self.loaded]))
+
+    @property
+    def samples(self) -> int:
+        """Samples of all recordings."""
+        return sum(len(one.recording) for one in self.loaded)
 
 
 def change(old: State, new: State) -> str:

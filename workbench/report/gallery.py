@@ -15,7 +15,7 @@ CURVE, GRID, TEXT = "#c2611f", "#8a93a5", "#7c8699"  # seen on white and on blac
 
 def picture(title: str, profiles: Sequence[Profile]) -> str:
     """Panels beside each other as SVG, in one scale [N m]."""
-    largest = max(float(np.abs(item.mean).max()) for item in profiles)
+    largest = max(float(np.abs(item.mean).max()) for item in profiles) or 1.0
     panels = "".join(panel(item, k * WIDTH, largest) for k, item in enumerate(profiles))
     size = f'width="{len(profiles) * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {len(profiles) * WIDTH:g} {HEIGHT:g}"'
     label = f"<title>{html.escape(title)}, up to {largest:.2g} N m</title>"
@@ -28,7 +28,7 @@ def panel(item: Profile, left: float, largest: float) -> str:
     middle, reach = 0.5 * (HEIGHT - 14), 0.5 * (HEIGHT - 14) - MARGIN
     inner = WIDTH - 2 * MARGIN
     low, high = float(item.edges[0]), float(item.edges[-1])
-    x = left + MARGIN + inner * (0.5 * (item.edges[1:] + item.edges[:-1]) - low) / (high - low)
+    x = left + MARGIN + inner * (0.5 * (item.edges[1:] + item.edges[:-1]) - low) / ((high - low) or 1.0)
     y = middle - reach * item.mean / largest
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
     band = 2 * reach * min(1.0, 2 * float(np.median(item.error)) / largest)

@@ -65,6 +65,14 @@ def test_an_effect_at_a_joint_acts_there():
     assert abs(runs[2][0] - runs[0][0]) > 1e-3
 
 
+def test_joints_have_a_name_each_which_may_be_any(tmp_path):
+    (tmp_path / "arm.urdf").write_text(gym.make(ID, joints=("a&b", "<elbow>")).unwrapped.urdf)
+    assert read_body(tmp_path / "arm.urdf").joints == ("a&b", "<elbow>")
+    for joints in (("elbow",), ("elbow", "elbow"), ("a", "b", "c")):
+        with pytest.raises(ValueError, match="2 links needs as many joints of different names"):
+            gym.make(ID, joints=joints)
+
+
 @pytest.mark.filterwarnings("ignore:.*we recommend using a symmetric and normalized space")
 def test_the_environment_passes_gymnasiums_checks():
     check_env(gym.make(ID, render_mode="rgb_array").unwrapped, skip_render_check=False)

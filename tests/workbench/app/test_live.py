@@ -174,6 +174,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
         looked.set()
         stopping.join()
     assert not run.running
+    assert run.look().trouble == ""  # what was measured until then has come through
 
 
 def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(

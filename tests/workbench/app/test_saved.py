@@ -205,6 +205,8 @@ def test_every_change_is_taken_back_in_turn(tmp_path: Path) -> None:
         known.append((session.state, what))
         session.act(do)  # type: ignore[arg-type]  # what it returns is nobody's business
         assert session.notice == "" and session.last_change == what
+        session.act(lambda: session.look_for(session.state.asked) and session.align(session.state.is_aligned))  # type: ignore[func-returns-value]
+        assert session.last_change == what  # what changes nothing is no change
     for before, what in reversed(known):
         assert session.last_change == what
         session.act(session.undo)
