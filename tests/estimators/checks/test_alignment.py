@@ -2,12 +2,13 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from benchmarks.independent_plant import Experiment, Plant, random_case, simulate
+from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, random_case, simulate
 from estimators.checks.alignment import align, align_each
 from estimators.checks.channel_fits import Law, View
 from estimators.selection.score import Bootstrap
@@ -17,10 +18,23 @@ from pendulum_env.recording import Recording
 KINDS = ("two_tone", "multisine", "chirp", "prbs", "steps")
 
 
+def experiment(excitation: str, rate: float, seed: int = 3) -> Experiment:
+    """12 s with a usual encoder and noise on the torque."""
+    return Experiment(rate=rate, seconds=12.0, excitation=excitation, seed=seed, counts=65_536)
+
+
+@cache
+def of_a_plain_plant() -> dict[Experiment, SimulatedRecording]:
+    """All at once, as a simulation of many takes little longer than one."""
+    of_all = [experiment(excitation, rate) for excitation in (*KINDS, "pd_loop") for rate in (500.0, 1000.0)]
+    of_all.append(experiment("two_tone", 500.0, 4))
+    return dict(zip(of_all, simulate([(Plant(), one) for one in of_all]), strict=True))
+
+
 def run(excitation: str, rate: float, seed: int = 3, **effects: dict[str, float]) -> Recording:
-    """12 s of a plant with hidden effects, a usual encoder and noise on the torque."""
-    experiment = Experiment(rate=rate, seconds=12.0, excitation=excitation, seed=seed, counts=65_536)
-    (made,) = simulate([(Plant(effects=effects), experiment)])
+    """A recording of a plant with hidden effects."""
+    one = experiment(excitation, rate, seed)
+    made = simulate([(Plant(effects=effects), one)])[0] if effects else of_a_plain_plant()[one]
     return Recording(f"{excitation} {seed}", made.time, made.position, made.torque)
 
 
