@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -31,22 +32,36 @@ MOTOR = {"load_dependent_friction": {"load_mu": 0.12}}
 HELD = {"excitation": "pd_loop", "rate": 200.0, "counts": 16_384, "gains": (25.0, 1.0), "torque_limit": 10.0}
 
 
-@cache
 def bench(
     law: str = "none", loads: tuple[Load, ...] = tuple(LOADS), seed: int = 0, seconds: float = 10.0, **told: float
 ) -> tuple[Recording, ...]:
     """Currents of a servo on a bench with known loads, by another simulator; each load is another plant to it."""
+    return benches(((law, loads, seed),), seconds, **told)[0]
+
+
+@cache
+def benches(
+    several: tuple[tuple[str, tuple[Load, ...], int], ...], seconds: float, **told: float
+) -> list[tuple[Recording, ...]]:
+    """Of several laws, loads and seeds; all at once, as a simulation of many takes little longer than one."""
     cases = []
-    for k, load in enumerate(loads):
-        weight = {"motor": 0.0, "both": UNLOADED["gravity"] + load.gravity}.get(law)
-        effects = {} if weight is None else {"load_dependent_friction": {"load_mu": 0.12, "load_w": weight}}
-        of_both = {"inertia": UNLOADED["inertia"] + load.inertia, "gravity": UNLOADED["gravity"] + load.gravity}
-        experiment = Experiment(**{**HELD, "seconds": seconds, "seed": 100 * seed + k, "torque_noise": 0.005, **told})
-        cases.append((Plant(**{**UNLOADED, **of_both}, effects=effects), experiment))
-    return tuple(
-        Recording(f"load {k}", run.time, run.position, run.torque / K, load=load, torque_unit="A")
-        for k, (run, load) in enumerate(zip(simulate(cases), loads, strict=True))
-    )
+    for law, loads, seed in several:
+        for k, load in enumerate(loads):
+            weight = {"motor": 0.0, "both": UNLOADED["gravity"] + load.gravity}.get(law)
+            effects = {} if weight is None else {"load_dependent_friction": {"load_mu": 0.12, "load_w": weight}}
+            of_both = {"inertia": UNLOADED["inertia"] + load.inertia, "gravity": UNLOADED["gravity"] + load.gravity}
+            experiment = Experiment(
+                **{**HELD, "seconds": seconds, "seed": 100 * seed + k, "torque_noise": 0.005, **told}
+            )
+            cases.append((Plant(**{**UNLOADED, **of_both}, effects=effects), experiment))
+    runs = iter(simulate(cases))
+    return [
+        tuple(
+            Recording(f"load {k}", run.time, run.position, run.torque / K, load=load, torque_unit="A")
+            for k, (load, run) in enumerate(zip(loads, runs, strict=False))
+        )
+        for _, loads, _ in several
+    ]
 
 
 def in_newton_metres(recordings: tuple[Recording, ...]) -> list[Recording]:
@@ -114,7 +129,8 @@ def test_nothing_is_missing_under_known_loads_and_much_without_them():
 @pytest.mark.parametrize("law", ["none", "motor", "both"])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_torque_constant_is_right_whatever_friction_does_under_load(law, seed):
-    found = torque_constant(bench(law, seed=seed))
+    several = list(product(("none", "motor", "both"), (tuple(LOADS),), (0, 1)))
+    found = torque_constant(benches(tuple(several), 10.0)[several.index((law, tuple(LOADS), seed))])
     assert isinstance(found, TorqueConstant)
     assert found.value == pytest.approx(K, rel=0.005)
     assert found.std < 0.005 * K
@@ -142,15 +158,15 @@ def test_two_loads_are_enough_and_a_recording_without_one_is_a_load_of_none():
 @pytest.mark.parametrize("hung", [(0, 0, 0, 6), (6, 6, 6, 0)])
 def test_one_recording_that_differs_among_many_tells_as_much_as_two(hung):
     """Left out, nothing would be known: that is no scatter."""
-    runs = [bench(loads=(LOADS[k],), seed=seed, seconds=5.0)[0] for seed, k in enumerate(hung)]
-    found = torque_constant(runs)
+    runs = benches(tuple(("none", (LOADS[k],), seed) for seed, k in enumerate(hung)), 5.0)
+    found = torque_constant([run for (run,) in runs])
     assert found.value == pytest.approx(K, rel=0.01)
 
 
 def test_standard_errors_of_the_torque_constant_are_honest():
     z = []
-    for seed in range(8):
-        found = torque_constant(bench(loads=(LOADS[0], LOADS[2], LOADS[4]), seed=seed, seconds=5.0, counts=None))
+    for runs in benches(tuple(("none", THREE, seed) for seed in range(8)), 5.0, counts=None):
+        found = torque_constant(runs)
         z.append((found.value - K) / found.std)
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.8
 
