@@ -71,7 +71,7 @@ def test_no_body_has_a_link_of_negative_inertia():
 def test_a_law_without_a_name_takes_the_place_of_what_imitates_it_alone():
     """A rough spot and an offset: the offset keeps its name, and what the spot is like is said."""
     hidden = {"torque_offset": {"offset": -0.3}, "friction_spot": {"spot_f": 0.8, "spot_q": 0.2}}
-    train, test = (Experiment(rate=500.0, seconds=12.0, seed=seed) for seed in (2, 3))
+    train, test = (Experiment(rate=250.0, seconds=6.0, seed=seed) for seed in (2, 3))
     search, found, _ = searched(Plant(effects=hidden), train, test)
     assert len(found) == 1 and found[0] in ("torque_offset", "coulomb_asymmetry")
     assert search.unnamed is not None and search.unnamed.id == "any_friction_of_position"
