@@ -95,7 +95,7 @@ def test_a_joint_that_sticks_tells_nothing_and_costs_nothing():
 
 
 def test_many_are_estimated_as_one_and_a_reset_forgets_one_of_them():
-    runs = slow_runs(2)
+    runs = slow_runs()[:2]
     both = estimator(2, schemes=[JointState()])
     run(both, runs, 0, 400)
     alone = estimator(1, schemes=[JointState()])
@@ -109,7 +109,7 @@ def test_many_are_estimated_as_one_and_a_reset_forgets_one_of_them():
 
 
 def test_a_copy_goes_on_alike_and_lost_samples_keep_the_parameters():
-    runs = slow_runs(1)
+    runs = slow_runs()[:1]
     one = estimator(1, schemes=[JointState()])
     before = run(one, runs, 0, 500)[-1]
     copy = pickle.loads(pickle.dumps(one))
