@@ -27,9 +27,11 @@ def search() -> Search:
 def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(search, id, parameter, others):
     size = smallest(search, BASE, effects()[id])
     assert size is not None
-    found = diagnose([recorded(Plant(effects={id: {parameter: 2 * size, **others}}))])
+    plants = [Plant(effects={id: {parameter: share * size, **others}}) for share in (2, 0.1)]
+    large, small = (Recording("run", r.time, r.position, r.torque) for r in simulate([(p, EXPERIMENT) for p in plants]))
+    found = diagnose([large])
     assert id in {*found.selected, *(one for group in found.ambiguous for one in group)}
-    assert diagnose([recorded(Plant(effects={id: {parameter: 0.1 * size, **others}}))]).selected == ()
+    assert diagnose([small]).selected == ()
 
 
 def test_it_is_said_with_sizes_and_with_the_angles_that_were_reached(search):

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators.online import Estimates, OnlineEstimator
 from estimators.online.kalman import FADING, NAMES, OURS
 from estimators.wrappers import EstimateParameters
@@ -19,8 +19,13 @@ OPTIONS = {"all": {}, "wandering": {"random_walk": 0.05}, "anew": {"reset_every"
 
 
 @cache
+def paper_run() -> SimulatedRecording:
+    return simulate([(Plant(), Experiment(rate=500.0, seconds=2.5, seed=1))])[0]
+
+
+@cache
 def estimates(name: str, case: str) -> list[Estimates]:
-    (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=2.5, seed=1))])
+    run = paper_run()
     estimator = OnlineEstimator(500.0, recursion=name, **OPTIONS[case])
     held = np.r_[0.0, run.torque[:-1]]
     samples = zip(run.time, run.position, held, strict=True)
@@ -46,7 +51,7 @@ def test_theta_and_covariances_are_those_of_ours(name, case):
 @pytest.mark.parametrize("name", FADING)
 def test_fading_is_forgetting_where_information_is_fresh(name):
     """Ours returns to P(0) where nothing is told any more, filterpy's P grows without end: 1e-6 of P after 2 s."""
-    (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=2.5, seed=1))])
+    run = paper_run()
     both = [OnlineEstimator(500.0, recursion=kind, forgetting=0.998, prior=1e9) for kind in (OURS, name)]
     held = np.r_[0.0, run.torque[:-1]]
     for t, q, u in zip(run.time, run.position, held, strict=True):
