@@ -134,15 +134,50 @@ OUTSIDE = {
 CASES = NULLS | SINGLES | TRANSMISSIONS | TWINS | PAIR | SHORT | OUTSIDE
 
 
+def a_jump_at_every_sample() -> np.ndarray:
+    """A random binary command beside a slow one, 12 s at 250 Hz; its differences dwarf the noise of 0.02 N m."""
+    return 3 * np.sin(9 * np.arange(3000) / 250) + np.random.default_rng(5).choice([-2.0, 2.0], 3000)
+
+
+def at_random(seed: int) -> np.ndarray:
+    """The first thing that an agent does: a new torque every millisecond, for 8 s, which hardly moves the arm."""
+    return np.random.default_rng(seed).uniform(-15.0, 15.0, 8000)
+
+
+ONE_STOP = {"wall_k": 60.0, "wall_d": 0.3}
+JUMPY = run(9, 12.0, 250.0, counts=None)
+SPRUNG = Plant(effects={"spring": {"spring_k": 0.4, "spring_q0": 0.5}})
+DRAG_AND_TILT = {"quadratic_drag": {"drag": 0.05}, "gravity_tilt": {"tilt_cos": 0.3}}
+UNUSUAL = {"stribeck": {"strib_d": 0.45, "strib_v": 0.8, "strib_p": 1.0}}
+PICKED_UP = {"payload_change": {"pay_I": 0.03, "pay_mgl": 0.7, "pay_t": 5.0}}
+RUBBING = Plant(effects=SINGLES["stribeck"].hidden)
+SPECIAL: dict[str, tuple[Plant, Experiment, np.ndarray | None]] = {  # of one test each
+    "jumpy": (PLANT, JUMPY, a_jump_at_every_sample()),
+    "jumpy, drag and tilt": (Plant(effects=DRAG_AND_TILT), JUMPY, a_jump_at_every_sample()),
+    "slowly fading": (Plant(effects=UNUSUAL), run(60, 12.0), None),
+    "lower stop": (Plant(effects={"hard_stop": {"wall_lo": -0.9, **ONE_STOP}}), run(70, 12.0), None),
+    "upper stop": (Plant(effects={"hard_stop": {"wall_hi": 0.9, **ONE_STOP}}), run(70, 12.0), None),
+    **{f"random {seed}": (PLANT, run(seed, 8.0, 1000.0), at_random(seed)) for seed in range(3)},
+    "scale 0.7": (SPRUNG, run(50, 12.0, excitation="multisine", scale=0.7), None),
+    "scale 0.35": (SPRUNG, run(50, 12.0, excitation="multisine", scale=0.35), None),
+    "wide": (SPRUNG, run(51, 9.0, scale=0.8), None),
+    "picked up": (Plant(effects=PICKED_UP), run(61, 12.0), None),
+    **{
+        f"rubbing {seed}": (RUBBING, run(seed, 6.0, excitation=kind), None)
+        for seed, kind in enumerate(["two_tone", "prbs", "steps"])
+    },
+}
+
+
 @pytest.fixture(scope="module")
 def recordings() -> dict[str, Recording]:
-    """A short recording of each case."""
-    cases = [
-        (Plant(c.plant.inertia, c.plant.gravity, c.plant.viscous, c.plant.coulomb, c.hidden), c.experiment)
-        for c in CASES.values()
-    ]
-    runs = zip(CASES, simulate(cases), strict=True)
-    return {name: Recording(name, r.time, r.position, r.torque) for name, r in runs}
+    """A short recording of each case; all at once, as a simulation of many takes little longer than one."""
+    cases = {
+        name: (Plant(c.plant.inertia, c.plant.gravity, c.plant.viscous, c.plant.coulomb, c.hidden), c.experiment, None)
+        for name, c in CASES.items()
+    } | SPECIAL
+    runs = simulate([case[:2] for case in cases.values()], [command for *_, command in cases.values()])
+    return {name: Recording(name, r.time, r.position, r.torque) for name, r in zip(cases, runs, strict=True)}
 
 
 @pytest.fixture(scope="module")
@@ -151,25 +186,15 @@ def diagnosis(recordings) -> Callable[[str], Diagnosis]:
     return cache(lambda name: diagnose([recordings[name]]))
 
 
-def test_torque_that_jumps_every_sample_is_not_taken_for_noise():
-    # a random binary command beside a slow one; its differences dwarf the noise of 0.02 N m
-    rng = np.random.default_rng(5)
-    time = np.arange(3000) / 250
-    command = 3 * np.sin(9 * time) + rng.choice([-2.0, 2.0], len(time))
-    hidden = {"quadratic_drag": {"drag": 0.05}, "gravity_tilt": {"tilt_cos": 0.3}}
-    cases = [(Plant(effects=effects), run(9, 12.0, 250.0, counts=None)) for effects in ({}, hidden)]
-    plain, spoiled = (
-        diagnose([Recording("fast", r.time, r.position, r.torque)]) for r in simulate(cases, commands=[command] * 2)
-    )
+def test_torque_that_jumps_every_sample_is_not_taken_for_noise(recordings):
+    plain, spoiled = (diagnose([recordings[name]]) for name in ("jumpy", "jumpy, drag and tilt"))
     assert plain.selected == ()
     assert plain.noise_floor < 0.05
-    assert set(spoiled.selected) == set(hidden)
+    assert set(spoiled.selected) == set(DRAG_AND_TILT)
 
 
 def test_an_unusual_exponent_of_stribeck_friction_is_found_and_a_usual_one_is_no_parameter(diagnosis):
-    plant = Plant(effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.8, "strib_p": 1.0}})
-    (r,) = simulate([(plant, run(60, 12.0))])
-    found = diagnose([Recording("slowly fading", r.time, r.position, r.torque)])
+    found = diagnosis("slowly fading")
     assert found.selected == ("stribeck",)
     exponent = found.model.estimates["stribeck.exponent"]
     assert abs(exponent.value - 1.0) < 3 * exponent.std < 0.2
@@ -198,8 +223,8 @@ def effects_of(name: str) -> tuple[Term, ...]:
     return (*BASE, *(effect(id)() for id in CASES[name].hidden))
 
 
-def test_torque_of_the_other_sign_is_told():
-    (r,) = simulate([(PLANT, run(1, 8.0))])
+def test_torque_of_the_other_sign_is_told(recordings):
+    r = recordings["paper's encoder"]
     turned = Recording("turned", r.time, r.position, -r.torque)
     assert any("opposite signs" in doubt.text for doubt in identify([turned]).doubts)
     found = diagnose([turned])
@@ -207,14 +232,11 @@ def test_torque_of_the_other_sign_is_told():
     assert "opposite signs" in found.unexplained[0].text
 
 
-@pytest.mark.parametrize(
-    ("wall", "stop", "open"), [("wall_lo", "lower", "no upper stop"), ("wall_hi", "upper", "no lower")]
-)
-def test_of_a_damped_stop_to_one_side_the_other_side_is_left_open(wall, stop, open):
+@pytest.mark.parametrize(("stop", "open"), [("lower", "no upper stop"), ("upper", "no lower")])
+def test_of_a_damped_stop_to_one_side_the_other_side_is_left_open(recordings, stop, open):
     angle = {"lower": -0.9, "upper": 0.9}[stop]
-    plant = Plant(effects={"hard_stop": {wall: angle, "wall_k": 60.0, "wall_d": 0.3}})
-    (r,) = simulate([(plant, run(70, 12.0))])
-    found = diagnose([Recording("one stop", r.time, r.position, r.torque)])
+    r = recordings[f"{stop} stop"]
+    found = diagnose([r])
     assert found.selected == ("hard_stop",)
     truth = {"hard_stop.stiffness": 60.0, f"hard_stop.{stop}": angle, "hard_stop.damping_time": 0.3 / 60.0}
     assert {name: found.model.estimates[name].value for name in truth} == pytest.approx(truth, rel=0.03)
@@ -225,11 +247,8 @@ def test_of_a_damped_stop_to_one_side_the_other_side_is_left_open(wall, stop, op
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_actions_drawn_at_random_raise_no_alarm(seed):
-    """The first thing that an agent does: a new torque every millisecond, which hardly moves the arm."""
-    command = np.random.default_rng(seed).uniform(-15.0, 15.0, 8000)
-    (r,) = simulate([(PLANT, run(seed, 8.0, 1000.0))], commands=[command])
-    found = diagnose([Recording("random", r.time, r.position, r.torque)])
+def test_actions_drawn_at_random_raise_no_alarm(recordings, seed):
+    found = diagnose([recordings[f"random {seed}"]])
     assert found.selected == ()
     assert found.unexplained == ()
     estimates = found.model.estimates
@@ -237,11 +256,9 @@ def test_actions_drawn_at_random_raise_no_alarm(seed):
 
 
 @pytest.mark.parametrize(("scale", "reach"), [(0.7, 0.8), (0.35, 0.3)])
-def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(scale, reach):
+def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(recordings, scale, reach):
     """In small swings they look the same; in very small ones no wide swing is predicted well, and both are told."""
-    plant = Plant(effects={"spring": {"spring_k": 0.4, "spring_q0": 0.5}})
-    cases = [(plant, run(50, 12.0, excitation="multisine", scale=scale)), (plant, run(51, 9.0, scale=0.8))]
-    narrow, wide = (Recording("run", r.time, r.position, r.torque) for r in simulate(cases))
+    narrow, wide = recordings[f"scale {scale}"], recordings["wide"]
     assert np.ptp(narrow.position) < reach
     assert np.ptp(wide.position) > 2.0
     found = diagnose([narrow], [wide])
@@ -458,12 +475,8 @@ def test_a_base_model_that_has_the_effect_already_needs_nothing_more(recordings)
     assert "stribeck" not in {c.effect for c in found.candidates}
 
 
-def test_several_recordings_are_fitted_jointly_and_confirmed_on_another():
-    plant = Plant(effects=SINGLES["stribeck"].hidden)
-    runs = simulate(
-        [(plant, run(seed, 6.0, excitation=kind)) for seed, kind in enumerate(["two_tone", "prbs", "steps"])]
-    )
-    *training, holdout = [Recording(f"run {j}", r.time, r.position, r.torque) for j, r in enumerate(runs)]
+def test_several_recordings_are_fitted_jointly_and_confirmed_on_another(recordings):
+    *training, holdout = (recordings[f"rubbing {seed}"] for seed in range(3))
     found = diagnose(training, [holdout])
     assert found.selected == ("stribeck",)
     assert found.model.estimates["stribeck"].value == pytest.approx(0.45, rel=0.03)
@@ -613,8 +626,7 @@ def test_time_counts_from_the_start_whatever_the_clock_says(recordings):
     since_boot = Recording("stribeck", 2e6 + early.time, early.position, early.torque)
     (one,), (other,) = (chosen_recordings(recording) for recording in (early, since_boot))
     assert other.time == pytest.approx(one.time, abs=1e-6)
-    drifting = {"payload_change": {"pay_I": 0.03, "pay_mgl": 0.7, "pay_t": 5.0}}
-    (made,) = simulate([(Plant(effects=drifting), run(61, 12.0))])
+    made = recordings["picked up"]
     found = diagnose([Recording("picked up", 2e6 + made.time, made.position, made.torque)])
     assert found.selected == ("payload_change",)
     assert found.model.estimates["payload_change.moment"].value == pytest.approx(5.0, abs=0.05)
