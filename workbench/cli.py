@@ -47,7 +47,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     program.add_argument("--version", action="version", version=f"{PROGRAM} {_version()}")
     commands = program.add_subparsers(metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
-        sub = commands.add_parser(name, help=summary, description=summary.capitalize() + ".")
+        sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         if name == named:  # only what is run is imported
             command = load(name)
             command.configure(sub)

@@ -92,6 +92,17 @@ def wrong_signs(model: Model) -> list[str]:
     return []
 
 
+def driving_friction(model: Model) -> list[str]:
+    """A word on dry or viscous friction that surely came out negative, where no other friction outweighs it."""
+    if {term.id for term in model.terms if term.kind == "dissipative"} - {"viscous", "coulomb"}:
+        return []
+    estimates = {name: model.estimates[name] for name in ("viscous", "coulomb") if name in model.estimates}
+    wrong = [name for name, estimate in estimates.items() if estimate.value < -3 * estimate.std]
+    return (
+        [f"{listing(wrong)} came out negative, and no friction drives: diagnose what the model lacks"] if wrong else []
+    )
+
+
 def turned_round(model: Model) -> str | None:
     """What to do if every parameter of the base model came out negative, as where the torque is logged turned round."""
     values = [model.estimates[name] for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]

@@ -20,7 +20,7 @@ from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import disagreements, misfits
 from estimators.checks.identifiability import Doubt, identifiability, is_driven
-from estimators.checks.physical import wrong_signs
+from estimators.checks.physical import driving_friction, wrong_signs
 from estimators.checks.torque_constant import Calibrated, further, widened
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import Fit, solve
@@ -219,7 +219,10 @@ def identify(
     else:
         results = {id: own.per(calibrated.unit) for id, own in results.items()}
     unknown = [calibrated.doubt] if calibrated.doubt is not None else []
-    mistakes = [Doubt(text) for text in (*unknown, *wrong_signs(first), *_mistakes(recordings, terms))]
+    mistakes = [
+        Doubt(text)
+        for text in (*unknown, *(wrong_signs(first) or driving_friction(first)), *_mistakes(recordings, terms))
+    ]
     ends = tuple(np.cumsum([sum(len(m) * m.period for m in own) for own in segments]).tolist())
     return Identification(
         results,

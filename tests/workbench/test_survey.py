@@ -435,6 +435,9 @@ def test_what_cannot_be_is_one_line(tmp_path, capsys, monkeypatch):
     assert "holds no recording" in capsys.readouterr().err
     assert main(["survey", str(tmp_path / "*.csv"), "-o", str(tmp_path / "out")]) == 2
     assert "names no file" in capsys.readouterr().err
+    assert main(["survey", str(tmp_path / "nothere"), "-o", str(tmp_path / "out")]) == 2
+    assert "there is no such folder or file" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
     assert not (tmp_path / "out").exists()
 
 

@@ -85,8 +85,10 @@ def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = N
 
 
 def _expanded(name: str) -> list[Path]:
-    if not glob.has_magic(name) or Path(name).exists():
+    if Path(name).exists():
         return [Path(name)]
+    if not glob.has_magic(name):
+        raise InputError(f"{name}: there is no such folder or file: check the path")
     paths = [Path(path) for path in sorted(glob.glob(name, recursive=True))]
     if not paths:
         raise InputError(f"{name}: names no file: check the pattern")

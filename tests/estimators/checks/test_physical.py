@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimators.checks.physical import impossible
+from estimators.checks.physical import driving_friction, impossible
 from pendulum_env.physics import BASE, Model, Samples, Term, effect
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.limits import limited_term
@@ -23,6 +23,14 @@ def test_a_lag_of_seconds_is_no_drives():
 def test_what_a_user_bounds_may_lie_at_its_bound():
     narrow = limited_term(ActuatorLag(0.01), {"actuator_lag.time_constant": (0.001, 0.01)})
     assert impossible(of(narrow), X) == []
+
+
+def test_friction_that_surely_drives_is_said_where_no_other_outweighs_it():
+    drives = Model.build(BASE, [0.1, 2.0, 0.1, -0.2], [0.01] * 4)
+    assert driving_friction(drives)[0].startswith("coulomb came out negative")
+    assert driving_friction(Model.build(BASE, [0.1, 2.0, -0.2, -0.2], [0.01] * 4))[0].startswith("viscous and coulomb")
+    assert driving_friction(Model.build(BASE, [0.1, 2.0, 0.1, -0.02], [0.01] * 4)) == []  # or it may be noise
+    assert driving_friction(Model.build([*BASE, effect("stribeck")()], [0.1, 2.0, 0.1, -0.2, 0.5], [0.01] * 5)) == []
 
 
 def swinging(load: KnownLoad = UNLOADED) -> Samples:
