@@ -84,10 +84,9 @@ def at_their_most(terms: Sequence[Term]) -> list[tuple[Term, Shape]]:
 
 def wrong_signs(model: Model) -> list[str]:
     """A word on parameters whose sign says that a column of the recording has another sign, or another zero."""
-    inertia, gravity = (model.estimates.get(name) for name in ("inertia", "gravity"))
-    if inertia is not None and inertia.value < -3 * inertia.std:
+    if _surely_negative(model, "inertia"):
         return ["inertia came out negative: torque and position have opposite signs, turn one of them round"]
-    if gravity is not None and gravity.value < -3 * gravity.std:
+    if _surely_negative(model, "gravity"):
         return ["gravity came out negative: position 0 seems to be the upright position, it should hang down"]
     return []
 
@@ -96,8 +95,7 @@ def driving_friction(model: Model) -> list[str]:
     """A word on dry or viscous friction that surely came out negative, where no other friction outweighs it."""
     if {term.id for term in model.terms if term.kind == "dissipative"} - {"viscous", "coulomb"}:
         return []
-    estimates = {name: model.estimates[name] for name in ("viscous", "coulomb") if name in model.estimates}
-    wrong = [name for name, estimate in estimates.items() if estimate.value < -3 * estimate.std]
+    wrong = [name for name in ("viscous", "coulomb") if _surely_negative(model, name)]
     return (
         [f"{listing(wrong)} came out negative, and no friction drives: diagnose what the model lacks"] if wrong else []
     )
@@ -105,11 +103,16 @@ def driving_friction(model: Model) -> list[str]:
 
 def turned_round(model: Model) -> str | None:
     """What to do if every parameter of the base model came out negative, as where the torque is logged turned round."""
-    values = [model.estimates[name] for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
-    clear = [estimate.value < -3 * estimate.std for estimate in values]
-    if len(values) < 3 or sum(clear) < 3 or not clear[0] or any(estimate.value > 0 for estimate in values):
+    known = [name for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
+    clear = sum(_surely_negative(model, name) for name in known)
+    if clear < 3 or not _surely_negative(model, known[0]) or any(model.estimates[name].value > 0 for name in known):
         return None
     return wrong_signs(model)[0]
+
+
+def _surely_negative(model: Model, name: str) -> bool:
+    estimate = model.estimates.get(name)
+    return estimate is not None and estimate.value < -3 * estimate.std
 
 
 def objection(after: Step, before: Step, x: Samples, torque: float = 1.0) -> str | None:
