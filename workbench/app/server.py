@@ -20,7 +20,7 @@ from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.recording import Source, read_recording, write_recording
 from workbench.app import fleet, layout
-from workbench.app.session import Sessions
+from workbench.app.sessions import Sessions
 from workbench.app.stage import Bench
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import UPLOAD

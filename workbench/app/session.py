@@ -1,13 +1,10 @@
-"""Sessions: what one browser tab works on, kept by the server, apart from all others."""
+"""A session: what one browser tab works on, in a folder of its own."""
 
 from __future__ import annotations
 
-import os
-import re
 import shutil
 import tempfile
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,23 +16,19 @@ from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.study import read_sources
 from workbench.app import saved, uploads
 from workbench.app.asked import NOTHING, Asked
+from workbench.app.history import MOST_SAMPLES, History
 from workbench.app.jobs import Job
 from workbench.app.live import Run
 from workbench.app.mapping import Card
-from workbench.app.state import Loaded, State, change
+from workbench.app.state import Loaded, State
 from workbench.app.uploads import MODELS, SESSIONS, STUDIES, UNWRAP, is_study, safe_name, unpack
 from workbench.inputs import read_model
 from workbench.mistakes import MISTAKES, InputError, sentence
 
-ID = re.compile(r"[0-9a-f]{32}")  # random, drawn by the page; never part of a path
 STUDY = "study.toml"
-MOST_SESSIONS = 16  # the one that was used least recently gives way
 MOST_RECORDINGS = 12  # in one session
-MOST_SAMPLES = 20_000_000  # of all its recordings, which take less than a gigabyte
 SPACE = 300_000_000  # bytes of its files
 SPARE = 100_000_000  # bytes that are left to the disk
-MOST_UNDONE = 20  # changes
-IDLE = 12 * 3600.0  # [s] after which a session that nobody has asked for ends
 
 
 class Session:
@@ -48,8 +41,7 @@ class Session:
         """Take an empty folder, and the configuration of the rig if there is one."""
         self.folder, self.rig = folder, rig
         self.lock = RLock()
-        self._state, self._past = State(), deque[State]()  # what it is, and what it was before each change
-        self._changed: int | None = None  # version of the last change
+        self._history = History()
         self.cards: tuple[Card, ...] = ()  # recordings whose columns a person is asked about, the first one now
         self.tried = NOTHING  # what a person would have looked for, or says is known, right or wrong
         self.notice = ""  # a sentence for the user: what went wrong
@@ -61,44 +53,26 @@ class Session:
     @property
     def state(self) -> State:
         """What the session knows now."""
-        return self._state
+        return self._history.now
 
     @state.setter
     def state(self, state: State) -> None:
-        if state is self._state:
-            return
-        if self._changed != self.version:  # all that one click changes is undone at once
-            self._past.append(self._state)
-            self._changed = self.version
-        self._state = state
-        while len(self._past) > MOST_UNDONE or sum(past.samples for past in self._past) > MOST_SAMPLES:
-            self._sweep(self._past.popleft())  # each state has made something of its own of its samples
+        self._history.change(state, self.version)
 
     @property
     def last_change(self) -> str:
         """What `undo` would take back, in words; empty if there is nothing."""
-        return change(self._past[-1], self._state) if self._past else ""
+        return self._history.last
 
     def undo(self) -> None:
-        """Take back the last change, whatever it was."""
-        if not self._past:
-            raise InputError("there is nothing to undo")
-        gone, self._state = self._state, self._past.pop()
-        self.tried = self._state.asked
-        self._sweep(gone)
+        """Take back the last change, whatever it was.
+
+        Raises:
+            InputError: if there is none.
+        """
+        self._history.undo()
+        self.tried = self.state.asked
         self.cards = tuple(card for card in self.cards if card.file.exists())
-
-    def _forget(self) -> None:
-        """Nothing can be undone any more, and files that were kept for it go."""
-        while self._past:
-            self._sweep(self._past.popleft())
-
-    def _sweep(self, gone: State) -> None:
-        """Delete recordings of a state that has gone, if no other has them."""
-        kept = {one.file for state in (*self._past, self._state) for one in state.loaded}
-        for one in gone.loaded:
-            if one.file not in kept:
-                one.file.unlink(missing_ok=True)
 
     def busy(self) -> bool:
         """Whether a job is on its way."""
@@ -177,8 +151,8 @@ class Session:
         waiting = [card for card in self.cards if card.file != file]
         if any(one.file == file for one in known):
             raise InputError(f"{file.name}: is loaded already: remove it, or give this one another name")
-        if any(one.file == file for past in self._past for one in past.loaded):
-            self._forget()  # another file of that name takes its place
+        if self._history.keeps(file):
+            self._history.forget()  # another file of that name takes its place
         if len(known) + len(waiting) >= MOST_RECORDINGS:
             raise InputError(f"{file.name}: {MOST_RECORDINGS} recordings are enough: remove one first")
         return file
@@ -224,7 +198,7 @@ class Session:
         for folder in (self.folder.parent, self.folder):
             folder.mkdir(mode=0o700, exist_ok=True)  # somebody may have cleaned up
         if self._held() + size > SPACE:
-            self._forget()
+            self._history.forget()
         if self._held() + size > SPACE:
             raise InputError(f"{name}: {amount(SPACE)} of files are enough: remove one first")
         if shutil.disk_usage(self.folder).free < size + SPARE:
@@ -428,8 +402,8 @@ class Session:
             what = f"{safe_name(name, SESSIONS)}: "
             raise InputError(what + sentence(mistake).replace(f"{folder}/", "").removeprefix(what)) from None
         old, self.folder = self.folder, folder
-        self._state, self.cards, self.tried = other.state, (), other.state.asked
-        self._past.clear()
+        self._history.begin(other.state)
+        self.cards, self.tried = (), other.state.asked
         shutil.rmtree(old, ignore_errors=True)  # somebody may have cleaned up
 
     def _restore(self, file: Path, content: str) -> None:
@@ -454,10 +428,10 @@ class Session:
             loaded += [replace(one, origin=origin) for one in self.take(place, replace(source, file=place))]
         if self.cards:
             raise InputError(self.cards[0].why)
-        self._state = known.begin()
+        self._history.begin(known.begin())
         if loaded:
             self.keep(*loaded)
-        self._state = known.restore(self._state)
+        self._history.begin(known.restore(self.state))
 
     def halt(self) -> None:
         """Stop the live run, whatever else is going on, and one that is just being started."""
@@ -476,61 +450,3 @@ class Session:
         with self.lock:
             self.cancel()
             shutil.rmtree(self.folder, ignore_errors=True)
-
-
-class Sessions:
-    """All sessions of a server by the id that each page holds."""
-
-    def __init__(self, recordings: Sequence[Source] = (), rig: Path | None = None) -> None:
-        """Make a folder for their folders; every session begins with a copy of the recordings, and may run the rig."""
-        self._initial, self._rig = tuple(recordings), rig
-        self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-")
-        self._all: dict[str, Session] = {}
-        self._asked: dict[str, float] = {}  # when for each [s]
-        self._lock = RLock()
-
-    def of(self, id: object) -> Session:
-        """Session of an id, a new one if there is none.
-
-        Raises:
-            InputError: if it is no id.
-        """
-        if not isinstance(id, str) or ID.fullmatch(id) is None:
-            raise InputError("this page has no session: load it again")
-        with self._lock:
-            gone = self._idle(time.monotonic(), id)
-            known = self._all.pop(id, None)
-            if known is None:
-                os.makedirs(self._root.name, mode=0o700, exist_ok=True)  # somebody may have cleaned up
-            session = known or Session(Path(tempfile.mkdtemp(dir=self._root.name)), self._rig)
-            if known is None:
-                session.lock.acquire()  # who asks for it next waits for its recordings, who asks for another does not
-            self._all[id] = session  # the one used last is last
-            if len(self._all) > MOST_SESSIONS:
-                gone.append(self._all.pop(next(iter(self._all))))
-        if known is None:
-            try:
-                if self._initial:
-                    session.act(lambda: session.copy(self._initial))
-            finally:
-                session.lock.release()
-        for other in gone:
-            other.end()
-        return session
-
-    def _idle(self, now: float, id: str) -> list[Session]:
-        """Take out the sessions that nobody has asked for in a long time; the one of an id is asked for now."""
-        self._asked = {known: at for known, at in self._asked.items() if known in self._all} | {id: now}
-        late = [known for known, at in self._asked.items() if now - at > IDLE and not self._all[known].busy()]
-        return [self._all.pop(known) for known in late]
-
-    def close(self) -> None:
-        """End all sessions, motors first."""
-        with self._lock:
-            for session in self._all.values():
-                if session.run is not None:
-                    session.run.stop()
-            for session in self._all.values():
-                session.end()
-            self._all.clear()
-            self._root.cleanup()

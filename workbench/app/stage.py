@@ -13,7 +13,8 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from workbench.app.jobs import Workers
-from workbench.app.session import Session, Sessions
+from workbench.app.session import Session
+from workbench.app.sessions import Sessions
 
 PATIENCE = 0.4  # [s] that an answer waits for a job, so that short ones need no progress bar
 

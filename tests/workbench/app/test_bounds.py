@@ -18,9 +18,11 @@ pytest.importorskip("dash")
 from plotly.utils import PlotlyJSONEncoder
 
 from tests.fuzzing import Page
-from workbench.app import session as sessions_module
+from workbench.app import session as session_module
+from workbench.app import sessions as sessions_module
 from workbench.app.jobs import Job, Worker, Workers
-from workbench.app.session import Session, Sessions
+from workbench.app.session import Session
+from workbench.app.sessions import Sessions
 from workbench.app.stages import data
 
 HOSTILE = "<img src=x onerror=alert(1)>"
@@ -46,7 +48,7 @@ def upload(session, name, body):
 
 def test_files_of_a_session_take_so_much_of_the_disk_and_no_more(session, tmp_path, monkeypatch):
     body = content(tmp_path)
-    monkeypatch.setattr(sessions_module, "SPACE", 2.5 * len(body))
+    monkeypatch.setattr(session_module, "SPACE", 2.5 * len(body))
     for name in ("a.csv", "b.csv", "c.csv"):
         upload(session, name, body)
     assert "c.csv: " in session.notice and "of files are enough: remove one first" in session.notice
@@ -64,7 +66,7 @@ def test_a_disk_without_room_is_told_before_it_is_full(session, tmp_path, monkey
 
 
 def test_recordings_of_a_session_are_so_long_and_no_longer(session, tmp_path, monkeypatch):
-    monkeypatch.setattr(sessions_module, "MOST_SAMPLES", 700)
+    monkeypatch.setattr(session_module, "MOST_SAMPLES", 700)
     for name in ("a.csv", "b.csv"):
         upload(session, name, content(tmp_path))
     assert session.notice == "700 samples are enough: remove a recording first"

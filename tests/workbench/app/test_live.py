@@ -17,7 +17,8 @@ from tests.pendulum_env.rigs import EmulatedRig, Host
 from tests.workbench.app.plants import recorded
 from workbench.app import live, missing
 from workbench.app.live import Run, Setup
-from workbench.app.session import Session, Sessions
+from workbench.app.session import Session
+from workbench.app.sessions import Sessions
 
 PATIENCE = 30.0  # [s]
 LIMITS = {"torque": 4.0, "reply": 1.0, "gap": 2.0, "watchdog": 3.0}  # [N m], [s]; a busy machine is no fault here
@@ -180,7 +181,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
 def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
     rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("workbench.app.session.MOST_SESSIONS", 1)
+    monkeypatch.setattr("workbench.app.sessions.MOST_SESSIONS", 1)
     first = sessions.of(ID)
     driving(first)
     second = sessions.of(OTHER)

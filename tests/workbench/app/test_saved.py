@@ -19,7 +19,7 @@ from tests.workbench.app.plants import recorded
 
 pytest.importorskip("dash")
 
-from workbench.app import session as sessions_module
+from workbench.app import session as session_module
 from workbench.app.asked import Asked
 from workbench.app.mapping import Choice
 from workbench.app.saved import CONTENTS
@@ -158,10 +158,10 @@ def test_archives_that_are_damaged_or_hold_too_much_are_refused(
         (tmp_path / str(number)).mkdir()
         assert "session.zip: is damaged, or no ZIP archive" in opened(tmp_path / str(number), content).notice
     packed = deflated(bytes(10_000_000))
-    monkeypatch.setattr(sessions_module, "SPACE", 20_000)
+    monkeypatch.setattr(session_module, "SPACE", 20_000)
     assert "of which at most 20 kB are read" in opened(tmp_path, packed).notice
-    monkeypatch.setattr(sessions_module.uploads, "UPLOAD", 1000)
-    with pytest.raises(sessions_module.InputError, match="remove a recording first"):
+    monkeypatch.setattr(session_module.uploads, "UPLOAD", 1000)
+    with pytest.raises(session_module.InputError, match="remove a recording first"):
         worked.save()
 
 
@@ -226,7 +226,7 @@ def test_a_file_that_was_removed_goes_when_nothing_can_bring_it_back(
         session.act(lambda: session.copy([Source(tmp_path / "swing.csv")]))
         session.act(lambda: session.remove("swing.csv"))
         assert session.notice == "" and (session.folder / "swing.csv").exists()
-    assert session.last_change == "remove swing" and len(session._past) == 2
-    monkeypatch.setattr(sessions_module, "MOST_UNDONE", 1)
+    assert session.last_change == "remove swing" and len(session._history._past) == 2
+    monkeypatch.setattr("workbench.app.history.MOST_UNDONE", 1)
     session.act(lambda: session.copy([Source(tmp_path / "check.csv")]))
     assert [file.name for file in session.folder.iterdir()] == ["check.csv"]

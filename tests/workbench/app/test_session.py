@@ -29,14 +29,15 @@ pytest.importorskip("dash")
 from dash import html
 from plotly.utils import PlotlyJSONEncoder
 
-from workbench.app import session as sessions_module
+from workbench.app import sessions as sessions_module
 from workbench.app import uploads
 from workbench.app.brushing import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.layout import story_so_far
 from workbench.app.mapping import Choice
 from workbench.app.recorder import options
 from workbench.app.server import make_app
-from workbench.app.session import Session, Sessions
+from workbench.app.session import Session
+from workbench.app.sessions import Sessions
 from workbench.app.stages import STAGES, compare, data, export
 from workbench.app.stages import add as adding
 from workbench.app.stages.export import commands, snippet
