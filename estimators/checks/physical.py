@@ -111,8 +111,9 @@ def turned_round(model: Model) -> str | None:
 
 
 def _surely_negative(model: Model, name: str) -> bool:
+    """Whether an estimate is; a value that a user has fixed, without a standard error, is none."""
     estimate = model.estimates.get(name)
-    return estimate is not None and estimate.value < -3 * estimate.std
+    return estimate is not None and estimate.std > 0 and estimate.value < -3 * estimate.std
 
 
 def objection(after: Step, before: Step, x: Samples, torque: float = 1.0) -> str | None:
