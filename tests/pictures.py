@@ -1,28 +1,32 @@
-"""Make the pictures of the pages that no page prints: python -m tests.pictures.
+"""Make the pictures of the pages that no page prints, of a report and of the app: python -m tests.pictures.
 
 Needs chromium beside the extra dev; without it, pictures stay as they are.
 """
 
 import io
 import shutil
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 from PIL import Image
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import Page, sync_playwright
 
 from estimators import diagnose
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.plant import make_plant
+from pendulum_env.recording import write_recording
 from tests.gallery import gallery
 from tests.prose import ROOT
+from tests.workbench.app.plants import recorded
 from workbench.report import write_report
 
 HIDDEN = ["spring:stiffness=0.25,preload=0.1", "stribeck:stribeck=0.5,stribeck_velocity=0.8"]
 GALLERY = "workbench/app/assets/gallery"
 SIZE = {"width": 1180, "height": 1470}  # [px] of the top of a report
+WINDOW = {"width": 1240, "height": 900}  # [px]
 COLOURS = 256
 
 
@@ -37,17 +41,40 @@ def report(path: Path) -> None:
     write_report(path, training, holdout, diagnose(training, holdout))
 
 
-def picture(page: Path, chromium: str) -> Image.Image:
-    """The top of a page as a browser shows it."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--headless", "--no-sandbox"])
-        tab = browser.new_page(viewport=SIZE)
-        tab.goto(page.as_uri())
-        tab.wait_for_selector(".main-svg")
-        tab.wait_for_timeout(500)  # for fonts and plots to settle
-        shown = Image.open(io.BytesIO(tab.screenshot()))
-        browser.close()
-    return shown.convert("RGB").quantize(COLOURS)
+def keep(tab: Page, name: str, **options: bool) -> None:
+    """What a browser shows, as a picture of the pages."""
+    tab.wait_for_timeout(500)  # for fonts and plots to settle
+    shown = Image.open(io.BytesIO(tab.screenshot(**options)))
+    shown.convert("RGB").quantize(COLOURS).save(ROOT / "docs" / f"{name}.png", optimize=True)
+    print(f"wrote docs/{name}.png")
+
+
+def tour(tab: Page, folder: Path) -> None:
+    """The stages of the app that its page shows, with Stribeck friction hidden and then with a cog."""
+    write_recording(recorded("swing", 1, 10.0), folder / "swing.csv")
+    command = [sys.executable, "-m", "workbench.cli", "app", "--port", "0", "--no-browser", str(folder / "swing.csv")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        tab.goto(next(line.split(" is at ")[1].split()[0] for line in server.stdout if " is at " in line))
+        tab.click("#to-compare")
+        tab.click(".regions-list button >> nth=2")
+        tab.wait_for_function("() => document.querySelector('#selected').textContent.includes(' of ')")
+        keep(tab, "app-compare", full_page=True)
+        tab.click("#to-diagnose")
+        tab.click("#diagnose")
+        tab.click(".ranking .action.primary")
+        tab.wait_for_selector("button:has-text('added')")
+        tab.click("#to-add")
+        tab.wait_for_selector(".add .bars")
+        keep(tab, "app-add", full_page=True)
+        tab.click("#to-live")
+        tab.click("#live-effect")
+        tab.click(".dash-dropdown-option:has-text('Cogging torque')")
+        tab.click("#live-start")
+        tab.wait_for_selector("#live-verdict:has-text('cogging')")
+        tab.wait_for_timeout(4000)  # for evidence to grow
+        keep(tab, "app-live", full_page=True)
+        server.terminate()
 
 
 if __name__ == "__main__":
@@ -55,8 +82,13 @@ if __name__ == "__main__":
     print(f"wrote {GALLERY}")
     chromium = shutil.which("chromium")
     if chromium is None:
-        sys.exit("docs/report.png was left as it is: chromium is not installed")
-    with tempfile.TemporaryDirectory() as folder:
+        sys.exit("pictures of the report and of the app were left as they are: chromium is not installed")
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--headless", "--no-sandbox"])
+        tab = browser.new_page(viewport=SIZE)
         report(Path(folder) / "report.html")
-        picture(Path(folder) / "report.html", chromium).save(ROOT / "docs" / "report.png", optimize=True)
-    print("wrote docs/report.png")
+        tab.goto((Path(folder) / "report.html").as_uri())
+        tab.wait_for_selector(".main-svg")
+        keep(tab, "report")
+        tour(browser.new_page(viewport=WINDOW), Path(folder))
+        browser.close()

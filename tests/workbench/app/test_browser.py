@@ -95,8 +95,10 @@ class Tab:
         self.page.set_input_files("#upload input[type=file]", [str(file) for file in files])
 
     def go(self, stage: str) -> None:
+        self.page.evaluate("scrollTo(0, 500)")
         self.page.click(f"#to-{stage}")
         self.page.wait_for_selector(STAGES[stage])
+        assert self.page.evaluate("scrollY") == 0  # a stage begins at its top
 
     def picture(self, name: str) -> None:
         PICTURES.mkdir(exist_ok=True)
@@ -135,6 +137,40 @@ class Tab:
                 Math.max(a.left - b.right, b.left - a.right, a.top - b.bottom, b.top - a.bottom) < gap)).length;
             }""",
             [selector, gap],
+        )
+
+    def unreadable(self) -> list[str]:
+        """Texts that are cut off by the window or by what holds them, or that lie on each other."""
+        return self.page.evaluate(
+            """() => {
+              const texts = [], found = [], width = document.documentElement.clientWidth;
+              const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+              while (walk.nextNode()) {
+                const node = walk.currentNode, holder = node.parentElement, text = node.textContent.trim();
+                if (!text || holder.closest("svg, script, style, .skip, [aria-hidden=true]") || !holder.checkVisibility(
+                    {opacityProperty: true, visibilityProperty: true})) continue;
+                const range = document.createRange();
+                range.selectNodeContents(node);
+                const lines = [...range.getClientRects()].filter((box) => box.width > 1 && box.height > 1);
+                let scrolled = false;
+                for (let one = holder; one !== document.body; one = one.parentElement) {
+                  const {overflowX, position} = getComputedStyle(one), box = one.getBoundingClientRect();
+                  scrolled ||= overflowX === "auto" || overflowX === "scroll" || position === "sticky";
+                  if (overflowX === "hidden" && !scrolled && lines.some((line) => line.right > box.right + 1.5))
+                    found.push(`cut: ${text}`);
+                }
+                if (scrolled) continue;
+                if (lines.some((line) => line.left < -1 || line.right > width + 1)) found.push(`out: ${text}`);
+                texts.push([text, lines]);
+              }
+              const share = (a, b) => Math.min(a.right - b.left, b.right - a.left) > 2 &&
+                Math.min(a.bottom - b.top, b.bottom - a.top) > 0.3 * Math.min(a.height, b.height);
+              texts.forEach(([a, ones], k) => texts.slice(k + 1).forEach(([b, others]) => {
+                if (ones.some((one) => others.some((other) => share(one, other)))) found.push(`${a} on ${b}`);
+              }));
+              if (texts.length < 10) throw new Error("there is hardly any text");
+              return found;
+            }"""
         )
 
     def lit(self, view: str) -> dict[str, list[float]]:
@@ -460,8 +496,11 @@ def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
     page.wait_for_selector("td:has-text('recording-1')")
 
 
-@pytest.mark.parametrize(("scheme", "width"), [("dark", 1280), ("light", 800), ("light", 420)])
-def test_no_stage_is_wider_than_the_window(
+@pytest.mark.parametrize(
+    ("scheme", "width"),
+    [("light", 420), ("light", 800), ("dark", 1024), ("light", 1280), ("dark", 1280), ("light", 1920)],
+)
+def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(
     browser: "sync_api.Browser", address: str, folder: Path, scheme: str, width: int
 ) -> None:
     tab = Tab(browser, address, color_scheme=scheme)
@@ -471,10 +510,13 @@ def test_no_stage_is_wider_than_the_window(
     for stage in STAGES:
         tab.go(stage)
         assert tab.page.evaluate("document.documentElement.scrollWidth") <= width, stage
+        assert tab.unreadable() == [], stage
         if stage == "compare":
             assert tab.collisions("#of label, #clear") == 0
         tab.picture(f"{scheme}-{width}-{stage}")
     assert tab.page.evaluate("document.documentElement.dataset.theme") == scheme
+    tab.page.add_style_tag(content="#stage * {overflow: hidden; white-space: nowrap; max-width: 60px}")
+    assert tab.unreadable() != []  # it would have shown
     tab.close()
 
 

@@ -111,6 +111,9 @@
     window.dash_clientside.set_props("notice", { children: text });
   }
 
+  // Another stage is another page, which begins at its top.
+  addEventListener("hashchange", () => scrollTo({ top: 0, behavior: "instant" }));
+
   // The address tells the stage, so that this link must not change it.
   addEventListener("click", (event) => {
     if (event.target.id !== "skip") return;

@@ -28,7 +28,7 @@ from workbench.report.words import name, number, opening
 
 LINKED = "linked"
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
-HINT = "Drag a box in any of the plots, or choose a region below: the same moments light up in the others."
+HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."
 
 
 def show(session: Session) -> list[Component]:
@@ -51,10 +51,11 @@ def show(session: Session) -> list[Component]:
 
 
 def _views(session: Session, file: str, shown: int) -> list[Component]:
-    """The three views of a recording and the regions that stand out in it."""
+    """The regions of a recording that stand out, and three views of it."""
     points = _points(session, file)
     drawn = figures(points, shown, session.find(file).recording.name)
     return [
+        _regions(points, shown),
         html.Div(
             [
                 html.Div(graph(drawn[MAP], html.B("Residual map"), LINKED), className="panel"),
@@ -63,7 +64,6 @@ def _views(session: Session, file: str, shown: int) -> list[Component]:
             className="columns even",
         ),
         html.Div(graph(drawn[TIME], html.B("Over time"), LINKED), className="panel"),
-        _regions(points, shown),
         _alike(session.state, points, shown),
         _flown(session.state.standing, session.find(file).recording),
     ]
