@@ -40,6 +40,12 @@ class Network:
     levels: Array | None
     constraint: str
 
+    def __repr__(self) -> str:
+        """One line: what it sees, its layers, what it may play, and for which bound it was trained."""
+        layers = "-".join(str(one.shape[1]) for one in self.weights)
+        plays = "any torque" if self.levels is None else f"{len(self.levels)} torques"
+        return f"<Network of {layers} units, which plays {plays}, trained under {self.constraint!r}>"
+
     @property
     def discriminates(self) -> bool:
         """Whether it was trained to tell structures apart, and sees what is known of them."""

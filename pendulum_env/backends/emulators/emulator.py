@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import os
 import select
 import sys
@@ -33,6 +34,7 @@ MISHAPS = {
     "unplug": "the cable is pulled",
     "corrupt": "P: each bit on the cable is wrong with a probability P",
     "push": "T: somebody pushes the arm with T N m",
+    "hold": "D: a hand turns the arm to D degrees and holds it there; without a number it lets go",
     "freeze": "S: the drive hangs for S seconds",
     "encoder": f"{', '.join(MISREADINGS)}: the encoder tells something else",
     "gain": "G: the drive gives G times the torque that it is asked for",
@@ -165,6 +167,8 @@ def _mishap(words: list[str], link: Link, motor: Motor) -> str:
         motor.misread(how)
     elif name == "gain":
         motor.amplify(amount)
+    elif name == "hold":
+        motor.hold(math.radians(amount) if rest else None)
     elif name == "push":
         motor.advance()
         motor.push = amount

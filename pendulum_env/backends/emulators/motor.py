@@ -17,6 +17,7 @@ from pendulum_env.backends.simulator import Simulator
 from pendulum_env.physics import Model
 
 STEP = 1e-3  # [s], longest of the integrator
+FIRM, CALM = 60.0, 2.0  # [rad/s] of a hand: the stiffness with which it holds the arm, and how fast it turns it
 JUMP, DRIFT = 0.5, 3.0  # [rad], [rad/s] of an encoder that does
 MISREADINGS: dict[str, Callable[[float, float], float]] = {  # angle that it tells, from that since then and the time
     "frozen": lambda moved, passed: 0.0,
@@ -50,6 +51,8 @@ class Motor:
         self._deadline = math.inf
         self.powered, self.expired = False, False
         self.push = 0.0  # [N m], by somebody's hand
+        self._hand: tuple[float, float] | None = None  # of one that holds the arm: where it is, and goes [rad]
+        self._inertia, self._speed = model.estimates["inertia"].value, 0.0  # [kg m^2], [rad/s]
         self._gain = 1.0  # of the drive
         self._misread: tuple[Callable[[float, float], float], float, float] | None = None  # since when and where
         self.watchdog = math.inf  # [s]
@@ -124,6 +127,12 @@ class Motor:
             self._gain = gain
             self._tell(self._now, "mishap", gain)
 
+    def hold(self, angle: float | None) -> None:
+        """A hand turns the arm to an angle [rad] and holds it there, or lets go."""
+        with self._turn:
+            self.advance()
+            self._hand = None if angle is None else (self._angle, angle)
+
     def hang(self, seconds: float) -> None:
         """Answer nobody for a while."""
         with self._turn:
@@ -149,9 +158,20 @@ class Motor:
     def _move(self, until: float) -> None:
         while (left := until - self._now) > 1e-9:
             step = min(left, STEP)
-            self._angle = self._body.move(self._acting + self.push, step)
+            before = self._angle
+            self._angle = self._body.move(self._acting + self.push + self._held(step), step)
+            self._speed = (self._angle - before) / step
             self._now += step
         self._now = max(self._now, until)
+
+    def _held(self, step: float) -> float:
+        """Torque of the hand that holds the arm [N m]."""
+        if self._hand is None:
+            return 0.0
+        here, there = self._hand
+        here += min(max(there - here, -CALM * step), CALM * step)
+        self._hand = here, there
+        return self._inertia * (FIRM**2 * (here - self._angle) - 2 * FIRM * self._speed)
 
     def _act(self, at: float, torque: float) -> None:
         if (torque == 0) != (self._acting == 0):

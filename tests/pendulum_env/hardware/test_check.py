@@ -1,6 +1,7 @@
 """What a person goes through with a new rig, with somebody who does as told beside an emulated one."""
 
 import io
+import re
 import time
 
 import pytest
@@ -10,9 +11,6 @@ from pendulum_env.backends.hardware.config import load
 from workbench.cli import main
 
 pytestmark = pytest.mark.realtime
-
-THETA = {"viscous": 1.0, "coulomb": 0.3}  # moves as calmly as if it were held
-TO_A_QUARTER = 2.6  # [N m], takes the arm there in a second, and on slowly
 
 
 class Helper:
@@ -25,21 +23,20 @@ class Helper:
     def confirm(self, text):
         self.asked.append(text)
         if "quarter turn" in text:
-            self._push(TO_A_QUARTER)
+            self._hand("hold 90")
         elif "hang down" in text:
-            self._push(0.0)
+            self._hand("hold 0")
+            self._hand("hold")
         return True
 
-    def _push(self, torque):
-        self.rig.tell(f"push {torque}")
-        self.rig.heard(b"push")
+    def _hand(self, does):
+        self.rig.tell(does)
+        self.rig.heard(b"hold")
         time.sleep(1.2)
 
 
 def wired(emulated, kind, *, top="", **encoder):
-    rig = emulated(
-        kind, theta=THETA, limits={"watchdog": 0.3, "gap": 0.25}, encoder={"counts": 1_024_000, **encoder}
-    )  # fmt: skip
+    rig = emulated(kind, limits={"watchdog": 0.3, "gap": 0.25}, encoder={"counts": 1_024_000, **encoder})
     rig.config.with_name("rig.toml.checked").unlink()
     rig.config.write_text(top + rig.config.read_text())
     return rig
@@ -53,6 +50,8 @@ def test_a_rig_that_is_wired_right_passes_and_may_use_its_torque(emulated, kind)
     check(load(rig.config), helper)
     assert load(rig.config).max_torque == 6.0
     assert len(helper.said) == 2 * len(STEPS) + 1
+    turned, hung = (float(re.search(r"(\d+)(?:\.\d)? degrees", helper.said[k])[1]) for k in (3, 5))
+    assert turned == pytest.approx(90, abs=2) and hung <= 3  # as the hand held it
     assert "the drive let go by itself" in helper.said[-2]
     torques = [abs(value) for _, event, value in rig.events() if event == "command"]
     assert 0.3 < max(torques) <= 2.0 + 1e-6
