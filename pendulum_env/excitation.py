@@ -17,6 +17,7 @@ from pendulum_env.lookup import find
 from pendulum_env.reading import LARGE, Unreadable, Value
 
 MOST_TORQUE = 1e6  # [N m] of a signal; the largest robots have some 1e4
+USUAL_SPEED = 4.0  # [rad/s] of a joint that is designed to move, where nobody says more
 
 
 class Excitation(Protocol):

@@ -14,10 +14,11 @@ import numpy as np
 from estimators.regression.equations import IdentificationError
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
+from pendulum_env.excitation import USUAL_SPEED
 
 PERIOD = 10.0  # [s]
 POINTS = 120  # instants at which a series is judged
-USUAL_RANGE, USUAL_SPEED = np.pi, 4.0  # [rad] to either side, [rad/s], where the file has no limits
+USUAL_RANGE = np.pi  # [rad] to either side, where the file has no limits
 MARGIN = 0.9  # of the limits that is used
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the motion that is tried until the torque suffices
 

@@ -12,11 +12,10 @@ from agents.network import Network, load
 from agents.observer import EPISODE
 from agents.pilot import Pilot
 from agents.verdicts import LONGEST
-from estimators.arms.excitation import USUAL_SPEED
 from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
-from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, Excitation, excitation
+from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, USUAL_SPEED, Excitation, excitation
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
