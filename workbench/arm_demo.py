@@ -13,11 +13,10 @@ from estimators.arms.excitation import design_excitation
 from estimators.arms.following import follow
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.joints import joint_effects
+from pendulum_env.arms.joints import effect_at, joint_effects
 from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
 from pendulum_env.arms.recording import ArmRecording, write_arm_recording
 from pendulum_env.files import write_whole
-from pendulum_env.physics import effect
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import draw_effect
 from workbench.arms import simulated, tell_diagnosis
@@ -94,7 +93,7 @@ def reveal(arm: PlanarArm, body: Body, hidden: str, found: ArmDiagnosis, termina
     """Print the truth beside the estimates."""
     at = hidden.partition(":")[0]
     terminal.heading("The truth")
-    terminal.say(f"hidden was {at}: {effect(at.partition('@')[0]).law}")
+    terminal.say(f"hidden was {at}: {effect_at(at, arm.joints)[0].law}")
     terminal.say(verdict(at, found))
     truth = dict(zip(body.names, body.values.tolist(), strict=True))
     for joint, model in zip(arm.joints, arm.models, strict=True):

@@ -24,7 +24,6 @@ from estimators.signals.measurements import Measurements, remember
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import JointTerm
-from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Samples, Term
 
@@ -159,10 +158,9 @@ class ArmEvidence:
         w = weights[self.joint]
         return Balance(phi * w[:, None], y * w, slopes, passed, least, most, np.ones(len(w)))
 
-    def residual(self, model: ArmModel) -> Array:
-        """Torque (R,) that a model leaves [N m]."""
-        balance = self.balance(model.terms, np.ones(len(self.body.joints)))
-        return np.asarray(balance.error(model.theta))
+    def residual(self, terms: Sequence[JointTerm], theta: Array) -> Array:
+        """Torque (R,) that body and terms of linear parameters theta (P,) leave [N m]."""
+        return np.asarray(self.balance(terms, np.ones(len(self.body.joints))).error(theta))
 
     def structure(self, residual: Array, joint: int) -> tuple[float, float]:
         """Torque that neighbouring blocks of a joint share of a residual (R,) [N m], and how sure that is."""

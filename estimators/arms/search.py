@@ -89,8 +89,7 @@ class ArmSearch:
 
     def residual(self, terms: Terms) -> Array:
         """Torque (R,) that the fit leaves [N m]."""
-        balance = self.train.balance(terms, self.weights)
-        return np.asarray(balance.error(self.solve(terms)) / self.weights[self.train.joint])
+        return self.train.residual(terms, self.solve(terms))
 
     def density(self, terms: Terms) -> Array:
         """Log predictive density of every stretch (S,), those of the training data first [nat]."""

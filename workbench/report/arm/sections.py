@@ -7,7 +7,6 @@ import numpy as np
 from estimators.checks.residual import STANDS_OUT, Region, profile, stand_out
 from estimators.weak_form.dataset import TRIFLE
 from pendulum_env._typing import JSON
-from pendulum_env.physics import effect
 from workbench.report.arm.case import ArmCase
 from workbench.report.section import Section
 from workbench.report.sections.failures import key, profile_figure
@@ -19,7 +18,7 @@ SHOWN = ("position", "velocity", "time")  # a strip's plots
 def joints(case: ArmCase, headline: str) -> Section:
     """Torque errors of every joint under each model."""
     rows = list(zip(*(drawn.errors for drawn in case.models), strict=True))
-    laws = [(id, effect(id.partition("@")[0]).law) for id in case.selected]
+    laws = [(own.id, own.term.law) for own in case.final.model.terms if own.id in case.selected]
     content = {
         "measured": case.measured,
         "labels": [drawn.label for drawn in case.models],
@@ -33,7 +32,7 @@ def joints(case: ArmCase, headline: str) -> Section:
 def strips(case: ArmCase) -> Section:
     """One strip of plots a joint: mean residual over angle, velocity and time, of each model."""
     curves = [(drawn.label, drawn.color) for drawn in case.models]
-    residuals = [case.evidence.residual(drawn.model) for drawn in case.models]
+    residuals = [case.evidence.residual(drawn.model.terms, drawn.model.theta) for drawn in case.models]
     found, standing = [], [False] * len(residuals)
     for k, joint in enumerate(case.joints):
         x, here = case.evidence.samples(k), case.evidence.of(k)
