@@ -178,16 +178,21 @@ class ArmEvidence:
         return float(np.sqrt(max(power.mean() - max(product.mean(), 0.0), 0.0)))
 
     def _neighbours(self, residual: Array, joint: int) -> tuple[Array, Array]:
-        """Products of a residual (R,) at blocks of a joint that are nearly neighbours, and their mean squares."""
+        """Products of a residual (R,) at blocks of a joint that are as near as noise allows, and their mean squares.
+
+        White noise of sensors is white no more behind the filter: next but one, blocks share up to two thirds of it,
+        with the other sign. The ends of its window weigh little, so that at its reach hardly any is shared.
+        """
         own, first, products, powers = residual[self.of(joint)], 0, [], []
         for part in self.parts:
             blocks = part.blocks[joint]
             here = own[first : first + len(blocks)]
             first += len(blocks)
-            # next but one: what the filter makes neighbours share is no structure
-            near = np.flatnonzero(blocks[2:, 0] - blocks[:-2, 0] == 2 * blocks.shape[1])
-            products.append(here[near] * here[near + 2])
-            powers.append(0.5 * (here[near] ** 2 + here[near + 2] ** 2))
+            length = blocks.shape[1]
+            apart = 1 + -(-part.m.joints[joint].reach // length)
+            near = np.flatnonzero(blocks[apart:, 0] - blocks[:-apart, 0] == apart * length)
+            products.append(here[near] * here[near + apart])
+            powers.append(0.5 * (here[near] ** 2 + here[near + apart] ** 2))
         return np.concatenate(products), np.concatenate(powers)
 
 
