@@ -32,7 +32,7 @@ class ArmDiagnosis:
         base: the model without them.
         model: with the effects that were found.
         selected: them, `stribeck@elbow`.
-        candidates: what was judged, of each step.
+        candidates: what was judged, each effect once.
         before, after: torque errors on held-out data without and with them, joint by joint.
         unexplained: torque that each joint's neighbouring blocks still share [N m], where it surely is some.
     """
@@ -111,7 +111,7 @@ def diagnose_arm(
         base=lacking,
         model=model,
         selected=tuple(own.id for own in terms[len(base) :]),
-        candidates=tuple(search.judged),
+        candidates=tuple(search.ranking(terms)),
         before=before,
         after=after,
         unexplained={

@@ -25,6 +25,7 @@ from pendulum_env.arms.joints import JointTerm, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Model, Term
 
+VERDICTS = ("selected", "ambiguous", "rejected")  # in the order of a table
 JUDGED = 8  # most promising effects that are scored
 SEARCHED = 24  # most promising ones whose shape parameters are searched, from the grid on
 SINGULAR = 1e-6  # share of a column that body and friction have to leave: with less it is theirs
@@ -34,7 +35,7 @@ Terms = tuple[JointTerm, ...]
 
 @dataclass(frozen=True)
 class ArmCandidate:
-    """An effect at a joint that was judged.
+    """An effect at a joint that was judged, in the round that says most of it.
 
     Attributes:
         effect: `stribeck@elbow`.
@@ -57,7 +58,7 @@ class ArmCandidate:
 
 @dataclass
 class ArmSearch:
-    """The loop that adds effects, and drops those that others make needless."""
+    """The loop that adds effects, and looks for each anew beside those that were added after it."""
 
     train: ArmEvidence
     held: ArmEvidence
@@ -65,7 +66,7 @@ class ArmSearch:
     criterion: Criterion
     rng: np.random.Generator
     progress: Progress
-    judged: list[ArmCandidate] = field(default_factory=list)
+    rounds: dict[str | None, list[ArmCandidate]] = field(default_factory=dict)  # by what each selected
 
     def __post_init__(self) -> None:
         base = friction(self.train.body.joints)
@@ -119,16 +120,29 @@ class ArmSearch:
     def find(self, base: Terms) -> Terms:
         """The terms with all effects that surely predict better and explain what is left."""
         terms = base
+        seen: set[frozenset[str]] = set()
         while len(terms) - len(base) < self.criterion.most:
             longer = self._add(terms)
             if longer is None:
                 break
             terms = longer
-            for own in terms[len(base) : -1]:
-                without = tuple(other for other in terms if other is not own)
-                if not self.gain(terms, without).chance <= self.criterion.chance:
-                    terms = without
+            for own in longer[len(base) : -1]:  # another may be in its place, or none, now that more is known
+                others = tuple(other for other in terms if other is not own)
+                terms = self._add(others) or others
+            found = frozenset(own.id for own in terms[len(base) :])
+            if found in seen:  # in circles
+                break
+            seen.add(found)
         return terms
+
+    def ranking(self, terms: Terms) -> list[ArmCandidate]:
+        """Every effect that was judged where the terms were selected or nothing was, once, the likeliest first."""
+        best: dict[str, ArmCandidate] = {}
+        for id in (*(own.id for own in terms), None):
+            for one in self.rounds.get(id, ()):
+                if one.effect not in best or VERDICTS.index(one.verdict) <= VERDICTS.index(best[one.effect].verdict):
+                    best[one.effect] = one  # a rival stays one beside the effect that it rivals
+        return sorted(best.values(), key=lambda one: (VERDICTS.index(one.verdict), -one.probability))
 
     def _add(self, terms: Terms) -> Terms | None:
         """The terms with one more effect, the one of the best prediction that nothing speaks against."""
@@ -148,11 +162,12 @@ class ArmSearch:
         odds = (
             self.bootstrap.probabilities([self.density(longer) for longer in promising]) if promising else np.empty(0)
         )
+        told = self.rounds[None if chosen is None else chosen[-1].id] = []
         for longer, probability in zip(promising, odds.tolist(), strict=True):
             gain = self.gain(longer, terms)
             rival = longer in level and probability > self.criterion.rival
             verdict = "selected" if longer == chosen else "ambiguous" if rival else "rejected"
-            self.judged.append(ArmCandidate(longer[-1].id, gain.total, gain.error, probability, verdict))
+            told.append(ArmCandidate(longer[-1].id, gain.total, gain.error, probability, verdict))
         return chosen
 
     def _is_level(self, one: Terms, other: Terms) -> bool:
@@ -160,20 +175,29 @@ class ArmSearch:
         return bool(self.bootstrap.probabilities([self.density(one), self.density(other)])[0] > self.criterion.rival)
 
     def _convinces(self, longer: Terms, terms: Terms) -> bool:
-        """Whether an effect surely gains, explains a good share of what its joint leaves, and could be a body's."""
-        joint, gain = longer[-1].joint, self.gain(longer, terms)
+        """Whether an effect surely gains, explains a good share of what is left at a joint, and could be a body's.
+
+        That joint need not be its own: where the links' parameters imitate the effect there, other joints miss them.
+        """
+        gain = self.gain(longer, terms)
         if gain.chance > self.criterion.chance:
             return False
-        (had, shared), (left, _) = (self.train.structure(self.residual(one), joint) for one in (terms, longer))
-        if had < self.trifle(joint):
-            return False
         # what shows in few places only, as friction at low speed, hardly shows in what neighbours share
-        excess = gain.total - self.penalty(longer, terms)
-        if shared < self.criterion.sure and excess < self.criterion.sure * gain.error:
-            return False
-        if 1.0 - (left / had) ** 2 <= self.criterion.share:
-            return False
-        return not self.impossible(longer)
+        sure = gain.total - self.penalty(longer, terms) >= self.criterion.sure * gain.error
+        before, after = self.residual(terms), self.residual(longer)
+        shown = (self._explains(before, after, joint, sure) for joint in range(len(self.weights)))
+        return any(shown) and not self.impossible(longer)
+
+    def _explains(self, before: Array, after: Array, joint: int, sure: bool) -> bool:
+        """Whether a residual (R,) is surely more than noise at a joint, and another leaves a good share less there."""
+        here = self.train.of(joint)
+        explained = float(np.mean(before[here] ** 2 - after[here] ** 2))
+        left, _ = self.train.structure(after, joint)
+        return (
+            (sure or self.train.structure(before, joint)[1] >= self.criterion.sure)
+            and explained > self.trifle(joint) ** 2
+            and explained > self.criterion.share * (explained + left**2)
+        )
 
     def impossible(self, terms: Terms) -> list[str]:
         """What no joint has of the one where the last of the terms is, in phrases; empty if all is well."""

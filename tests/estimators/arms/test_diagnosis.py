@@ -10,10 +10,13 @@ from estimators.arms.diagnosis import diagnose_arm
 from estimators.arms.evidence import gather_arm
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
 from estimators.regression.equations import IdentificationError
+from estimators.selection.criterion import Criterion
 from pendulum_env.arms.body import read_body
+from pendulum_env.arms.joints import friction
 from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck
-from pendulum_env.physics.potential import Cogging
+from pendulum_env.physics.potential import Cogging, Spring
 
 SOME = {"stribeck": Stribeck, "cogging": Cogging}
 
@@ -36,6 +39,12 @@ def test_torque_of_six_joints_in_mujoco_is_predicted_within_two_per_cent(six, pl
     for joint, viscous, coulomb in zip(six_joint.JOINTS, six_joint.VISCOUS, six_joint.COULOMB, strict=True):
         assert found.model.estimates[f"viscous@{joint}"].value == pytest.approx(viscous, rel=0.05)
         assert found.model.estimates[f"coulomb@{joint}"].value == pytest.approx(coulomb, rel=0.02)
+
+
+def test_noise_behind_the_filter_is_no_structure(six, plain):
+    evidence, terms = gather_arm([plain], six), friction(six.joints)
+    residual = evidence.residual(terms, evidence.balance(terms, np.ones(6)).solve())
+    assert all(abs(evidence.structure(residual, joint)[1]) < Criterion().sure for joint in range(6))
 
 
 def test_nothing_is_named_where_nothing_is_hidden(six, plain):
@@ -76,6 +85,13 @@ def test_of_equal_laws_the_simplest_is_named_and_the_others_told(two):
     told = {candidate.effect: candidate.verdict for candidate in found.candidates}
     assert told["coulomb_asymmetry@elbow"] == "ambiguous"
     assert found.model.estimates["torque_offset@elbow"].value == pytest.approx(0.3, rel=0.03)
+
+
+def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(two):
+    found = diagnose_arm(offset_run(two, (0.4, 0.3)), two, library={"torque_offset": TorqueOffset, "spring": Spring})
+    assert set(found.selected) == {"torque_offset@shoulder", "torque_offset@elbow"}
+    told = [candidate.effect for candidate in found.candidates]
+    assert len(told) == len(set(told)) and set(told[:2]) == set(found.selected)
 
 
 def test_a_joint_that_hardly_moves_is_told(two):

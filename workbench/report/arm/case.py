@@ -37,7 +37,7 @@ class ArmCase:
         models: one or two, the last one final.
         measured: of what the errors are, in words.
         selected: effects that were found, `stribeck@elbow`.
-        judged: what was judged, of each step.
+        judged: effects that were judged, each once.
         unexplained: torque that is left at joints and surely is something [N m].
     """
 
