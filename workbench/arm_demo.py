@@ -17,6 +17,7 @@ from pendulum_env.arms.joints import effect_at, joint_effects
 from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
 from pendulum_env.arms.recording import ArmRecording, write_arm_recording
 from pendulum_env.files import write_whole
+from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import draw_effect
 from workbench.arms import simulated, tell_diagnosis
@@ -82,9 +83,9 @@ def record(
     arm: PlanarArm, body: Body, samples: int, rng: np.random.Generator, file: Path, terminal: Terminal
 ) -> ArmRecording:
     """One recording of a motion designed for it, written to a file."""
-    motion = design_excitation(body, rng=rng)
+    motion = design_excitation(body, max_torque=MAX_TORQUE, rng=rng)  # no motor has all the torque that one may ask for
     with terminal.progress(f"recording {file.name}") as progress:
-        recording = follow(arm, motion, samples, rng=rng, name=file.stem, progress=progress)
+        recording = follow(arm, motion, samples, MAX_TORQUE, rng=rng, name=file.stem, progress=progress)
     write_arm_recording(recording, file)
     return recording
 
