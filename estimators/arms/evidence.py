@@ -138,6 +138,18 @@ class ArmEvidence:
             fixed.append(sum((_means(impulse_view(m, c), blocks) for c in own.term.fixed), np.zeros(len(blocks))))
         return np.concatenate(linear), np.concatenate(fixed)
 
+    def muffled(self, own: JointTerm) -> float:
+        """Variance of white torque noise that the term's fixed columns take out of its joint's blocks [(N m)^2]."""
+        rng, raws, lefts = np.random.default_rng(0), [], []
+        for part in self.parts:
+            m, blocks = part.m.joints[own.joint], part.blocks[own.joint]
+            one, other = (remember(each, [own.term]) for each in (m, m.noisier(rng)))
+            raw = _means(other.held - one.held, blocks)
+            taken = [impulse_view(other, column) - impulse_view(one, column) for column in own.term.fixed]
+            raws.append(raw)
+            lefts.append(raw - sum((_means(series, blocks) for series in taken), np.zeros(len(blocks))))
+        return float(np.var(np.concatenate(raws)) - np.var(np.concatenate(lefts)))
+
     def balance(self, terms: Sequence[JointTerm], weights: Array) -> Balance:
         """Equations of body and terms, each joint's scaled by its weight (n,)."""
         owned = [(own, self.columns(own)) for own in terms]

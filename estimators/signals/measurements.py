@@ -31,6 +31,7 @@ from pendulum_env.recording import Recording
 SPARE = 30  # samples that a recording is longer than the filter
 TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS, of a run under the paper's excitation
 CLEAN = 0.01  # of the RMS acceleration: more noise than this biases inertia by more than 1e-4
+SIDES = 3  # samples on either side that the kernels below reach to
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
 VALUE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 # (q[k+1] - q[k-1]) / 2 averages velocity, if it is linear between samples, by 1/4, 1/2, 1/4; 1 - d^2/4 undoes it.
@@ -85,6 +86,16 @@ class Measurements:
     def samples(self) -> Samples:
         """What a column depends on, (N,) each."""
         return Samples(self.time, self.position, self.velocity, self.torque, self.memory, self.load)
+
+    def noisier(self, rng: np.random.Generator) -> Measurements:
+        """The same with as much white noise on the torque once more, behind the same filter."""
+        at_instant, before = Smoothing(self.reach - SIDES - 1).of_torque()
+        noise = rng.standard_normal(len(self) + len(before) - 1) * self.torque_noise / _length(before)
+        return replace(
+            self,
+            torque=self.torque + np.convolve(noise, at_instant, "valid"),
+            held=self.held + np.convolve(noise, before, "valid"),
+        )
 
     def clear(self, guard: float | None) -> Mask:
         """Samples at least `guard` [s], and the filter's reach, away from stick and reversals; None keeps both, (N,).
@@ -159,7 +170,7 @@ class Smoothing:
     @property
     def reach(self) -> int:
         """Samples on either side that a value depends on; of the torque, one less of those to come."""
-        return self.half_width + 3
+        return self.half_width + SIDES
 
 
 def of_steps(counts: int) -> float:
