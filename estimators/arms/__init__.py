@@ -14,6 +14,7 @@ from estimators.arms.identification import (
 )
 from estimators.arms.online import ArmEstimator
 from estimators.arms.standard import standard_parameters
+from estimators.arms.wrapper import EstimateArmParameters
 
 __all__ = [
     "ARM_SCHEMES",
@@ -22,6 +23,7 @@ __all__ = [
     "ArmEstimator",
     "ArmIdentification",
     "ArmIdentified",
+    "EstimateArmParameters",
     "Excited",
     "Follow",
     "JointError",

@@ -130,8 +130,8 @@ class SampleClock:
         """Time starts anew."""
         self._time = -math.inf
 
-    def measured(self, info: dict[str, Any]) -> tuple[float, float, float]:
-        """Time, position and torque of a sample.
+    def measured(self, info: dict[str, Any]) -> tuple[float, Any, Any]:
+        """Time, position and torque of a sample; the latter two are arrays (n,) of an arm.
 
         Raises:
             KeyError: if the environment does not measure.
