@@ -1,0 +1,105 @@
+"""Beside MuJoCo's own identification toolbox: rotors, viscous and dry friction of six joints from the same recording.
+
+    pip install 'mujoco[sysid]'
+    python -m benchmarks.sysid [SECONDS]
+
+`mujoco.sysid` fits simulations to angles by least squares. It is told the links, and all that the recording was
+simulated with but for what it has to find: time step, integrator and solver, and how torque is held between samples; it
+starts at half of each value. As no arm without its controller keeps to a recording for long, it simulates half a second
+at a time, from angles and velocities as our filter has them. Ours fits the links' base parameters and friction to
+torque, and takes the rotors from them by the links that the file has. Times are of all cores together.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmarks.six_joint import COULOMB, JOINTS, RATE, ROTORS, STEP, VISCOUS, body, simulate, urdf
+from estimators.arms.identification import identify_arm
+from estimators.arms.measurements import measure_arm
+from estimators.schemes.six import FilteredDynamic
+from pendulum_env.arms.recording import ArmRecording
+
+TRUTH = {"armature": np.array(ROTORS), "damping": np.array(VISCOUS), "frictionloss": np.array(COULOMB)}
+PIECE = 0.5  # [s] of one simulation
+
+
+def ours(recording: ArmRecording) -> dict[str, np.ndarray]:
+    """Each quantity of each joint (6,)."""
+    arm = body()
+    estimates = identify_arm(recording, arm, schemes=[FilteredDynamic()])["filtered_dynamic"].model.estimates
+    links = [estimates[name] for name in arm.names]
+    weights = 1.0 / np.array([estimate.std for estimate in links])
+    off = np.array([estimate.value for estimate in links]) - arm.values
+    of_rotors = arm.combine[:, 10 * len(JOINTS) :]
+    rotors = np.linalg.lstsq(of_rotors * weights[:, None], off * weights, rcond=None)[0]
+    viscous, coulomb = (
+        np.array([estimates[f"{name}@{joint}"].value for joint in JOINTS]) for name in ("viscous", "coulomb")
+    )
+    return {"armature": rotors, "damping": viscous, "frictionloss": coulomb}
+
+
+def theirs(recording: ArmRecording) -> dict[str, np.ndarray]:
+    """Each quantity of each joint (6,)."""
+    import mujoco
+    from mujoco import sysid
+
+    spec = mujoco.MjSpec.from_string(urdf())
+    spec.option.timestep, spec.option.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    for name in JOINTS:
+        joint = spec.joint(name)
+        joint.solref_friction, joint.solimp_friction[:3] = (2 * STEP, 1.0), (0.95, 0.999, 1e-4)
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.gainprm[0] = 1.0
+        sensor, of = mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtObj.mjOBJ_JOINT
+        spec.add_sensor(name=f"{name}_angle", type=sensor, objtype=of, objname=name)
+    params = sysid.ParameterDict()
+    for quantity, values in TRUTH.items():
+        for name, value in zip(JOINTS, values.tolist(), strict=True):
+            params.add(sysid.Parameter(f"{quantity}@{name}", value / 2, 0.0, 5 * value, modifier=_set))
+    model = spec.compile()
+    angles = sysid.TimeSeries.compute_all_state_mappings(model)[0]
+    (m,) = measure_arm(recording)
+    first, length, substeps = len(recording) - len(m) >> 1, round(PIECE * RATE), round(1 / RATE / STEP)
+    pieces = []
+    for begin in range(0, len(m) - length, length):
+        own = slice(first + begin, first + begin + length)
+        held = np.repeat(recording.torque[own], substeps, axis=0)
+        state = sysid.create_initial_state(model, m.position[begin], m.velocity[begin])
+        control = sysid.TimeSeries.from_control_names(np.arange(len(held)) * STEP, held, model)
+        pieces.append((state, control, sysid.TimeSeries(np.arange(length) / RATE, recording.position[own], angles)))
+    states, controls, measured = zip(*pieces, strict=True)
+    names = [str(k) for k in range(len(pieces))]
+    sequences = sysid.ModelSequences("arm", spec, names, states, controls, measured)
+    residual = sysid.build_residual_fn(models_sequences=[sequences])
+    found, _ = sysid.optimize(params, residual, optimizer="mujoco", verbose=False)
+    return {quantity: np.array([found[f"{quantity}@{name}"].value[0] for name in JOINTS]) for quantity in TRUTH}
+
+
+def _set(spec: Any, parameter: Any) -> None:
+    """Write a parameter, `damping@elbow`, into a model's specification; of damping, higher orders are zero."""
+    quantity, _, joint = parameter.name.partition("@")
+    value = np.zeros_like(np.asarray(getattr(spec.joint(joint), quantity), dtype=float))
+    value.flat[0] = parameter.value[0]
+    setattr(spec.joint(joint), quantity, value if value.ndim else float(value))
+
+
+def main(arguments: Sequence[str] = ()) -> int:
+    recording = simulate(1, seconds=float(arguments[0]) if arguments else 10.0)
+    for name, method in (("estimators.arms", ours), ("mujoco.sysid", theirs)):
+        began = time.process_time()
+        found = method(recording)
+        print(f"{name}: {time.process_time() - began:.1f} s, error by joint")
+        for quantity, truth in TRUTH.items():
+            print(f"  {quantity:13s}" + "".join(f"{100 * e:8.2f} %" for e in found[quantity] / truth - 1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
