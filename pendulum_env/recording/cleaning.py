@@ -23,12 +23,15 @@ MOVING = 3.0  # times the usual deviation from steady motion that a step has, if
 ALIKE = 0.25  # of a step, up to which others are the same motion
 
 
-def aligned(values: dict[str, Array]) -> tuple[dict[str, Array], tuple[str, ...]]:
+def aligned(values: dict[str, Array], fewest: int) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Take what stands in rows of its own at the rows of position, as programs merge topics; returns values and notes.
 
-    Torque is taken as it was last, for it is held; other quantities by interpolation.
+    Torque is taken as it was last, for it is held; other quantities by interpolation. Fewer rows than `fewest` with a
+    position are none to take anything at: `finite` says so.
     """
     here = np.isfinite(values["position"])
+    if np.count_nonzero(here) < fewest:
+        return values, ()
     notes = []
     for quantity in values.keys() - {"time", "position", "segment"}:
         sound = np.isfinite(values[quantity]) & np.isfinite(values["time"])

@@ -181,7 +181,7 @@ def _recording(name: str, table: Table, unwrap: bool) -> Recording:
             values[quantity] += column.offset
     checks.refuse_absurd(values)
     checks.refuse_too_few(values["time"])
-    values, told = cleaning.aligned(values)
+    values, told = cleaning.aligned(values, checks.FEWEST)
     noted(told)
     values, rows, told = cleaning.finite(values, checks.FEWEST)
     noted(told)

@@ -354,6 +354,10 @@ def test_iso_time_is_counted_from_the_first_row(write: Write, columns: dict, zon
             r"data row 1 \(header not counted\) has torque that is empty or NaN, as have 2000 of 2000 rows",
         ),
         (
+            lambda lines: [lines[0], *(",nan,".join(line.split(",")[::2]) for line in lines[1:])],
+            r"data row 1 \(header not counted\) has position that is empty or NaN, as have 2000 of 2000 rows",
+        ),
+        (
             lambda lines: [lines[0], *["0,1,", "0.1,,1"] * 100],
             "fewer than 100 rows have all of time, position and torque",
         ),
