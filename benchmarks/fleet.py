@@ -1,29 +1,29 @@
 """A fleet whose changes are known: which of them a survey finds and what else it names, killed twice on the way.
 
 Friction drifts in some joints, an effect sets in at a date in others. The survey that was killed must come to what an
-uninterrupted one finds, and a later one do what is new and no more. Ends with 1 unless all of that is so.
+uninterrupted one finds of every fifth recording, and of those that were at hand when it was killed: a case knows of no
+other. A later one must do what is new and no more. Ends with 1 unless all of that is so.
 """
 
 from __future__ import annotations
 
 import argparse
-import subprocess
+import statistics
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import psutil
-
-from benchmarks.survey import GROWTH, HIDDEN, Plan, cases_of, day, measured, record
-from workbench.survey import Dataset, Fleet, look
+from benchmarks.survey import COMPARED, GROWTH, HIDDEN, Meter, Plan, cases_of, day, killed, measured, record
+from workbench.survey import Dataset, Fleet
 from workbench.survey.cases import joints
+from workbench.survey.cluster import connected
 from workbench.terminal import Terminal
 
 NEW = 10  # recordings that come later
-COMPARED = ("name", "status", "hash", "verdict", "selected", "parameters", "candidates", "diagnosis")
+EVERY = 5  # recordings of which one is surveyed without interruption, too
+NEAR = 5  # cases before and after a kill that are so, too
 
 Finding = tuple[str, str]  # joint or group of them, and what is said of it
 
@@ -68,19 +68,6 @@ class Judged:
         return cls(frozenset(wanted), frozenset(wanted & named), frozenset(named - wanted - also))
 
 
-def killed(folder: Path, out: Path, workers: int, rows: int) -> tuple[int, int]:
-    """Rows that a survey has written when it is killed, once there are so many, and processes that outlive it."""
-    command = [sys.executable, "-m", "workbench.cli", "survey", str(folder), "-o", str(out), "--workers", str(workers)]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while len(Dataset(out).rows(["name"])) < rows and process.poll() is None:
-        time.sleep(0.5)
-    children = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
-    process.kill()
-    process.wait()
-    _, alive = psutil.wait_procs(children, timeout=30)
-    return len(Dataset(out).rows(["name"])), len(alive)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--n", type=int, default=1000, help="recordings (default 1000)")
@@ -105,21 +92,30 @@ def _run(folder: Path, plan: Plan, rate: float, workers: int, terminal: Terminal
     cases = cases_of(data)
     count = len(cases)
     terminal.say(f"{count} recordings of {joints(cases)} joints, {plan.seconds:g} s at {rate:g} Hz")
-    stops = [killed(data, broken, workers, share * count // 3) for share in (1, 2)]
-    _, resumed, _ = measured(cases, broken, workers, look, terminal)
-    seconds, tally, meter = measured(cases, whole, workers, look, terminal)
-    same = Dataset(whole).rows(COMPARED) == Dataset(broken).rows(COMPARED)
-    judged = Judged.of(Fleet.of(Dataset(whole)), plan)
-    record(data, plan, rate, [(k % plan.joints, plan.weeks + k // plan.joints) for k in range(NEW)])
-    _, more, _ = measured(cases_of(data), whole, workers, look, terminal)
+    command = [sys.executable, "-m", "workbench.cli", "survey", str(data), "-o", str(broken), "--workers", str(workers)]
+    stops = [killed(command, broken, share * count // 3) for share in (1, 2)]
+    with connected(None, workers) as client:
+        _, resumed = measured(client, cases, broken)
+        judged = Judged.of(Fleet.of(Dataset(broken)), plan)
+        near = {k for rows, _ in stops for k in range(rows - NEAR, rows + NEAR)}
+        some = [case for k, case in enumerate(cases) if k % EVERY == 0 or k in near]
+        meter = Meter()
+        seconds, tally = measured(client, some, whole, tell=meter)
+        found = {row["name"]: row for row in Dataset(broken).rows(COMPARED)}
+        same = sorted(found) == [case.name for case in cases] and all(
+            found[row["name"]] == row for row in Dataset(whole).rows(COMPARED)
+        )
+        each = statistics.mean(row["seconds"] for row in Dataset(broken).rows(["seconds"]))
+        record(data, plan, rate, [(k % plan.joints, plan.weeks + k // plan.joints) for k in range(NEW)])
+        _, more = measured(client, cases_of(data), broken)
 
-    each = sum(row["seconds"] for row in Dataset(whole).rows(["seconds"])) / (count + NEW)
     table = [
-        ("throughput", f"{60 * count / seconds:.0f} cases a minute ({tally.done} done)"),
+        ("throughput", f"{60 * tally.done / seconds:.0f} cases a minute"),
         ("a case, in its worker", f"{each:.2f} s"),
         ("most memory, client / worker", f"{meter.own:.0f} / {meter.worker:.0f} MB"),
         *(("killed", f"with {rows} of {count} written, {orphans} processes left behind") for rows, orphans in stops),
-        ("then gone on with", f"{resumed.done} done, {resumed.unchanged} known; result the same: {same}"),
+        ("then gone on with", f"{resumed.done} done, {resumed.unchanged} known"),
+        ("without interruption", f"{tally.done} done; result the same: {same}"),
         (f"{NEW} more files", f"{more.done} done, {more.unchanged} known"),
     ]
     terminal.table(("what", "measured"), table, left=("measured",))

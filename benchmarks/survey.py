@@ -1,31 +1,39 @@
-"""Surveys that only read: what a case costs beside its diagnosis, and so how many workers one client feeds.
+"""A survey of ten thousand recordings but for their diagnoses: throughput, memory, kills, and workers one client feeds.
 
-That is reading and hashing files, Dask, and the dataset. What a survey finds is measured by `benchmarks.fleet`.
+Every recording is simulated, written, hashed and read; what a diagnosis finds of one of them stands for what it finds
+of each. What a survey finds is measured by `benchmarks.fleet`. Ends with 1 unless surveys whose client and one of
+whose workers are killed come to what the uninterrupted one did.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import pickle
+import signal
+import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import psutil
+from distributed import Client, LocalCluster
 
 from pendulum_env._typing import Array
 from pendulum_env.excitation import excitation
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.vector_env import DirectDrivePendulumVector
 from workbench.commands.survey import configure
-from workbench.survey import Case, Dataset, Findings, Settings, Tally, find_cases, survey
+from workbench.report.fleet import render
+from workbench.survey import Case, Dataset, Findings, Fleet, Settings, Tally, find_cases, look, survey
 from workbench.survey.cluster import connected
-from workbench.survey.work import content_hash
+from workbench.survey.work import Look, content_hash
 from workbench.terminal import Terminal
 
 BEGAN = datetime(2026, 1, 5, tzinfo=UTC)
@@ -33,7 +41,10 @@ NOISE = 0.01  # of the torque [N m]
 HIDDEN = 0.25  # Stribeck friction where it is missing [N m]
 GROWTH = 0.2  # of the Coulomb friction where it drifts, over all weeks
 BATCH = 64  # recordings that are simulated together
-DIAGNOSIS = 1.5  # [s] of a core, of a recording of 10 s at 500 Hz
+DIAGNOSIS = 1.5  # [s] of a core, of a recording of 10 s at 200 Hz
+MANY = 100  # workers that are tried, most of them asleep
+FOUND = "found.pickle"  # what stands for every diagnosis
+COMPARED = ("name", "status", "hash", "verdict", "selected", "parameters", "candidates", "diagnosis")
 
 
 @dataclass(frozen=True)
@@ -100,13 +111,22 @@ def record(folder: Path, plan: Plan, rate: float = 500.0, everything: Sequence[t
 
 
 def stub(case: Case, settings: Settings) -> Findings:
-    """Read a recording and find nothing."""
-    recording = case.source.read()
-    parameters = ({"name": "inertia", "value": float(np.std(recording.torque)), "std": 0.01, "unit": "kg m^2"},)
-    return Findings(
-        "nothing", "Nothing is missing", None, (), (), (), parameters, "N m", 0.01, 0.01, 1e-3, len(recording),
-        recording.duration, "{}",
-    )  # fmt: skip
+    """Read a recording, and tell what was found of another."""
+    case.source.read()
+    assert settings.folder is not None
+    return _found(settings.folder)
+
+
+@cache
+def _found(folder: Path) -> Findings:
+    found: Findings = pickle.loads((folder / FOUND).read_bytes())
+    return found
+
+
+def asleep(case: Case, settings: Settings) -> Findings:
+    """The same, for which a worker waits as long as a diagnosis would take it."""
+    time.sleep(DIAGNOSIS)
+    return stub(case, settings)
 
 
 def cases_of(folder: Path) -> list[Case]:
@@ -134,63 +154,107 @@ class Meter:
 
 
 def measured(
-    cases: Sequence[Case], out: Path, workers: int, finder: object, terminal: Terminal
-) -> tuple[float, Tally, Meter]:
-    """Seconds of a survey without the start of its workers, and what it took."""
-    meter = Meter()
+    client: Client,
+    cases: Sequence[Case],
+    out: Path,
+    finder: Look = look,
+    settings: Settings | None = None,
+    tell: Callable[[Tally], None] = lambda tally: None,
+) -> tuple[float, Tally]:
+    """Seconds of a survey without the start of its workers, and its tally."""
+    client.run(lambda: __import__("workbench.survey"))  # which takes a second or two
+    begun = time.perf_counter()
+    tally = survey(cases, Dataset(out), client, settings, look=finder, tell=tell)
+    return time.perf_counter() - begun, tally
+
+
+def killed(command: Sequence[str], out: Path, rows: int) -> tuple[int, int]:
+    """Rows that a survey has written when it is killed, once there are so many, and processes that outlive it."""
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while len(Dataset(out).rows(["name"])) < rows and process.poll() is None:
+        time.sleep(3.0)  # looking takes time itself
+    children = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
+    process.kill()
+    process.wait()
+    _, alive = psutil.wait_procs(children, timeout=30)
+    return len(Dataset(out).rows(["name"])), len(alive)
+
+
+def gone_on(folder: Path, workers: int, worker_dies_at: float = np.inf) -> Tally:
+    """Survey `data` to `broken`; a worker is killed once so many cases are through."""
     with connected(None, workers) as client:
-        client.wait_for_workers(workers)
-        client.run(lambda: __import__("workbench.survey"))  # which takes a second or two
-        begun = time.perf_counter()
-        tally = survey(cases, Dataset(out), client, look=finder, tell=meter)  # type: ignore[arg-type]
-        return time.perf_counter() - begun, tally, meter
+        victims = [next(iter(client.run(os.getpid).values()))]
+
+        def tell(tally: Tally) -> None:
+            if victims and tally.through >= worker_dies_at:
+                os.kill(victims.pop(), signal.SIGKILL)
+
+        return measured(client, cases_of(folder / "data"), folder / "broken", stub, Settings(folder=folder), tell)[1]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--stub", type=int, default=2000, help="recordings (default 2000)")
+    parser.add_argument("--n", type=int, default=10_000, help="recordings, of 20 joints (default 10000)")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each (default 20)")
+    parser.add_argument("--rate", type=float, default=200.0, help="of each [Hz] (default 200)")
     parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args(argv)
     with tempfile.TemporaryDirectory() as name:
-        _stubs(Path(name), arguments.stub, arguments.workers, Terminal())
-    return 0
+        return _run(Path(name), arguments, Terminal())
 
 
-def _stubs(folder: Path, count: int, workers: int, terminal: Terminal) -> None:
-    distinct = min(count, 40)
+def _run(folder: Path, arguments: argparse.Namespace, terminal: Terminal) -> int:
+    data, whole, broken, wide = (folder / name for name in ("data", "whole", "broken", "wide"))
+    workers, settings = arguments.workers, Settings(folder=folder)
+    begun = time.process_time()
+    record(data, Plan(20, arguments.n // 20, 0, 0, arguments.seconds), arguments.rate)
+    simulated = time.process_time() - begun
     begun = time.perf_counter()
-    record(folder / "few", Plan(distinct, 1, 0, 0))
-    simulated = (time.perf_counter() - begun) / distinct
-    files = sorted((folder / "few").rglob("*.parquet"))
-    many = folder / "many"
-    many.mkdir()
-    for k in range(count):
-        os.link(files[k % distinct], many / f"joint{k % 20}_{BEGAN + timedelta(days=k // 20):%Y-%m-%d}.parquet")
-    begun = time.perf_counter()
-    cases = cases_of(many)
-    listed = time.perf_counter() - begun
-    begun = time.perf_counter()
-    for case in cases[:distinct]:
+    cases = cases_of(data)
+    count, listed = len(cases), time.perf_counter() - begun
+    (folder / FOUND).write_bytes(pickle.dumps(look(cases[0], Settings())))
+    begun = time.process_time()
+    for case in cases[:100]:
         content_hash(case.source.file)
-        stub(case, Settings())
-    read = (time.perf_counter() - begun) / distinct
-    before = time.process_time()
-    seconds, tally, meter = measured(cases, folder / "stubs", workers, stub, terminal)
-    own = (time.process_time() - before) / count  # scheduler, client and dataset; without waiting for workers
-    again, unchanged, _ = measured(cases, folder / "stubs", workers, stub, terminal)
-    terminal.heading(f"{count} recordings that are only read, {workers} workers")
-    rows = [
-        ("simulated, each", f"{1e3 * simulated:.1f} ms"),
-        ("listed, all", f"{listed:.2f} s"),
-        ("throughput", f"{count / seconds:.0f} cases/s ({tally.done} done)"),
+        stub(case, settings)
+    read = (time.process_time() - begun) / len(cases[:100])
+
+    meter = Meter()
+    with connected(None, workers) as client:
+        before = time.process_time()
+        seconds, _ = measured(client, cases, whole, stub, settings, meter)
+        own = (time.process_time() - before) / count  # scheduler, client and dataset; without waiting for workers
+        again, known = measured(client, cases, whole, stub, settings)
+    command = f"from benchmarks.survey import *; gone_on(Path({str(folder)!r}), {workers})"
+    rows, orphans = killed([sys.executable, "-c", command], broken, count // 3)
+    rest = gone_on(folder, workers, 2 * count / 3)
+    same = Dataset(whole).rows(COMPARED) == Dataset(broken).rows(COMPARED)
+    with (
+        LocalCluster(workers, threads_per_worker=MANY // workers, dashboard_address="127.0.0.1:0") as cluster,
+        Client(cluster) as client,
+    ):
+        many, _ = measured(client, cases, wide, asleep, settings)
+    begun = time.perf_counter()
+    page = render(Fleet.of(Dataset(whole)), whole)
+    shown = time.perf_counter() - begun
+
+    terminal.heading(f"{count} recordings of {arguments.seconds:g} s at {arguments.rate:g} Hz, {workers} workers")
+    table = [
+        ("simulated and written, each", f"{1e3 * simulated / count:.0f} ms"),
+        ("listed, all", f"{listed:.1f} s"),
         ("hashed and read, each", f"{1e3 * read:.1f} ms"),
-        ("client and scheduler, each", f"{1e3 * own:.2f} ms"),
+        ("throughput", f"{count / seconds:.0f} a second"),
+        ("client and scheduler, each", f"{1e3 * own:.1f} ms"),
         (f"workers that one client can feed with {DIAGNOSIS:g} s each", f"{DIAGNOSIS / own:.0f}"),
-        ("second run", f"{again:.2f} s ({unchanged.unchanged} known)"),
-        ("dataset, each", f"{sum(p.stat().st_size for p in Dataset(folder / 'stubs').parts) / count:.0f} bytes"),
+        (f"{MANY} workers that sleep for {DIAGNOSIS:g} s", f"{many:.0f} s, of {count * DIAGNOSIS / MANY:.0f} s"),
         ("most memory, client / worker", f"{meter.own:.0f} / {meter.worker:.0f} MB"),
+        ("second run", f"{again:.1f} s ({known.unchanged} known)"),
+        ("client killed", f"with {rows} written, {orphans} processes left behind"),
+        ("gone on with, and a worker killed", f"{rest.done} done, {rest.failed} failed; result the same: {same}"),
+        ("page of all", f"{shown:.0f} s, {len(page) / 1e6:.0f} MB"),
     ]
-    terminal.table(("what", "measured"), rows, left=("measured",))
+    terminal.table(("what", "measured"), table, left=("measured",))
+    return int(not same or bool(orphans or rest.failed))
 
 
 if __name__ == "__main__":
