@@ -319,6 +319,20 @@ def test_paths_tell_robot_joint_and_date(tmp_path):
     assert (only.joint, only.date.day) == ("run", 3)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
+def test_a_link_is_called_as_it_is_called_and_not_as_what_it_leads_to(tmp_path):
+    (tmp_path / "store").mkdir()
+    (tmp_path / "store" / "8f0e.csv").touch()
+    (tmp_path / "data" / "arm1" / "elbow").mkdir(parents=True)
+    for day in ("2026-03-01", "2026-03-08"):  # as git-annex keeps what has not changed
+        (tmp_path / "data" / "arm1" / "elbow" / f"{day}.csv").symlink_to(tmp_path / "store" / "8f0e.csv")
+    (tmp_path / "here").symlink_to(tmp_path / "data")
+    for folder in ("data", "here"):
+        first, second = cases(tmp_path / folder)
+        assert (first.name, first.robot, first.joint) == ("arm1/elbow/2026-03-01.csv", "arm1", "elbow")
+        assert second.date.day == 8
+
+
 def test_a_table_and_a_study_say_what_no_path_does(tmp_path):
     (tmp_path / "data").mkdir()
     for name in ("a.csv", "b.csv"):
@@ -437,7 +451,6 @@ def test_what_cannot_be_is_one_line(tmp_path, capsys, monkeypatch):
     assert "names no file" in capsys.readouterr().err
     assert main(["survey", str(tmp_path / "nothere"), "-o", str(tmp_path / "out")]) == 2
     assert "there is no such folder or file" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
     assert not (tmp_path / "out").exists()
 
 

@@ -103,7 +103,7 @@ def _before_pattern(name: str) -> str:
 
 
 def _root(path: Path) -> Path:
-    path = path.resolve()
+    path = Path(os.path.abspath(path))  # a link is called as it is called, not as what it leads to
     return path if path.is_dir() else path.parent
 
 
@@ -204,7 +204,7 @@ def _one(sources: Sequence[Source], name: str) -> Sequence[Source]:
 def _named(source: Source, root: Path, pattern: str | None, told: Mapping[str, str] | None = None) -> Case:
     """A case from its source; what is not told of it, the path below the root tells."""
     told = dict(told or {})
-    below = PurePosixPath(Path(os.path.relpath(source.file.resolve(), root)).as_posix())
+    below = PurePosixPath(Path(os.path.relpath(source.file, root)).as_posix())
     guessed = _matched(below, pattern) if pattern is not None else _guessed(below)
     stretch = "" if source.range is None else f"#{source.range[0]:g}-{source.range[1]:g}"
     if "date" in told:
