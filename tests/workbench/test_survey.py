@@ -158,6 +158,22 @@ def test_many_files_become_one_with_the_last_row_of_each_case(tmp_path, monkeypa
     assert {row["reason"] for row in before} == {str(stored.MERGED - 2), str(stored.MERGED - 1), str(stored.MERGED)}
 
 
+def test_a_survey_that_goes_on_for_long_does_not_leave_a_file_for_every_second(folder, tmp_path, client, monkeypatch):
+    monkeypatch.setattr(running, "WAIT", -1.0)  # every row is a file
+    monkeypatch.setattr(running, "CROWD", 3)
+    dataset, counts = Dataset(tmp_path / "out"), []
+    survey(cases(folder), dataset, client, look=stub, tell=lambda tally: counts.append(len(dataset.parts)))
+    assert max(counts) == 3 and len(dataset.rows(["name"])) == 6
+    before = dataset.parts
+    monkeypatch.setattr(Dataset, "_write", full)
+    dataset.merge(1)
+    assert dataset.parts == before  # there is no room for the new one beside the old ones
+
+
+def full(self, tables):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
 def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_path, client):
     elbow = folder / "arm" / "elbow"
     for name, text in (("2026-01-05", "corrupt"), ("2026-01-12", "full"), ("2026-01-19", "fault")):
@@ -179,13 +195,11 @@ def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_
 def test_rows_wait_while_the_disk_is_full(folder, tmp_path, client, monkeypatch):
     dataset, write_rows, left = Dataset(tmp_path / "out"), Dataset._write, [3]
 
-    def full(self, tables):
+    def full_at_first(self, tables):
         left[0] -= 1
-        if left[0] >= 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        write_rows(self, tables)
+        (full if left[0] >= 0 else write_rows)(self, tables)
 
-    monkeypatch.setattr(Dataset, "_write", full)
+    monkeypatch.setattr(Dataset, "_write", full_at_first)
     monkeypatch.setattr(running, "WAIT", 0.0)
     survey(cases(folder), dataset, client, look=stub)
     assert len(dataset.rows(["name"])) == 6 and left[0] < 0

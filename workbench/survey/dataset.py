@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,7 @@ SCHEMA = pa.schema(
     }
 )
 MERGED = 16  # files up to which a dataset is left as it is
+CROWD = 200  # the same while a survey goes on: two milliseconds each, whenever it is looked at
 GROUP = 500  # rows that are copied at a time
 
 
@@ -124,16 +126,20 @@ class Dataset:
         found: list[dict[str, Any]] = self.table(columns).to_pylist()
         return found
 
-    def merge(self) -> None:
-        """Put all files into one, which holds the last row of each case, if there are many; a part at a time is held.
+    def merge(self, most: int = MERGED) -> None:
+        """Put all files into one, which holds the last row of each case, if there are more; a part at a time is held.
 
-        Whenever this is cut short, no row is lost: the new file is there before the old ones go.
+        Whenever this is cut short, no row is lost: the new file is there before the old ones go. Where the disk has no
+        room for both, they stay.
         """
+        if len(self.parts) <= most:
+            return
         parts = [path for path in self.parts if _part(path, ("name",)) is not None]  # others may be readable again
-        if len(parts) > MERGED:
-            self._write(_kept(parts))
-            for path in parts:
-                path.unlink(missing_ok=True)
+        if len(parts) > most:
+            with suppress(OSError):
+                self._write(_kept(parts))
+                for path in parts:
+                    path.unlink(missing_ok=True)
 
 
 def _last(parts: Sequence[Path]) -> list[pa.Array]:

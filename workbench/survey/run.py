@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pendulum_env._typing import JSON
 from workbench.mistakes import InputError, sentence
 from workbench.survey.cases import Case
-from workbench.survey.dataset import Dataset, Row
+from workbench.survey.dataset import CROWD, Dataset, Row
 from workbench.survey.work import Look, Settings, examined, look, lost, stamp, version
 
 if TYPE_CHECKING:
@@ -249,6 +249,7 @@ class Writer:
         try:
             self.dataset.append(self.rows)
             self.rows = []
+            self.dataset.merge(CROWD)
         except OSError as error:
             if last or len(self.rows) >= UNWRITTEN:
                 what = f"{sentence(error)}: {len(self.rows)} cases are not kept: make room and run again"
