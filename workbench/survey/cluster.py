@@ -28,6 +28,7 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
     """
     if find_spec("distributed") is None:
         raise InputError("a survey needs the extra fleet: pip install 'pendulum-ident[fleet]'")
+    import dask
     from distributed import Client, LocalCluster
     from distributed.utils import silence_logging_cmgr
 
@@ -41,6 +42,7 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
         return
     limit = "auto" if memory is None else int(1e6 * memory)
     with (
+        dask.config.set({"distributed.worker.profile.enabled": False}),  # 200 MB in each that nobody looks at
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,  # a diagnosis computes in Python most of the time
