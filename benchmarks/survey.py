@@ -172,7 +172,7 @@ def killed(command: Sequence[str], out: Path, rows: int) -> tuple[int, int]:
     """Rows that a survey has written when it is killed, once there are so many, and processes that outlive it."""
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while len(Dataset(out).rows(["name"])) < rows and process.poll() is None:
-        time.sleep(3.0)  # looking takes time itself
+        time.sleep(10.0)  # looking takes time itself
     children = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
     process.kill()
     process.wait()
@@ -221,9 +221,9 @@ def _run(folder: Path, arguments: argparse.Namespace, terminal: Terminal) -> int
 
     meter = Meter()
     with connected(None, workers) as client:
-        before = time.process_time()
+        before = time.process_time()  # of scheduler, client and dataset; without waiting for workers
         seconds, _ = measured(client, cases, whole, stub, settings, meter)
-        own = (time.process_time() - before) / count  # scheduler, client and dataset; without waiting for workers
+        own = (time.process_time() - before) / count
         again, known = measured(client, cases, whole, stub, settings)
     command = f"from benchmarks.survey import *; gone_on(Path({str(folder)!r}), {workers})"
     rows, orphans = killed([sys.executable, "-c", command], broken, count // 3)
@@ -233,7 +233,9 @@ def _run(folder: Path, arguments: argparse.Namespace, terminal: Terminal) -> int
         LocalCluster(workers, threads_per_worker=MANY // workers, dashboard_address="127.0.0.1:0") as cluster,
         Client(cluster) as client,
     ):
+        before = time.process_time()
         many, _ = measured(client, cases, wide, asleep, settings)
+        own_of_many = (time.process_time() - before) / count
     begun = time.perf_counter()
     page = render(Fleet.of(Dataset(whole)), whole)
     shown = time.perf_counter() - begun
@@ -245,8 +247,9 @@ def _run(folder: Path, arguments: argparse.Namespace, terminal: Terminal) -> int
         ("hashed and read, each", f"{1e3 * read:.1f} ms"),
         ("throughput", f"{count / seconds:.0f} a second"),
         ("client and scheduler, each", f"{1e3 * own:.1f} ms"),
-        (f"workers that one client can feed with {DIAGNOSIS:g} s each", f"{DIAGNOSIS / own:.0f}"),
-        (f"{MANY} workers that sleep for {DIAGNOSIS:g} s", f"{many:.0f} s, of {count * DIAGNOSIS / MANY:.0f} s"),
+        (f"the same with {MANY} workers that sleep for {DIAGNOSIS:g} s", f"{1e3 * own_of_many:.1f} ms"),
+        ("all of them by those", f"{many:.0f} s; asleep for {count * DIAGNOSIS / MANY:.0f} s of it"),
+        (f"workers that one client can feed with {DIAGNOSIS:g} s each", f"{DIAGNOSIS / own_of_many:.0f}"),
         ("most memory, client / worker", f"{meter.own:.0f} / {meter.worker:.0f} MB"),
         ("second run", f"{again:.1f} s ({known.unchanged} known)"),
         ("client killed", f"with {rows} written, {orphans} processes left behind"),
