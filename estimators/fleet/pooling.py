@@ -10,6 +10,8 @@ from scipy import stats
 from estimators.selection.score import Bootstrap
 from pendulum_env._typing import Array, Index
 
+DRAWN = 1000  # parts of a sum over cases whose weights are drawn, at most: 100 MB or so
+
 
 @dataclass(frozen=True)
 class Pooled:
@@ -63,7 +65,9 @@ def weigh(gains: Array, rng: np.random.Generator | None = None) -> Array:
     """Probability of each of several effects (M,) that are weak in all of N cases, from what they gain (N, M) [nat].
 
     By pseudo-BMA+ over cases, as a diagnosis weighs rivals: effects that look alike share it. NaN, where nobody knows
-    what an effect gains, counts as nothing gained.
+    what an effect gains, counts as nothing gained. Of very many cases a few are drawn together, to bound memory.
     """
-    bootstrap = Bootstrap(np.zeros(len(gains), dtype=np.intp), rng or np.random.default_rng(0))
-    return bootstrap.probabilities(list(np.nan_to_num(gains).T))
+    drawn = min(len(gains), DRAWN)
+    together = np.array([some.sum(axis=0) for some in np.array_split(np.nan_to_num(gains), drawn)])  # (drawn, M)
+    bootstrap = Bootstrap(np.zeros(drawn, dtype=np.intp), rng or np.random.default_rng(0))
+    return bootstrap.probabilities(list(together.T))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimators.fleet import drift, jump, odd_ones, onset, pool, surely, weigh
+from estimators.fleet import drift, jump, odd_ones, onset, pool, pooling, surely, weigh
 
 WEEKS = np.arange(10.0)
 
@@ -122,3 +122,12 @@ def test_effects_that_look_alike_share_the_probability():
     alike = np.column_stack([gain, gain + rng.normal(0, 0.1, 30), gain - 2, np.full(30, np.nan)])
     share = weigh(alike)
     assert share.sum() == pytest.approx(1) and share[:2].min() > 0.1 and share[2:].max() < 1e-3
+
+
+def test_of_many_cases_some_are_drawn_together_to_the_same_weights(monkeypatch):
+    rng = np.random.default_rng(8)
+    gains = rng.normal(0.02, 1, (600, 1)) + rng.normal(0, 0.05, (600, 3))
+    one_by_one = weigh(gains)
+    monkeypatch.setattr(pooling, "DRAWN", 50)
+    assert weigh(gains) == pytest.approx(one_by_one, abs=0.03)
+    assert one_by_one.max() - one_by_one.min() > 0.1  # there is something to tell
