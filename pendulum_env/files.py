@@ -1,4 +1,4 @@
-"""Writing files: refused before the work that fills them starts, and never left half written."""
+"""Writing files: refused before the work that fills them starts, and never left half written; none is waited for."""
 
 from __future__ import annotations
 
@@ -72,6 +72,11 @@ def replacing(path: str | Path, *, private: bool = False) -> Iterator[BinaryIO]:
                     target.unlink(missing_ok=True)
     except OSError as error:
         raise OSError(error.errno, error.strerror or " ".join(str(error).split()), str(path)) from error
+
+
+def at_once(path: str, flags: int) -> int:
+    """What `open` opens with where a pipe must not make it wait for somebody at its other end."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)  # unknown to Windows
 
 
 def synchronise(file: BinaryIO | FileIO) -> None:

@@ -24,6 +24,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pendulum_env.files import at_once
 from pendulum_env.mistake import Mistake
 
 DOCUMENT = 5_000_000  # bytes of JSON or TOML; a long diagnosis takes 100 kB
@@ -123,7 +124,7 @@ def read_own(path: str | os.PathLike[str]) -> bytes:
         Unreadable: if it cannot be read, belongs to somebody else, or others may write to it.
     """
     try:
-        with open(path, "rb", opener=_at_once) as file:
+        with open(path, "rb", opener=at_once) as file:
             status = os.fstat(file.fileno())  # of the file that is read, whatever takes its name meanwhile
             if not stat.S_ISREG(status.st_mode):
                 raise Unreadable(f"{path}: cannot be read (it is no file): check the path")
@@ -137,10 +138,6 @@ def read_own(path: str | os.PathLike[str]) -> bytes:
             return file.read()
     except OSError as error:
         raise Unreadable(f"{path}: cannot be read ({_reason(error)})") from None
-
-
-def _at_once(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))  # a pipe would wait
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
@@ -389,16 +386,23 @@ def open_arrays(path: str | os.PathLike[str]) -> Iterator[list[Stored]]:
     Raises:
         Unreadable: if it is no such archive, or damaged; the message is without the file.
     """
-    try:
+    with _an_archive("NPZ"):
         _refuse_directory(path)
         with zipfile.ZipFile(path) as archive:
             yield [_stored(archive, info) for info in archive.infolist() if info.filename.endswith(".npy")]
+
+
+@contextmanager
+def _an_archive(kind: str) -> Iterator[None]:
+    """Whatever fails within is told as a fault of an archive of a kind, but for mistakes, which tell themselves."""
+    try:
+        yield
     except Mistake:
         raise
     except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, LookupError, SyntaxError) as error:
-        raise Unreadable(f"is damaged, or no NPZ archive ({' '.join(str(error).split())[:100]})") from None
+        raise Unreadable(f"is damaged, or no {kind} archive ({' '.join(str(error).split())[:100]})") from None
     except (NotImplementedError, RuntimeError, TypeError, AttributeError, OverflowError, MemoryError) as error:
-        raise Unreadable(f"is no NPZ archive of NumPy's ({' '.join(str(error).split())[:100]})") from None
+        raise Unreadable(f"is packed in another way ({' '.join(str(error).split())[:100]})") from None
 
 
 def read_arrays(path: str | os.PathLike[str], hint: str, most: int = ARRAYS) -> dict[str, NDArray[Any]]:
@@ -485,20 +489,15 @@ def read_archive(path: str | os.PathLike[str], hint: str, most: int) -> dict[str
     """
     regular_size(path, most)
     try:
-        refuse_archive(path, most, "it is another file")
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-            if len(set(names)) < len(names):
-                raise Unreadable("it names a file twice")
-            return {name: archive.read(name) for name in names}
+        with _an_archive("ZIP"):
+            refuse_archive(path, most, "it is another file")
+            with zipfile.ZipFile(path) as archive:
+                names = archive.namelist()
+                if len(set(names)) < len(names):
+                    raise Unreadable("it names a file twice")
+                return {name: archive.read(name) for name in names}
     except Unreadable as error:
         raise Unreadable(f"{path}: {str(error).removeprefix(f'{path}: ')}; {hint}") from None
-    except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, LookupError) as error:
-        raise Unreadable(
-            f"{path}: is damaged, or no ZIP archive ({' '.join(str(error).split())[:100]}); {hint}"
-        ) from None
-    except (NotImplementedError, RuntimeError, OverflowError, MemoryError) as error:
-        raise Unreadable(f"{path}: is packed in another way ({' '.join(str(error).split())[:100]}); {hint}") from None
 
 
 def refuse_inflation(packed: Iterable[bytes], wbits: int, most: float, remedy: str) -> int:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 import math
-import os
 import time
 from collections import deque
 from datetime import datetime
@@ -17,6 +16,7 @@ from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import Drive, DriveError, Reading, Sent
 from pendulum_env.backends.hardware.encoder import Encoder
 from pendulum_env.backends.hardware.plausible import Plausible
+from pendulum_env.files import at_once
 
 log = logging.getLogger("pendulum_env.rig")
 log.addHandler(logging.NullHandler())  # whoever wants to see it sets a handler
@@ -251,7 +251,7 @@ class Guard:
         log.log(level, what)
         if self.config.log is not None:
             try:
-                with open(self.config.log, "a", encoding="utf-8", opener=_at_once) as file:
+                with open(self.config.log, "a", encoding="utf-8", opener=at_once) as file:
                     file.write(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {what}\n")
             except (OSError, ValueError) as error:  # ValueError: a name that is no Unicode, in an error's text
                 log.warning("%s: %s", self.config.log, error)  # a full disk must not keep the torque on
@@ -353,9 +353,3 @@ class Guard:
         except Exception as error:
             return [error]
         return []
-
-
-def _at_once(path: str, flags: int) -> int:
-    return os.open(
-        path, flags | getattr(os, "O_NONBLOCK", 0), 0o666
-    )  # a pipe that nobody reads would keep the torque on
