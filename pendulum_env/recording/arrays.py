@@ -3,7 +3,9 @@
 import math
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -67,9 +69,10 @@ def _refuse_inflation(path: Path, largest: float) -> None:
             kind, length = (int.from_bytes(part, order) for part in (tag[:4], tag[4:]))
             begin = file.tell()
             if kind == PACKED:
-                size += refuse_inflation(blocks(file, length), zlib.MAX_WBITS, largest - size, REMEDY)
+                took = refuse_inflation(blocks(file, length), zlib.MAX_WBITS, largest - size, REMEDY)
+                size += took
                 file.seek(begin)
-                inflated = zlib.decompressobj().decompress(file.read(length))
+                inflated = zlib.decompress(file.read(length), bufsize=max(took, 1))  # at once, not piece by piece
                 kind, inner = (int.from_bytes(part, order) for part in (inflated[:4], inflated[4:8]))
                 content = memoryview(inflated)[8 : 8 + inner]
             else:
@@ -138,13 +141,67 @@ def read_hdf5(path: Path, find: Find = find_columns, largest: float = LARGEST) -
 
     with h5py.File(path, "r") as file:
         found: list[Stored] = []
-
-        def visit(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and not name.startswith("#"):  # MATLAB's references
-                found.append(Stored(name, item.shape or (), item.dtype, lambda: item[()]))
-
-        file.visititems(visit)
+        for number, (name, item) in enumerate(_below(file)):
+            if number == MOST:
+                raise RecordingError(f"it holds more than {MOST} groups and datasets: leave in those of one run")
+            if isinstance(item, h5py.Dataset):
+                found.append(Stored(name, item.shape or (), item.dtype, partial(_unpacked, item, largest)))
         return _table(found, find, largest)
+
+
+def _below(group: Any, path: str = "", depth: int = 1) -> Iterator[tuple[str, Any]]:
+    """Name and item of what hangs below a group, perhaps itself again; not of links, nor of MATLAB's references."""
+    import h5py
+
+    if depth > DEPTH:
+        raise RecordingError(f"its groups nest more than {DEPTH} deep: save it flatter")
+    for name in group:
+        if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            continue
+        item = group[name]
+        yield path + name, item
+        if isinstance(item, h5py.Group):
+            yield from _below(item, f"{path}{name}/", depth + 1)
+
+
+def _unpacked(dataset: Any, largest: float) -> NDArray[Any]:
+    """What a dataset holds, all of it in this file, and of a size that is known before it is unpacked.
+
+    Filters are applied to each chunk in their order, so that what is stored is what the last one made. Deflation says
+    nothing of how much it packed, and what has any length may be there many times and stored once.
+
+    Source: HDF5 File Format Specification 3.0, IV.A.2.l and VIII.
+    """
+    made = dataset.id.get_create_plist()
+    filters = [made.get_filter(k)[0] for k in range(made.get_nfilters())]
+    while filters and filters[-1] == CHECKSUM:
+        filters.pop()
+    if dataset.external or dataset.is_virtual:
+        raise RecordingError(f"dataset {dataset.name!r} lies in another file: save it in this one")
+    if dataset.dtype.hasobject or not {*filters[:-1]} <= {SHUFFLE, CHECKSUM} or not {*filters} <= {DEFLATE, SHUFFLE}:
+        raise RecordingError(
+            f"dataset {dataset.name!r} is packed in a way whose size nobody can know before: save real numbers, with "
+            "compression='gzip' or none"
+        )
+    if dataset.chunks is not None:
+        whole, damaged = math.prod(dataset.chunks) * dataset.dtype.itemsize, f"dataset {dataset.name!r} is damaged"
+        refuse_size(whole, largest, REMEDY)
+        if dataset.id.get_num_chunks() > CHUNKS:
+            raise RecordingError(f"dataset {dataset.name!r} is in more than {CHUNKS} chunks: save it in larger ones")
+        places: list[tuple[int, ...]] = []
+        dataset.id.chunk_iter(lambda chunk: places.append(chunk.chunk_offset))
+        for place in places if DEFLATE in filters else ():
+            left_out, stored = dataset.id.read_direct_chunk(place)  # filters of this chunk, as bits
+            if left_out & 1 << filters.index(DEFLATE):
+                continue
+            if refuse_inflation([stored], zlib.MAX_WBITS, whole, f"{damaged}, save it again") != whole:
+                raise RecordingError(f"{damaged}: save it again")
+    return np.asarray(dataset[()])
+
+
+MOST = 30_000  # groups and datasets of a file
+CHUNKS = 100_000  # of a dataset
+DEFLATE, SHUFFLE, CHECKSUM = 1, 2, 3  # numbers of HDF5's filters
 
 
 def _width(one: Stored) -> int:
@@ -155,8 +212,11 @@ def _width(one: Stored) -> int:
 def _table(stored: Sequence[Stored], find: Find, largest: float) -> Table:
     places = [(one, k) for one in stored for k in range(_width(one) if _width(one) <= WIDEST else 0)]
     columns = find([one.name if _width(one) == 1 else f"{one.name}[{k}]" for one, k in places])
-    needed = {places[column.index][0].name: places[column.index][0] for column in columns.values()}
-    refuse_size(sum(max(one.size, 8 * math.prod(one.shape)) for one in needed.values()), largest, REMEDY)
+    uses = Counter(places[column.index][0].name for column in columns.values())
+    kept = {one.name: uses[one.name] == 1 and _width(one) == 1 for one in stored}  # and not copied
+    needed = [one for one in stored if one.name in uses]
+    copies = sum(8 * math.prod(one.shape) for one in needed if not (kept[one.name] and one.dtype == np.float64))
+    refuse_size(sum(one.size for one in needed) + copies, largest, REMEDY)
     loaded: dict[str, NDArray[Any]] = {}
     values: dict[str, Array] = {}
     for quantity, column in columns.items():
@@ -178,7 +238,7 @@ def _table(stored: Sequence[Stored], find: Find, largest: float) -> Table:
             array = array[:, k] if array.shape[0] >= array.shape[1] else array[k]
         if dates:
             array = (array - array[0]) / np.timedelta64(1, "s")
-        values[quantity] = np.array(array, dtype=np.float64)
+        values[quantity] = np.require(array, np.float64, "W") if kept[one.name] else np.array(array, dtype=np.float64)
     if len({len(array) for array in values.values()}) > 1:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")

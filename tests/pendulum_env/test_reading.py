@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.io import savemat
 
 from agents.network import SHIPPED, Network
 from pendulum_env.files import write_whole
@@ -172,6 +174,11 @@ def test_a_device_a_pipe_and_a_folder_are_refused_at_once(tmp_path: Path, name: 
     for path, reason in [(pipe, "it is a device or a pipe"), (link, "it is a device or a pipe"), (folder, "directory")]:
         with pytest.raises(ValueError, match=reason):
             read(path)
+    if Path("/proc/kmsg").exists():  # a regular file, which waits for what the system will say
+        made = tmp_path / f"made{ending}"
+        made.symlink_to("/proc/kmsg")
+        with pytest.raises(ValueError, match="the system makes it up"):
+            read(made)
     sparse = tmp_path / f"sparse{ending}"
     with sparse.open("wb") as file:
         file.truncate(100 * 10**9)  # takes no room
@@ -214,11 +221,19 @@ def bomb_parquet(path: Path) -> None:
 
 
 def bomb_mat(path: Path) -> None:
-    import zlib
-
     packed = zlib.compress(b"\x0e\0\0\0" + b"\xff\xff\xff\x7f" + bytes(510_000_000), 1)
     head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     path.write_bytes(head + b"\x0f\0\0\0" + len(packed).to_bytes(4, "little") + packed)
+
+
+def bomb_hdf5(path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    pack = zlib.compressobj(1)
+    once = pack.compress(bytes(10_000_000)) + pack.flush(zlib.Z_FULL_FLUSH)
+    with h5py.File(path, "w") as file:
+        for name in ("time", "position", "torque"):
+            dataset = file.create_dataset(name, (1000,), "f8", chunks=(1000,), compression="gzip")
+            dataset.id.write_direct_chunk((0,), once + once[2:] * 200)  # 2 GB
 
 
 BOMBS = {
@@ -227,18 +242,32 @@ BOMBS = {
     "b.csv.gz": (bomb_line, "a line is longer than 1048576 characters"),
     "a.parquet": (bomb_parquet, "it holds 720 MB or more when unpacked"),
     "a.mat": (bomb_mat, "when unpacked, of which at most 500 MB are read"),
+    "a.h5": (bomb_hdf5, "of which at most 8 kB are read: dataset '/time' is damaged, save it again"),
 }
 READ = """
 import resource, sys
 resource.setrlimit(resource.RLIMIT_DATA, (4_000_000_000,) * 2)  # libraries set much aside that they never use
 from pendulum_env.recording import read_recording
+from scipy.io import loadmat  # before what is measured
+def most():  # kB that were in use
+    status = open("/proc/self/status").read().split()
+    return int(status[status.index("VmHWM:") + 1])
+before = most()
 try:
     read_recording(sys.argv[1])
 except ValueError as error:
     print(error)
-status = open("/proc/self/status").read().split()
-print(status[status.index("VmHWM:") + 1])  # kB that were in use at most
+print(most(), most() - before)
 """
+
+
+def told_and_most(path: Path) -> tuple[str, int, int]:
+    """What is said of a file, the most memory that was in use, and how much of it for reading [kB]."""
+    run = subprocess.run([sys.executable, "-c", READ, path], capture_output=True, text=True, timeout=60, check=True)
+    told, most = run.stdout.splitlines()
+    assert run.stderr == ""
+    all_of_it, reading = map(int, most.split())
+    return told, all_of_it, reading
 
 
 @pytest.mark.parametrize("name", BOMBS)
@@ -246,11 +275,20 @@ def test_what_unpacks_to_gigabytes_is_refused_before_it_fills_the_memory(tmp_pat
     make, match = BOMBS[name]
     path = tmp_path / name
     make(path)
-    run = subprocess.run([sys.executable, "-c", READ, path], capture_output=True, text=True, timeout=60, check=True)
-    told, most = run.stdout.splitlines()
-    assert run.stderr == "" and re.search(match, told)
-    assert int(most) < 1_000_000
+    told, most, _ = told_and_most(path)
+    assert re.search(match, told)
+    assert most < 1_000_000
     path.unlink()
+
+
+@pytest.mark.parametrize("ending", [".npz", ".mat"])
+def test_arrays_are_in_memory_once(tmp_path: Path, ending: str) -> None:
+    """So that a file just below the limit takes less than a gigabyte."""
+    path, arrays = tmp_path / f"still{ending}", {name: np.zeros(3_000_000) for name in ("time", "position", "torque")}
+    np.savez(path, **arrays) if ending == ".npz" else savemat(path, arrays, do_compression=True)
+    told, _, reading = told_and_most(path)
+    assert "in every row" in told
+    assert 1024 * reading < 1.6 * sum(array.nbytes for array in arrays.values())
 
 
 def test_the_limit_of_a_recording_is_an_option(tmp_path: Path) -> None:

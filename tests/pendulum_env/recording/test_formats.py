@@ -1,6 +1,9 @@
 """Files of other programs: MATLAB, HDF5, Excel, Parquet of robot learning, bags of ROS and MCAP."""
 
+import os
+import re
 import zipfile
+import zlib
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -10,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
-from pendulum_env.recording import Recording, RecordingError, read_recording
+from pendulum_env.recording import Recording, RecordingError, arrays, read_recording
 from pendulum_env.recording.preview import preview
 from pendulum_env.recording.storage import READERS, RECIPES
 
@@ -71,6 +74,83 @@ def test_hdf5_and_matlab_7_3(tmp_path: Path) -> None:
     with (tmp_path / "run.mat").open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
     assert_read(read_recording(tmp_path / "run.mat"))
+
+
+def short(file, name):
+    dataset = file.create_dataset(name, (1000,), "f8", chunks=(1000,), compression="gzip")
+    dataset.id.write_direct_chunk((0,), zlib.compress(b"12345678"))
+
+
+def elsewhere(file, name):
+    pipe = Path(file.filename).with_name(name)
+    os.mkfifo(pipe)  # reading it would wait
+    file.create_dataset(name, (1000,), "f8", external=[(str(pipe), 0, 8000)])
+
+
+def virtual(file, name):
+    h5py = pytest.importorskip("h5py")
+    layout = h5py.VirtualLayout((1000,), "f8")
+    layout[:] = h5py.VirtualSource("/dev/zero", name, shape=(1000,))
+    file.create_virtual_dataset(name, layout)
+
+
+def of_any_length(file, name):
+    h5py = pytest.importorskip("h5py")
+    file.create_dataset(name, (1000,), h5py.vlen_dtype("f8"))[0] = np.zeros(10)
+
+
+def below_itself(file, name):
+    group = file.require_group("group")
+    group[name] = group
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (short, "dataset '/time' is damaged: save it again"),
+        (elsewhere, "dataset '/time' lies in another file: save it in this one"),
+        (virtual, "dataset '/time' lies in another file: save it in this one"),
+        (of_any_length, "dataset '/time' is packed in a way whose size nobody can know before: save real numbers"),
+        (
+            lambda file, name: file.create_dataset(name, data=np.zeros(1000), compression="lzf"),
+            "dataset '/time' is packed in a way whose size nobody can know before: save real numbers, with "
+            "compression='gzip' or none",
+        ),
+        (
+            lambda file, name: file.create_dataset(name, (9,), "f8", maxshape=(None,), chunks=(10**8,)),
+            "it holds 800 MB or more when unpacked, of which at most 500 MB are read",
+        ),
+        (
+            lambda file, name: file.create_dataset(name, data=np.zeros(101), chunks=(1,)),
+            "dataset '/time' is in more than 100 chunks: save it in larger ones",
+        ),
+        (
+            lambda file, name: [file.create_group(f"{name}{k}") for k in range(40)],
+            "it holds more than 100 groups and datasets: leave in those of one run",
+        ),
+        (below_itself, "its groups nest more than 32 deep: save it flatter"),
+    ],
+)
+def test_hdf5_that_never_ends_is_refused(tmp_path, monkeypatch, make, match):
+    h5py = pytest.importorskip("h5py")
+    monkeypatch.setattr(arrays, "MOST", 100)
+    monkeypatch.setattr(arrays, "CHUNKS", 100)
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for name in ("time", "position", "torque"):
+            make(file, name)
+    with pytest.raises(RecordingError, match=re.escape(f"run.h5: {match}")):
+        read_recording(tmp_path / "run.h5")
+
+
+def test_hdf5_is_read_however_it_is_packed(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for name, values in signals().items():
+            file.create_dataset(name, data=values, chunks=(300,), compression="gzip", shuffle=True, fletcher32=True)
+        noise = np.frombuffer(np.random.default_rng(0).bytes(8000))  # which is stored as it is
+        file.create_dataset("noise", data=np.nan_to_num(noise), chunks=(1000,), compression="gzip")
+    assert_read(read_recording(tmp_path / "run.h5"))
+    assert preview(tmp_path / "run.h5").headers[0] == "noise"
 
 
 # Parquet
