@@ -13,12 +13,15 @@ import math
 import os
 import re
 import stat
+import sys
+import threading
 import tomllib
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
@@ -35,6 +38,7 @@ LARGE = 1e9  # of any number in a file: in SI units no pendulum has more of anyt
 DIRECTORY = 1_000_000  # bytes of a ZIP archive's list of contents, of some 10,000 entries
 BLOCK = 1 << 20  # bytes read at a time
 SHOWN = 60  # characters of a value that a sentence quotes
+ROOM = threading.Lock()  # limits belong to the process
 
 JSON_TEXT = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+(?:"|\Z)', re.DOTALL)
 TOML_TEXT = re.compile(
@@ -379,6 +383,30 @@ def refuse_size(size: float, most: float, remedy: str) -> None:
         raise Unreadable(
             f"it holds {amount(size)} or more when unpacked, of which at most {amount(most)} are read: {remedy}"
         )
+
+
+@contextmanager
+def room_for(most: float) -> Iterator[None]:
+    """Memory for `most` bytes beyond those in use, and files of as many: for a library that unpacks whatever comes.
+
+    Beyond, there is a MemoryError or an OSError. All threads share it, so it is to be ample; Linux alone keeps to it.
+    """
+    if not sys.platform.startswith("linux"):
+        yield
+        return
+    import resource
+
+    with ROOM:
+        status = Path("/proc/self/status").read_text().split()
+        used = 1024 * int(status[status.index("VmData:") + 1])
+        before = {kind: resource.getrlimit(kind) for kind in (resource.RLIMIT_DATA, resource.RLIMIT_FSIZE)}
+        try:
+            for (kind, (soft, hard)), limit in zip(before.items(), (used + int(most), int(most)), strict=True):
+                resource.setrlimit(kind, (limit if soft == resource.RLIM_INFINITY else min(soft, limit), hard))
+            yield
+        finally:
+            for kind, limits in before.items():
+                resource.setrlimit(kind, limits)
 
 
 @contextmanager

@@ -2,8 +2,12 @@
 
 import os
 import re
+import sqlite3
+import struct
+import sys
 import zipfile
 import zlib
+from contextlib import closing
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -13,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
-from pendulum_env.recording import Recording, RecordingError, arrays, read_recording
+from pendulum_env.recording import Recording, RecordingError, arrays, bags, read_recording
 from pendulum_env.recording.preview import preview
 from pendulum_env.recording.storage import READERS, RECIPES
 
@@ -266,6 +270,46 @@ def write_bag(path: Path, kind: str) -> None:
             late = stamp + 700_000  # when it was received
             writer.write(motor, late - 900_000, serialize(Float64(data=s["torque"][k]), Float64.__msgtype__))
             writer.write(joints, late, serialize(message, JointState.__msgtype__))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
+def test_a_bag_that_unpacks_to_more_than_there_is_room_for_is_refused(tmp_path, monkeypatch):
+    pytest.importorskip("rosbags")
+    resource = pytest.importorskip("resource")
+    frame = pytest.importorskip("lz4.frame")
+
+    def record(kind, content):
+        return struct.pack("<BQ", kind, len(content)) + content
+
+    size = 300_000_000
+    packed = frame.compress(bytes(size))
+    chunk = struct.pack("<QQQII3sQ", 0, 1, size, 0, 3, b"lz4", len(packed)) + packed
+    magic = b"\x89MCAP0\r\n"
+    records = record(1, struct.pack("<I4sI", 4, b"ros2", 0)) + record(6, chunk) + record(15, bytes(4))
+    path = tmp_path / "run.mcap"
+    path.write_bytes(magic + records + record(2, bytes(20)) + magic)
+    monkeypatch.setattr(bags, "ROOM", 50_000_000)
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    with pytest.raises(RecordingError, match=r"memory that is left|Failed to resize buffer"):
+        read_recording(path, largest=50_000_000)
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
+
+
+@pytest.mark.parametrize("name", ["bag.db3", "bag.other", "bag"])
+def test_a_bag_that_computes_what_it_holds_is_refused(tmp_path, name):
+    write_bag(tmp_path / "bag", "sqlite3")
+    file = tmp_path / "bag" / "bag.db3"
+    with closing(sqlite3.connect(file)) as database:
+        database.execute("DROP TABLE schema")
+        database.execute(
+            "CREATE VIEW schema AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) "
+            "SELECT max(x) AS schema_version FROM c"
+        )
+        database.commit()
+    if name == "bag.other":  # which metadata.yaml may call it
+        file = file.rename(file.with_name(name))
+    with pytest.raises(RecordingError, match="its database holds views"):
+        read_recording(file if name == "bag.db3" else tmp_path / "bag")
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
