@@ -13,10 +13,12 @@ from datetime import UTC, datetime, timedelta
 from itertools import product
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from estimators import diagnose
+from pendulum_env.reading import Unreadable
 from pendulum_env.recording import RecordingError, read_recording, write_recording
 from tests.workbench.pages import Page, values
 from workbench.cli import main
@@ -28,6 +30,7 @@ from workbench.survey import dataset as stored
 from workbench.survey import run as running
 from workbench.survey.run import watch
 from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
+from workbench.survey.work import examined
 
 distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")  # comes with it
@@ -466,6 +469,22 @@ def test_what_cannot_be_is_one_line(tmp_path, capsys, monkeypatch):
     assert main(["survey", str(tmp_path / "nothere"), "-o", str(tmp_path / "out")]) == 2
     assert "there is no such folder or file" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of Unix")
+def test_pipes_devices_and_endless_tables_are_refused_at_once(tmp_path):
+    for name in ("run.csv", "run.parquet", "run.mat"):
+        os.mkfifo(tmp_path / name)
+    for name in ("run.csv", "run.parquet"):  # which may be tables
+        with pytest.raises(Unreadable, match="it is a device or a pipe"):
+            cases(tmp_path / name)
+    for case in cases(tmp_path):
+        row = examined(case, Settings())
+        assert row["status"] == "refused" and "it is a device or a pipe" in row["reason"]
+    once = pa.DictionaryArray.from_arrays(pa.array(np.zeros(200, int)), pa.array(["x" * 1_000_000]))
+    pq.write_table(pa.table({"file": once}), tmp_path / "table.parquet")
+    with pytest.raises(InputError, match=r"table\.parquet: holds more than the 100 MB that a table may"):
+        cases(tmp_path / "table.parquet")
 
 
 def test_settings_that_decide_have_another_mark(tmp_path):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import glob
+import math
 import os
 import re
 from argparse import Namespace
@@ -21,7 +22,7 @@ import pyarrow.parquet as pq
 
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
-from pendulum_env.reading import read_bytes
+from pendulum_env.reading import amount, read_bytes, regular_size
 from pendulum_env.recording import Source
 from pendulum_env.recording.storage import READERS
 from workbench.inputs import sources_of
@@ -153,6 +154,8 @@ def _rows(path: Path) -> list[dict[str, str]] | None:
     """Rows of a table of recordings; None if the file is no such table."""
     name = path.name.lower()
     try:
+        if name.endswith((".csv", ".parquet")):
+            regular_size(path, math.inf)
         if name.endswith(".csv"):
             with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
                 headers = next(csv.reader([file.readline(1 << 16)]), [])
@@ -165,13 +168,24 @@ def _rows(path: Path) -> list[dict[str, str]] | None:
             headers = pq.read_schema(path).names
             if "file" not in map(_key, headers):
                 return None
-            table = pq.read_table(path).to_pylist()
-            return [_row(path, headers, ["" if row[h] is None else str(row[h]) for h in headers]) for row in table]
+            return [_row(path, headers, row) for row in _cells(path)]
     except (OSError, ValueError, csv.Error) as error:
         if isinstance(error, Mistake):
             raise
         return None  # what cannot be read is told where recordings are read
     return None
+
+
+def _cells(path: Path) -> Iterator[list[str]]:
+    """Rows of a table in Parquet, where what stands there often is stored once."""
+    size = 0
+    with pq.ParquetFile(path) as file:
+        for batch in file.iter_batches(batch_size=16):
+            cells = ["" if cell is None else str(cell) for row in batch.to_pylist() for cell in row.values()]
+            size += sum(map(len, cells))
+            if size > TABLE:
+                raise InputError(f"{path}: holds more than the {amount(TABLE)} that a table may: leave out columns")
+            yield cells
 
 
 def _key(header: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
 import sys
@@ -22,7 +23,9 @@ from estimators.diagnosis.run import diagnose
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON
 from pendulum_env.physics import BASE, Term, effects, load_plugin
+from pendulum_env.reading import regular_size
 from pendulum_env.recording import Recording
+from pendulum_env.recording.table import REMEDY
 from workbench.mistakes import MISTAKES, sentence
 from workbench.survey.cases import Case
 
@@ -199,7 +202,7 @@ def examined(case: Case, settings: Settings, known: str | None = None, look: Loo
     begun = perf_counter()
     row = row_of(case, settings)
     try:
-        content = stamp(case.source.file) | {"hash": content_hash(case.source.file)}
+        content = stamp(case.source.file) | {"hash": content_hash(case.source.file, case.source.largest)}
         if known is not None and content["hash"] == known:
             return None
         row |= content
@@ -248,14 +251,16 @@ def stamp(file: Path) -> JSON:
     return {"size": status.st_size, "changed": status.st_mtime_ns}
 
 
-def content_hash(file: Path) -> str:
+def content_hash(file: Path, most: float = math.inf) -> str:
     """Hash of what is in a file, or in the files of a folder.
 
     Raises:
         OSError: if it cannot be read.
+        Unreadable: if it is no regular file, or larger than `most` bytes.
     """
     digest = hashlib.blake2b(digest_size=20)
     for path in sorted(file.iterdir()) if file.is_dir() else [file]:
+        regular_size(path, most, REMEDY)
         with path.open("rb") as stream:
             while block := stream.read(BLOCK):
                 digest.update(block)
