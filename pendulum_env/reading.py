@@ -8,6 +8,7 @@ key.
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
@@ -36,6 +37,7 @@ DEPTH = 32  # of tables in tables; the deepest file here has 7
 DIGITS = 18  # of a whole number: those fit into 64 bits
 LARGE = 1e9  # of any number in a file: in SI units no pendulum has more of anything, and squares stay finite
 DIRECTORY = 1_000_000  # bytes of a ZIP archive's list of contents, of some 10,000 entries
+HEADER = 1 << 16  # bytes of an array's description, of which NumPy's own takes 128
 BLOCK = 1 << 20  # bytes read at a time
 SHOWN = 60  # characters of a value that a sentence quotes
 ROOM = threading.Lock()  # limits belong to the process
@@ -430,9 +432,13 @@ def _an_archive(kind: str) -> Iterator[None]:
     except Mistake:
         raise
     except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, LookupError, SyntaxError) as error:
-        raise Unreadable(f"is damaged, or no {kind} archive ({' '.join(str(error).split())[:100]})") from None
+        raise Unreadable(f"is damaged, or no {kind} archive ({_told(error)})") from None
     except (NotImplementedError, RuntimeError, TypeError, AttributeError, OverflowError, MemoryError) as error:
-        raise Unreadable(f"is packed in another way ({' '.join(str(error).split())[:100]})") from None
+        raise Unreadable(f"is packed in another way ({_told(error)})") from None
+
+
+def _told(error: Exception) -> str:
+    return " ".join(str(error).split())[:100] or type(error).__name__
 
 
 def read_arrays(path: str | os.PathLike[str], hint: str, most: int = ARRAYS) -> dict[str, NDArray[Any]]:
@@ -451,7 +457,8 @@ def read_arrays(path: str | os.PathLike[str], hint: str, most: int = ARRAYS) -> 
 
 
 def _stored(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Stored:
-    with archive.open(info) as file:
+    with archive.open(info) as packed:
+        file = io.BytesIO(packed.read(HEADER))
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = read(file)

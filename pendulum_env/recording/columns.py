@@ -252,9 +252,12 @@ def named_column(quantity: str, text: str, headers: Sequence[str]) -> Column:
     return Column(quantity, name, names.index(name), unit, expression=expression)
 
 
+LONGEST_UNIT = 64  # characters at the end of a name: to search a long one takes the square of its length
+
+
 def _unit_at_the_end(units: Mapping[str, float], name: str) -> str | None:
     """Letters of the unit that a name ends in, `Winkel [deg]` or `phi2_deg`; None if that is none of them."""
-    ends = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name.strip())
+    ends = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name.strip()[-LONGEST_UNIT:])
     unit = letters(next(filter(None, ends.groups()), "")) if ends else ""
     return unit if unit in units else None
 

@@ -27,6 +27,7 @@ TAG = re.compile(rb"(</table:table-row|</table:table|<table:table-row|<table:(?:
 TIMES = re.compile(rb'table:number-(?:rows|columns)-repeated="(\d{1,18})"')
 LONGEST_TAG = 4096  # bytes
 CELL = re.compile(rb"""\br\s*=\s*["']([A-Z]{1,3})(\d{1,7})["']""")  # where a cell of a sheet stands: r="B7"
+SHARED = re.compile(rb"""\bt\s*=\s*["']s["']""")  # of a cell whose text stands elsewhere
 CELL_BYTES = 32  # of a cell in memory
 LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|\Z)")
 NUMBER = re.compile(r"\s*[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf(?:inity)?)?\s*", re.IGNORECASE | re.ASCII)
@@ -93,31 +94,49 @@ def read_excel(path: Path, find: Find = find_columns, largest: float = LARGEST) 
 def _refuse_spread(path: Path, largest: float) -> None:
     """Refuse a sheet whose farthest cell is so far that the table up to it fills the memory, were it all empty."""
     with zipfile.ZipFile(path) as archive:
+        longest = _longest_text(archive)
         for name in archive.namelist():
             if name == "content.xml":  # of OpenDocument
                 with archive.open(name) as file:
-                    refuse_size(CELL_BYTES * _repeated(blocks(file, 1 << 62)), largest, REMEDY)
+                    refuse_size(_repeated(blocks(file, 1 << 62)), largest, REMEDY)
             if not name.startswith("xl/worksheets/"):
                 continue
-            row = column = 0
+            row = column = shared = 0
             with archive.open(name) as file:
                 rest = b""
                 while block := file.read(BLOCK):
                     for place, digits in CELL.findall(rest + block):
                         row = max(row, int(digits))
                         column = max(column, sum((c - 64) * 26**k for k, c in enumerate(reversed(place))))
+                    shared += len(SHARED.findall(rest + block))
                     rest = block[-32:]
-            refuse_size(CELL_BYTES * row * column, largest, REMEDY)
+            refuse_size(CELL_BYTES * row * column + shared * longest, largest, REMEDY)
+
+
+def _longest_text(archive: zipfile.ZipFile) -> int:
+    """Bytes of the longest text that cells of a workbook of Excel share; each cell becomes a copy of it."""
+    longest = length = 0
+    for name in archive.namelist():
+        if name.lower() == "xl/sharedstrings.xml":
+            with archive.open(name) as file:
+                while block := file.read(BLOCK):
+                    begun, *others = block.split(b"</si>")
+                    length += len(begun)
+                    for text in others:
+                        longest, length = max(longest, length), len(text)
+    return max(longest, length)
 
 
 def _repeated(content: Iterator[bytes]) -> int:
-    """Cells of the table up to the last row and column with a value in a sheet of OpenDocument, repetitions counted."""
-    row = rows = place = column = columns = 0
-    repeats, valued, rest = 1, False, b""
+    """Bytes of a sheet of OpenDocument: its cells up to the last row and column with a value, and texts that repeat."""
+    row = rows = place = column = columns = texts = begun = ended = 0
+    repeats, copies, valued, rest = 1, 1, False, b""
     for block in content:
         block, end = rest + block, 0
         for tag in TAG.finditer(block):
-            end = tag.end()
+            texts += (begun + tag.start() - ended) * (copies - 1)
+            end, copies = tag.end(), 1
+            ended = begun + end
             times = TIMES.search(tag[0])
             number = min(int(times[1]), 10**9) if times is not None else 1
             if tag[1] == b"</table:table":  # the next sheet begins anew
@@ -131,9 +150,10 @@ def _repeated(content: Iterator[bytes]) -> int:
             else:
                 place += number
                 if b"office:value-type" in tag[0]:
-                    valued, column = True, place
-        rest = block[max(end, len(block) - LONGEST_TAG) :]
-    return rows * columns
+                    valued, column, copies = True, place, number * repeats
+        end = max(end, len(block) - LONGEST_TAG)
+        begun, rest = begun + end, block[end:]
+    return CELL_BYTES * rows * columns + texts
 
 
 def read_text(opened: Opened, find: Find, largest: float = LARGEST) -> Table:

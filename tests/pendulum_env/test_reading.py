@@ -236,12 +236,34 @@ def bomb_hdf5(path: Path) -> None:
             dataset.id.write_direct_chunk((0,), once + once[2:] * 200)  # 2 GB
 
 
+def bomb_excel(path: Path) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("xl/sharedStrings.xml", "<sst><si><t>" + "y" * 1_000_000 + "</t></si></sst>")
+        archive.writestr("xl/worksheets/sheet1.xml", '<c r="A1" t="s"><v>0</v></c>' * 10_000)
+
+
+def bomb_ods(path: Path) -> None:
+    text = f'<table:table-cell office:value-type="string"><text:p>{"y" * 1_000_000}</text:p></table:table-cell>'
+    row = f'<table:table-row table:number-rows-repeated="10000">{text}</table:table-row>'
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("content.xml", f"<table:table>{row}</table:table>")
+
+
+def bomb_header(path: Path) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("time.npy", b"\x93NUMPY\x02\0" + (10**9).to_bytes(4, "little") + b" " * 400_000_000)
+
+
 BOMBS = {
     "a.npz": (bomb_npz, "it holds 24 GB or more when unpacked, of which at most 500 MB are read: shorten it, or allow"),
     "a.csv.gz": (bomb_gzip, "it holds 50. MB or more when unpacked, of which at most 500 MB are read"),
     "b.csv.gz": (bomb_line, "a line is longer than 1048576 characters"),
     "a.parquet": (bomb_parquet, "it holds 720 MB or more when unpacked"),
     "a.mat": (bomb_mat, "when unpacked, of which at most 500 MB are read"),
+    "a.xlsx": (bomb_excel, "it holds 10 GB or more when unpacked, of which at most 500 MB are read"),
+    "a.ods": (bomb_ods, "it holds 10 GB or more when unpacked, of which at most 500 MB are read"),
+    "header.npz": (bomb_header, "EOF: reading array header, expected 1000000000 bytes got 65"),
+    "name.csv": (lambda path: path.write_text(f"time{'[' * 1_000_000},a\n0,0\n"), "no column for position, torque"),
     "a.h5": (bomb_hdf5, "of which at most 8 kB are read: dataset '/time' is damaged, save it again"),
 }
 READ = """
