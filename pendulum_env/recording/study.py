@@ -33,6 +33,7 @@ from pendulum_env.recording.storage import read_recording
 from pendulum_env.recording.table import LARGEST
 
 Role = Literal["fit", "holdout"]
+MOST = 1000  # recordings, each of which is compared with each
 Key = tuple[str | int, ...]  # where something stands: `("recording", 0, "load", "mass")`
 
 GRAVITY = 9.81  # [m/s^2]
@@ -200,6 +201,8 @@ class _Reader:
         recordings = content.get("recording")
         if not isinstance(recordings, list) or not recordings:
             raise self.error(("recording",), 'names no recordings: write [[recording]] and below it file = "run.csv"')
+        if len(recordings) > MOST:
+            raise self.error(("recording",), f"names {len(recordings)} recordings, at most {MOST} are read: divide it")
         sources = tuple(self.source(("recording", k), table, columns) for k, table in enumerate(recordings))
         for k, source in enumerate(sources):
             if any(source.overlaps(other) for other in sources[:k]):

@@ -118,6 +118,7 @@ def test_any_bytes_are_refused_in_one_sentence(tmp_path_factory: pytest.TempPath
         ("", None, "names no recordings: write"),
         ("[columns]\ntorque = 'tau'", None, "names no recordings"),
         ("[recording]\nfile = 'a.csv'", 1, "names no recordings"),
+        ("[[recording]]\nfile = 'a.csv'\n" * 1001, 1, "names 1001 recordings, at most 1000 are read: divide it"),
         ("[[recordings]]\nfile = 'a.csv'", 1, "unknown key 'recordings': did you mean recording"),
         ("# bench\n\n[[recording]]\nfile = 'a.csv'\n\nrol = 'fit'", 6, "unknown key 'rol': did you mean role"),
         ("[[recording]]\nrole = 'fit'", 1, "a recording needs its file"),
