@@ -20,6 +20,8 @@ from multiprocessing.process import BaseProcess
 @contextmanager
 def interrupts_wait() -> Iterator[None]:
     """Let an interrupt come when what is done here is done; processes that are begun meanwhile never hear of one."""
+    if os.name == "posix":
+        resource_tracker.ensure_running()  # else it is begun below, and takes the block away
     in_front = threading.current_thread() is threading.main_thread()  # only there Python answers signals
     came: list[int] = []
     before = signal.signal(signal.SIGINT, lambda number, frame: came.append(number)) if in_front else None
@@ -41,8 +43,6 @@ class Quiet(SpawnProcess):
 
     def start(self) -> None:
         """Begin, in a new interpreter: a copy of a process with threads would be unsound."""
-        if os.name == "posix":
-            resource_tracker.ensure_running()  # else it is begun below, and takes the block away
         with interrupts_wait():
             super().start()
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from workbench.mistakes import InputError
+from workbench.processes import interrupts_wait
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -43,14 +44,16 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
     limit = "auto" if memory is None else int(1e6 * memory)
     with (
         dask.config.set({"distributed.worker.profile.enabled": False}),  # 200 MB in each that nobody looks at
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,  # a diagnosis computes in Python most of the time
-            memory_limit=limit,
-            preload="workbench.survey.worker",
-            dashboard_address="127.0.0.1:0",  # for nobody else, and beside other surveys
-            silence_logs=logging.CRITICAL,  # what happened to a case is in the dataset
-        ) as cluster,
-        Client(cluster) as client,
+        ExitStack() as stack,
     ):
+        with interrupts_wait():  # a cluster that is half begun cannot be closed
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,  # a diagnosis computes in Python most of the time
+                memory_limit=limit,
+                preload="workbench.survey.worker",
+                dashboard_address="127.0.0.1:0",  # for nobody else, and beside other surveys
+                silence_logs=logging.CRITICAL,  # what happened to a case is in the dataset
+            )
+            client = stack.enter_context(Client(stack.enter_context(cluster)))
         yield client
