@@ -26,7 +26,7 @@ from pendulum_env.recording.table import LARGEST
 from pendulum_env.recording.vocabulary import TOLD
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
-from workbench.words import enumerate_words
+from workbench.words import enumerate_words, plus_minus
 
 T = TypeVar("T")
 KINDS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag, or a study.toml that names several"  # of recordings
@@ -426,6 +426,24 @@ def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> 
             raise InputError(f"{path}: is one of the inputs: name another file to write to")
         if resolved.count(place) > 1:
             raise InputError(f"{path}: is named for two outputs: name two files")
+
+
+def write_model(model: Model, path: str | None, terminal: Terminal) -> str | None:
+    """Write a model if that was asked for, and give its path; one that no command could read again is not written.
+
+    No body is without inertia, but where a motion hardly tells it, a fit may come out so.
+    """
+    inertia = model.estimates.get("inertia")
+    if path is not None and inertia is not None and inertia.value <= 0:
+        terminal.say(
+            f"warning: {path} is not written: inertia came out as {plus_minus(inertia.value, inertia.std)} "
+            f"{inertia.unit}, and no body has that: record a livelier motion, or say --fix inertia=VALUE",
+            style="yellow",
+        )
+        return None
+    if path is not None:
+        model.save(path)
+    return path
 
 
 def wrote(paths: Sequence[str | Path | None], terminal: Terminal) -> None:

@@ -555,10 +555,18 @@ def test_bad_arguments_are_refused_with_one_line(argv, reason, tmp_path, refused
     assert reason in refused(*argv)
 
 
-def test_recordings_sampled_too_slowly_for_the_schemes_are_refused(tmp_path, refused):
+def test_filters_too_fast_for_a_recording_are_lowered_and_said(tmp_path, capsys):
     path = tmp_path / "slow.csv"
     assert main(["record", "--rate", "50", "-o", str(path)]) == 0
-    assert "200 rad/s" in refused("identify", path)
+    assert main(["identify", str(path)]) == 0
+    assert "their cutoff is lowered to 50 rad/s" in capsys.readouterr().out
+
+
+def test_a_model_that_no_body_has_is_not_written(runs, tmp_path, capsys):
+    model = tmp_path / "model.json"
+    assert main(["identify", str(runs / "train.csv"), "--columns", "torque=-torque", "-o", str(model)]) == 0
+    assert f"{model} is not written: inertia came out as -0.0" in " ".join(capsys.readouterr().out.split())
+    assert not model.exists()
 
 
 def test_interrupting_ends_with_one_line(runs, tmp_path, capsys, monkeypatch):

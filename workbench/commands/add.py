@@ -21,6 +21,7 @@ from workbench.inputs import (
     take_limits,
     take_recordings,
     take_robot,
+    write_model,
     wrote,
 )
 from workbench.terminal import Terminal
@@ -59,8 +60,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         added = add(model, arguments.effect, recordings, holdout, progress, **limits)
     before, after = added.before, added.after
-    if arguments.output is not None:
-        after.model.save(arguments.output)
     terminal.heading("Errors, the model refitted without and with the effect")
     terminal.table(*errors_table((before, after)))
     terminal.say(added.text)
@@ -73,7 +72,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terminal.say(f"warning: {added.doubt}", style="yellow")
     terminal.heading("Parameters")
     terminal.table(*parameters_table(after.model))
-    wrote([arguments.output], terminal)
+    wrote([write_model(after.model, arguments.output, terminal)], terminal)
 
 
 def _effect(text: str) -> str:

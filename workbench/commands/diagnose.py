@@ -26,6 +26,7 @@ from workbench.inputs import (
     take_limits,
     take_recordings,
     take_robot,
+    write_model,
     wrote,
 )
 from workbench.story import tell
@@ -101,8 +102,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         write_whole(arguments.experiment, found.suggestion.csv())
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
-    if arguments.output is not None:
-        found.model.save(arguments.output)
     if arguments.report is not None:
         fitted = Aligned.by(found.alignments, recordings, holdout).recordings
         with terminal.progress("writing the report"):
@@ -112,4 +111,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.experiment is not None and found.suggestion is None:
         terminal.say(f"nothing is left open that an experiment would settle: {arguments.experiment} is not written")
         outputs[0] = None
+    outputs[-1] = write_model(found.model, arguments.output, terminal)
     wrote(outputs, terminal)

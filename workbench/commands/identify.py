@@ -6,8 +6,6 @@ import argparse
 import json
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from estimators.arguments import within_limits
 from estimators.checks.torque_constant import told
 from estimators.regression.equations import IdentificationError
@@ -30,9 +28,9 @@ from workbench.inputs import (
     take_limits,
     take_recordings,
     take_robot,
+    write_model,
     wrote,
 )
-from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 
 SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
@@ -74,7 +72,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     recordings, _ = in_torque(read_recordings(asked.fitted, terminal), [], terminal)
     if arguments.align:
         recordings, _ = in_time(recordings, [], True, terminal)
-    refuse_slow(recordings, arguments.scheme)
     with terminal.progress("identifying"):
         found = identify(recordings, BASE, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
         terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
@@ -85,9 +82,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             model = fitted(recordings, lambda own: fit_terms(Evidence.of(own), terms)[0])
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
-    if model is not None and arguments.output is not None:
-        model.save(arguments.output)
     tell(found, model, terminal, "instruments" if arguments.instruments else "windows (saved)")
+    if model is not None:
+        outputs[1] = write_model(model, arguments.output, terminal)
     wrote(outputs, terminal)
 
 
@@ -102,18 +99,6 @@ def six_schemes(recordings: Sequence[Recording], terms: Sequence[Term]) -> Ident
         return identify(recordings, terms, SCHEMES)
     except IdentificationError:
         return None
-
-
-def refuse_slow(recordings: Sequence[Recording], schemes: Sequence[Scheme]) -> None:
-    """Refuse recordings that are sampled too slowly for the filter of a scheme, before any work is done."""
-    for item in schemes:
-        fastest = getattr(item, "cutoff", 0.0) / np.pi  # [Hz], twice the cutoff
-        for recording in recordings:
-            if recording.rate <= fastest:
-                raise InputError(
-                    f"{recording.name}: is sampled at {recording.rate:.4g} Hz, {item.id} filters at "
-                    f"{np.pi * fastest:g} rad/s and needs more than {fastest:.3g} Hz: choose another --scheme"
-                )
 
 
 def tell(found: Identification, model: Model | None, terminal: Terminal, label: str) -> None:
