@@ -211,6 +211,16 @@ def take_limits(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def take_instruments(parser: argparse.ArgumentParser) -> None:
+    """Declare whether the base model is fitted by instruments."""
+    parser.add_argument(
+        "--instruments",
+        choices=("reference",),
+        help="fit the base model over windows with instruments, made of the reference that a controller followed: what "
+        "torque owes to the controller biases nothing then",
+    )
+
+
 class Gather(argparse.Action):
     """Option that may be repeated and names several things: all are gathered in one dictionary."""
 

@@ -40,7 +40,7 @@ class Feedback:
     def text(self) -> str:
         """What it means for estimates, in a sentence."""
         remedy = (
-            "`identify --instruments reference` keeps it out of the estimates"
+            "`identify` and `diagnose` with --instruments reference keep it out of the base model"
             if self.has_reference
             else "record the controller's reference as well (column `reference`), or a torque that is planned"
         )

@@ -28,6 +28,7 @@ from estimators.selection.motion import is_astray, refine, relink, sharpen
 from estimators.selection.search import Search, held_out_cost, ids
 from estimators.signals.measurements import measure_segments
 from estimators.weak_form.dataset import choose_half_width, prepare
+from estimators.weak_form.instruments import fit_by_reference
 from estimators.weak_form.windows import SLOWEST
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term
@@ -86,6 +87,7 @@ class Setting:
         progress: told what is being done and the share that is done.
         limits: of the rig, for the experiment that is suggested.
         usual: torque that is trusted without limits [N m].
+        by_reference: whether the base model is fitted by instruments.
     """
 
     base: Sequence[Term]
@@ -95,6 +97,7 @@ class Setting:
     progress: Progress
     limits: Limits
     usual: float
+    by_reference: bool
 
     def search(self, evidence: tuple[Evidence, Evidence]) -> Search:
         """The search on some data."""
@@ -117,6 +120,7 @@ def diagnose(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     criterion: Criterion | None = None,
     rng: np.random.Generator | None = None,
+    by_reference: bool = False,
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
 
@@ -140,9 +144,11 @@ def diagnose(
         bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, 14)}`.
         criterion: what they have to achieve.
         rng: of the bootstrap; the same seed gives the same result, and so does none.
+        by_reference: fit the base model by instruments, made of the reference that a controller followed; effects are
+            looked for, and fitted, by least squares all the same.
 
     Raises:
-        IdentificationError: if the recordings hold too little motion.
+        IdentificationError: if the recordings hold too little motion, or no reference that instruments need.
         ValueError: if a name is unknown.
         TypeError: if something else is given than recordings and terms.
     """
@@ -158,6 +164,7 @@ def diagnose(
         progress,
         Limits(max_torque or given.usual_torque, max_angle, max_speed),
         given.usual_torque,
+        by_reference,
     )
     found = _of_one_plant(given, setting)
     progress("done", 1.0)
@@ -256,6 +263,7 @@ def _examine(
 ) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
     search = setting.search(evidence)
+    followed = fit_by_reference(search.train.data, setting.base) if setting.by_reference else None
     wrong = turned_round(fit_terms(evidence[0], setting.base)[0])
     if wrong is not None:
         return _mislogged(search, setting.base, wrong)
@@ -268,6 +276,8 @@ def _examine(
             search, rough, window_share = closer, found, CLOSER
     setting.progress("sharpening", 0.93)
     steps = relink(search, sharpen(search, rough))
+    if followed is not None:
+        steps = [search.with_errors(None, followed), *steps[1:]]
     final = (rough if ids(rough[-1].model.terms) == ids(steps[-1].model.terms) else steps)[-1].model.terms
     candidates, groups = judge(search, final, steps)
     measured = [m for recording in recordings for m in measure_segments(recording)]

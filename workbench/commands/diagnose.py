@@ -23,6 +23,7 @@ from workbench.inputs import (
     page,
     read_model,
     read_recordings,
+    take_instruments,
     take_limits,
     take_recordings,
     take_robot,
@@ -43,6 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--without", metavar="ID,...", type=argument(ids), default=[], help="do not look for these effects"
     )
     take_limits(parser)
+    take_instruments(parser)
     parser.add_argument("--all", action="store_true", help="print every effect, also those that could not be judged")
     parser.add_argument(
         "--max-torque",
@@ -97,6 +99,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             max_torque=arguments.max_torque,
             max_angle=arguments.max_angle,
             max_speed=arguments.max_speed,
+            by_reference=arguments.instruments is not None,
         )
     if arguments.experiment is not None and found.suggestion is not None:
         write_whole(arguments.experiment, found.suggestion.csv())

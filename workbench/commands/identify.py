@@ -13,6 +13,7 @@ from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.selection.data import Evidence, fit_terms
 from estimators.show.tables import schemes_table
+from estimators.weak_form.dataset import prepare
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE, Model, Term
@@ -25,6 +26,7 @@ from workbench.inputs import (
     in_torque,
     read_recordings,
     take_align,
+    take_instruments,
     take_limits,
     take_recordings,
     take_robot,
@@ -42,12 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     take_align(parser)
     take_robot(parser)
     take_limits(parser)
-    parser.add_argument(
-        "--instruments",
-        choices=("reference",),
-        help="fit over windows with instruments, made of the reference that a controller followed: what torque owes to "
-        "the controller biases nothing then",
-    )
+    take_instruments(parser)
     parser.add_argument(
         "--scheme",
         type=argument(_schemes),
@@ -77,7 +74,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
         model = None
         if arguments.instruments is not None:
-            model = fitted(recordings, lambda own: fit_by_reference(own, terms))
+            model = fitted(recordings, lambda own: fit_by_reference(prepare(own), terms))
         elif arguments.output is not None:
             model = fitted(recordings, lambda own: fit_terms(Evidence.of(own), terms)[0])
     if arguments.json is not None:

@@ -7,7 +7,10 @@ import pytest
 
 from benchmarks.excitation import smooth_reference
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import Evidence, IdentificationError, fit_terms
+from estimators import Evidence, IdentificationError, diagnose, fit_terms
+from estimators.arguments import within_limits
+from estimators.diagnosis.run import gather
+from estimators.weak_form.dataset import prepare
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
@@ -38,18 +41,35 @@ def disturbed() -> list[Recording]:
 
 def test_instruments_are_unbiased_where_least_squares_finds_the_controller(disturbed):
     least_squares = fit_terms(Evidence.of(disturbed), BASE)[0].theta
-    model = fit_by_reference(disturbed, BASE)
+    model = fit_by_reference(prepare(disturbed), BASE)
     off = np.abs(model.theta - TRUTH)
     std = np.array([estimate.std for estimate in model.estimates.values()])
     assert (off < 3 * std).all()
     assert (off < np.abs(least_squares - TRUTH))[:2].all()  # inertia and gravity
 
 
+def test_a_diagnosis_begins_from_the_base_model_that_instruments_find(disturbed):
+    some = disturbed[:2]
+    found = diagnose(some, only=["quadratic_drag"], by_reference=True)
+    assert found.selected == ()
+    assert found.model.theta == pytest.approx(fit_by_reference(gather(some)[0].data, BASE).theta)
+    std = np.array([estimate.std for estimate in found.model.estimates.values()])
+    assert (np.abs(found.model.theta - TRUTH) < 3 * std).all()
+
+
+def test_what_is_known_beforehand_stays_so_beside_instruments(disturbed):
+    known, _ = within_limits(BASE, {}, {"gravity": 1.9}, {"viscous": (0.0, 0.1)})
+    model = fit_by_reference(prepare(disturbed), known)
+    assert model.estimates["gravity"].value == 1.9
+    assert model.estimates["viscous"].value == 0.1
+    assert model.estimates["inertia"].value == pytest.approx(TRUTH[0], rel=0.1)
+
+
 def test_what_instruments_cannot_do_is_refused(disturbed):
     with pytest.raises(IdentificationError, match="has no reference"):
-        fit_by_reference([replace(disturbed[0], reference=None)], BASE)
+        fit_by_reference(prepare([replace(disturbed[0], reference=None)]), BASE)
     with pytest.raises(IdentificationError, match="dead_time depends on more than the motion"):
-        fit_by_reference(disturbed, (*BASE, effect("dead_time")()))
+        fit_by_reference(prepare(disturbed), (*BASE, effect("dead_time")()))
     still = replace(disturbed[0], reference=np.zeros(len(disturbed[0])))
     with pytest.raises(IdentificationError, match="reference moves too little"):
-        fit_by_reference([still], BASE)
+        fit_by_reference(prepare([still]), BASE)
