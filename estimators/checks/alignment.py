@@ -3,7 +3,8 @@
 Many logs hold torque late: it was read after the position, came over a slow bus, or passed a filter. No effect can do
 that, since none acts before its cause; but several effects together can hide it, so that it has to be found first.
 
-With tau the torque that acts and u the one that is logged, two laws of the torque channel are fitted,
+With tau the torque that acts and u the one that is logged, held from its sample to the next, two laws of the torque
+channel are fitted,
 
     tau(t) = u(t + delay)                    delay > 0: logged late; delay < 0: it acts late, as after a dead time
     tau = u + lag u'                         lag > 0: logged through a low-pass filter
@@ -27,6 +28,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import prepare
 from pendulum_env._typing import JSON
+from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 
 TRIFLE = 0.02  # of a sample: neither smoothing nor a clock is as exact as that
@@ -89,7 +91,8 @@ class Alignment:
                 *([f"logged through a low-pass filter with a time constant of {lag}"] if self.lag else []),
             ]
             return f"torque is {' and '.join(found)}{either}"
-        law = f"to act {delay} after it is logged" if self.delay else f"to act with a lag of {lag}"
+        after = f"{delay} after it is logged, not counting the half sample that holding it takes"
+        law = f"to act {after}" if self.delay else f"to act with a lag of {lag}"
         return (
             f"torque seems {law}{either}: the drive does that (dead_time, actuator_lag), or the log is ahead of the "
             "position, which is the same law; or the joint yields, or its law is another; current or torque measured "
@@ -133,8 +136,13 @@ class Alignment:
         )
 
 
-def align(recordings: Sequence[Recording]) -> Alignment:
+def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Alignment:
     """Delay and lag of the torque channel that all recordings share.
+
+    Args:
+        recordings: one or more.
+        beside: effects that the joint has, with their shape parameters set; those that are functions of the motion
+            alone are fitted along.
 
     A law is reported if its delay or lag is `SURE` standard errors (jackknife over stretches of time) from none, if it
     surely predicts seconds better to which it was not fitted, as an effect has to, and if that holds under every more
@@ -145,7 +153,7 @@ def align(recordings: Sequence[Recording]) -> Alignment:
     try:
         if not any(recording.torque.any() for recording in recordings):
             raise IdentificationError("torque is never applied")
-        fits = ChannelFits.of(prepare(recordings))
+        fits = ChannelFits.of(prepare(recordings), beside)
     except IdentificationError:
         fits = None
     if fits is None:
@@ -153,12 +161,12 @@ def align(recordings: Sequence[Recording]) -> Alignment:
     return _agreed(fits.views(), 1.0 / max(recording.rate for recording in recordings))
 
 
-def align_each(recordings: Sequence[Recording]) -> list[Alignment]:
-    """One alignment for all recordings, or each its own where they differ."""
-    joint = align(recordings)
+def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
+    """One alignment for all recordings, or each its own where they differ; see `align`."""
+    joint = align(recordings, beside)
     if len(recordings) == 1:
         return [joint]
-    alone = [align([recording]) for recording in recordings]
+    alone = [align([recording], beside) for recording in recordings]
     shared = joint.is_found or not any(one.is_found for one in alone)
     return [joint] * len(alone) if shared and all(one.agrees(joint) for one in alone) else alone
 
@@ -178,11 +186,15 @@ class Aligned:
     alignments: tuple[Alignment, ...]
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording] = ()) -> Aligned:
-        """Recordings aligned; those that were are not touched again."""
-        fitted = align_each(recordings)
+    def of(
+        cls, recordings: Sequence[Recording], holdout: Sequence[Recording] = (), beside: Sequence[Term] = ()
+    ) -> Aligned:
+        """Recordings aligned; those that were are not touched again. See `align` for what else is known."""
+        fitted = align_each(recordings, beside)
         alike = all(one is fitted[0] for one in fitted)
-        return cls.by((*fitted, *(fitted[:1] * len(holdout) if alike else align_each(holdout))), recordings, holdout)
+        return cls.by(
+            (*fitted, *(fitted[:1] * len(holdout) if alike else align_each(holdout, beside))), recordings, holdout
+        )
 
     @classmethod
     def by(

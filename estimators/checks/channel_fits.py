@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -11,12 +11,13 @@ from typing import Self
 import numpy as np
 
 from estimators.regression.least_squares import Balance, robust_covariance
+from estimators.selection.candidates import depends_on_torque
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import STRETCH, Bootstrap, Stretches, cross_validated
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import Dataset, smooth_laws
 from pendulum_env._typing import Array, Index
-from pendulum_env.physics import BASE
+from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.friction import Stribeck
 
 REACH = 0.05  # [s], delays and lags up to it are looked for
@@ -102,8 +103,8 @@ class ChannelFits:
     torques: dict[Channel, Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, data: Dataset) -> Self | None:
-        """Fits to these windows, None if too few are clear of the ends of segments."""
+    def of(cls, data: Dataset, beside: Sequence[Term] = ()) -> Self | None:
+        """Fits to these windows, None if too few are clear of the ends of segments; see `align`."""
         clear = []
         for w in data.windows:
             beyond = len(w.kernel) // 2 + int(np.ceil(REACH * w.recording.rate)) + 2
@@ -113,7 +114,8 @@ class ChannelFits:
             clear.append(own)
         rows = np.flatnonzero(np.concatenate(clear))
         fast = float(np.percentile(np.abs(data.samples.velocity), 95))
-        laws = (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in FRICTION))
+        known = [term for term in beside if not (term.remembers or depends_on_torque(term))]
+        laws = (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in FRICTION), *known)
         phi = np.column_stack([data.columns([law])[0][0] for law in laws])
         phi = phi[rows] * data.weights[rows, None]
         if len(phi) < FEWEST * phi.shape[1]:

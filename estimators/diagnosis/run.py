@@ -209,7 +209,7 @@ class Prepared:
             alignments=self.aligned.alignments,
             advice=(
                 *filter(None, [self.calibrated.doubt]),
-                *_of_timing(self.aligned, found),
+                *_of_timing(self, found),
                 *(loop.text for loop in feedback(self.recordings)),
                 *found.advice,
             ),
@@ -242,12 +242,21 @@ def calibrated_model(model: Model, recordings: Sequence[Recording], holdout: Seq
     return told(model, recordings, lambda own: fit_terms(gather(own, holdout)[0], model.terms)[0])
 
 
-def _of_timing(aligned: Aligned, found: Diagnosis) -> list[str]:
-    """What is said of the time between torque and motion: what was corrected, and what the drive may have done."""
+def _of_timing(given: Prepared, found: Diagnosis) -> list[str]:
+    """What is said of the time between torque and motion: what was corrected, and what the drive may have done.
+
+    The latter is asked again beside the effects that were found, and not at all where they explain everything: then
+    what looked like a delay of the drive was theirs.
+    """
     mended = "this diagnosis has corrected it, the other commands do with --align"
-    corrected = [f"{text}: {mended}" for text in aligned.texts(True)]
+    corrected = [f"{text}: {mended}" for text in given.aligned.texts(True)]
     named = {*found.selected, *(id for group in found.ambiguous for id in group)}
-    return corrected + (list(aligned.texts(False)) if named & {"dead_time", "actuator_lag"} else [])
+    if named & {"dead_time", "actuator_lag"}:
+        return [*corrected, *given.aligned.texts(False)]
+    if not (found.unexplained and given.aligned.texts(False)):
+        return corrected
+    beside = [term for term in found.model.terms if term.id in found.selected]
+    return [*corrected, *Aligned.of(given.recordings, given.holdout, beside).texts(False)]
 
 
 def agreeing(recordings: Sequence[Recording], odd: Container[int]) -> list[Recording]:

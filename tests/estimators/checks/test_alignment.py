@@ -13,6 +13,7 @@ from estimators.checks.alignment import align, align_each
 from estimators.checks.channel_fits import Law, View
 from estimators.selection.score import Bootstrap
 from estimators.signals.channel import Channel
+from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 
 KINDS = ("two_tone", "multisine", "chirp", "prbs", "steps")
@@ -116,6 +117,13 @@ def test_a_drive_with_a_dead_time_is_the_law_of_a_log_that_is_ahead_and_both_are
     assert found.delay == pytest.approx(-0.012, abs=2e-4)
     assert all(word in str(found.text) for word in ("dead_time", "actuator_lag", "log is ahead"))
     assert found.apply(recording) is recording  # the drive is part of the plant
+
+
+def test_an_effect_that_is_known_no_longer_blurs_the_time_of_the_torque():
+    recording = run("two_tone", 500.0, cogging={"cog_n": 7.0, "cog_s": 1.0, "cog_c": 0.3})
+    alone, beside = align([recording]), align([recording], [Cogging(7.0)])
+    assert not (alone.is_found or beside.is_found)
+    assert beside.delay_std < 0.1 * alone.delay_std
 
 
 def test_recordings_share_a_delay_unless_they_differ():
