@@ -36,10 +36,12 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing
 
-CLOSER = 0.5  # share of the windows' length at a second look
+CLOSER = 0.5  # share of the windows' length at a second look,
+SHORTEST = 0.25  # and the least, where longer windows are too few
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 PLENTY = 40  # stretches of motion, below which little can be told
-HOLDOUT_SHARE = 0.3  # end of each recording that is held out when no recording is
+HOLDOUT_SHARE = 0.3  # end of each recording that is held out when no recording is,
+MOTION = 0.5  # unless less than this share of the motion comes before
 
 
 def gather(
@@ -50,7 +52,7 @@ def gather(
     Args:
         recordings: to fit.
         holdout: to check on.
-        shorter: factor on the lengths of the windows.
+        shorter: factor on the lengths of the windows, which are shorter still where they would be too few.
 
     Raises:
         IdentificationError: if a part holds too little motion, or torque is never applied.
@@ -60,14 +62,26 @@ def gather(
         raise IdentificationError(
             f"{names}: torque is never applied, so that only ratios of parameters are known: record with torque"
         )
+    try:
+        return _gather(recordings, holdout, shorter)
+    except IdentificationError:
+        if shorter <= SHORTEST:
+            raise
+        return gather(recordings, holdout, CLOSER * shorter)  # through more noise, but there are more of them
+
+
+def _gather(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> tuple[Evidence, Evidence]:
     widths = [shorter * choose_half_width(recording) for recording in recordings]
-    if not holdout:
-        try:
-            return _split(recordings, widths, 1 - HOLDOUT_SHARE)
-        except IdentificationError:  # perhaps the end is at rest: then the motion is split, not the time
-            every = [w.centers / len(w.recording) for w in prepare(recordings, widths).windows]
-            return _split(recordings, widths, float(np.quantile(np.concatenate(every), 1 - HOLDOUT_SHARE)))
-    return Evidence.of(recordings, widths), Evidence.of(holdout, [shorter * choose_half_width(r) for r in holdout])
+    if holdout:
+        return Evidence.of(recordings, widths), Evidence.of(holdout, [shorter * choose_half_width(r) for r in holdout])
+    motion = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
+    time, moved = 1 - HOLDOUT_SHARE, float(np.quantile(motion, 1 - HOLDOUT_SHARE))
+    if np.mean(motion < time) < MOTION:  # the joint hardly moves before: then the motion is split, not the time
+        return _split(recordings, widths, moved)
+    try:
+        return _split(recordings, widths, time)
+    except IdentificationError:  # perhaps the end is at rest
+        return _split(recordings, widths, moved)
 
 
 def _split(recordings: Sequence[Recording], widths: Sequence[float], share: float) -> tuple[Evidence, Evidence]:
@@ -130,7 +144,8 @@ def diagnose(
 
     Args:
         recordings: fitted jointly.
-        holdout: recordings to confirm on; without them the last 30 % of each recording is held out.
+        holdout: recordings to confirm on; without them the last 30 % of each recording is held out, or of its motion
+            where it hardly moves before.
         base: terms of the model to start from, at least one, as they are or by id; a loaded model's terms will do.
         progress: called with what is being done and the share that is done.
         max_torque: bound of the torque in the experiment that is suggested [N m]; without it the paper's 6 N m, but no

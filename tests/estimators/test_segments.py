@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import compare, diagnose, identify
+from estimators import Diagnosis, compare, diagnose, identify
 from estimators.selection.data import Evidence, fit_terms
 from estimators.simulation.free_running import take_off
 from estimators.simulation.link_segments import tiles
@@ -14,7 +14,7 @@ from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.friction import Presliding
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Recording, read_recording
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +33,11 @@ def with_gaps(recording: Recording, gaps: list[tuple[int, int]]) -> Recording:
     index = np.flatnonzero(kept)
     starts = (0, *(np.flatnonzero(np.diff(index) > 1) + 1).tolist())
     return Recording("gaps", recording.time[index], recording.position[index], recording.torque[index], starts=starts)
+
+
+@pytest.fixture(scope="module")
+def diagnosed(whole) -> Diagnosis:
+    return diagnose([whole])
 
 
 GAPS = [(900, 1000), (2300, 2301), (2307, 2500), (3600, 3850)]
@@ -90,12 +95,27 @@ def test_parameters_are_found_across_gaps_within_their_intervals(whole, gapped):
             assert abs(estimate.value - other.value) < 4 * max(estimate.std, other.std)
 
 
-def test_the_verdict_is_that_of_the_recording_without_gaps(whole, gapped):
+def test_the_verdict_is_that_of_the_recording_without_gaps(whole, gapped, diagnosed):
     found = diagnose([gapped])
     assert found.selected == ("stribeck",)
     assert found.model.estimates["stribeck"].value == pytest.approx(0.4, rel=0.1)
     errors = compare(found.model, [whole]).joint.errors
-    assert errors.torque_rms < 1.3 * diagnose([whole]).steps[-1].errors["train"].torque_rms
+    assert errors.torque_rms < 1.3 * diagnosed.steps[-1].errors["train"].torque_rms
+
+
+def test_lost_rows_gaps_and_a_jittering_clock_change_no_verdict_and_no_parameter(whole, diagnosed, tmp_path):
+    rng = np.random.default_rng(7)
+    time = whole.time + np.clip(rng.normal(0.0, 0.1, len(whole)), -0.45, 0.45) / whole.rate
+    kept = rng.random(len(whole)) > 0.02
+    for begin in np.arange(1.5, 9.5, 2.0):
+        kept &= (time < begin) | (time > begin + rng.uniform(0.02, 0.5))
+    rows = np.column_stack([time, np.interp(time, whole.time, whole.position), whole.torque])[kept]
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="time,position,torque", comments="")
+    found = diagnose([read_recording(tmp_path / "log.csv")])
+    assert found.selected == diagnosed.selected == ("stribeck",)
+    for name, estimate in diagnosed.model.estimates.items():
+        other = found.model.estimates[name]
+        assert abs(estimate.value - other.value) < 2 * np.hypot(estimate.std, other.std)
 
 
 def test_seconds_that_were_glued_together_are_simulated_in_flights_that_fit_in(whole):

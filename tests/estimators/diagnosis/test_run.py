@@ -14,6 +14,7 @@ from estimators.arguments import chosen_recordings
 from estimators.diagnosis.run import gather
 from estimators.selection.data import fit_terms
 from estimators.selection.search import Search
+from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, Column, Model, ModelError, Term, effect, effects, library, register
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording
@@ -639,13 +640,25 @@ def test_a_recording_without_motion_changes_nothing_beside_a_good_one(recordings
     assert beside.theta == pytest.approx(alone.theta, rel=1e-6)
 
 
-def test_a_log_that_ends_at_rest_is_split_where_it_moves(recordings):
-    moving = recordings["stribeck"]
-    rest, period = len(moving), 1 / moving.rate
-    time = period * np.arange(len(moving) + rest)
-    stopped = np.full(rest, moving.position[-1])
-    log = Recording("stops", time, np.r_[moving.position, stopped], np.r_[moving.torque, np.zeros(rest)])
+@pytest.mark.parametrize("begins", [False, True])
+def test_a_log_that_is_mostly_at_rest_is_split_where_it_moves(begins):
+    (made,) = simulate([(Plant(), run(31, 12.0, 500.0))])
+    moving = Recording("moves", made.time, made.position, made.torque)
+    rest = 3 * len(moving) if begins else len(moving)
+    time = np.arange(len(moving) + rest) / moving.rate
+    still = np.full(rest, moving.position[0 if begins else -1])
+    parts = [(moving.position, moving.torque), (still, np.zeros(rest))]
+    log = Recording("rests", time, *(np.concatenate(one) for one in zip(*parts[:: -1 if begins else 1], strict=True)))
     train, holdout = gather([log])
     whole, _ = gather([moving], [moving])
-    assert len(train.data.weights) + len(holdout.data.weights) == pytest.approx(len(whole.data.weights), abs=30)
-    assert len(holdout.data.weights) == pytest.approx(0.3 * len(whole.data.weights), abs=30)
+    assert len(train.data.weights) + len(holdout.data.weights) == pytest.approx(len(whole.data.weights), rel=0.03)
+    assert len(holdout.data.weights) == pytest.approx(0.3 * len(whole.data.weights), rel=0.05)
+
+
+def test_where_windows_are_too_few_to_hold_some_out_shorter_ones_are_taken(monkeypatch):
+    (made,) = simulate([(Plant(), run(31, 3.0, 250.0))])
+    brief = Recording("brief", made.time, made.position, made.torque)
+    monkeypatch.setattr("estimators.diagnosis.run.choose_half_width", lambda _: 0.08)
+    few = len(prepare([brief], [0.08]).weights)
+    train, holdout = gather([brief])
+    assert few < 20 and min(len(part.data.weights) for part in (train, holdout)) >= 10
