@@ -4,7 +4,7 @@ Nothing is hidden in the plants, or Stribeck friction; the log is late or filter
 the mean of the torque over a sample, some time late: a share of a sample lies between two rows.
 
     python -m benchmarks.timing                # what is found, in a minute
-    python -m benchmarks.timing --diagnose     # and what `diagnose` names, in half an hour
+    python -m benchmarks.timing --diagnose     # and what `diagnose` names, in five minutes
 """
 
 from __future__ import annotations
