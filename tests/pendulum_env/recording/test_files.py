@@ -719,11 +719,12 @@ def test_practice_recordings_are_left_alone_and_refused_in_degrees(tmp_path: Pat
             read_recording(tmp_path / "deg.npz")
 
 
-def test_a_spring_is_not_taken_for_degrees(write: Write) -> None:
+@pytest.mark.parametrize("bent", [0.0, 30.0])
+def test_a_spring_is_not_taken_for_degrees(write: Write, bent: float) -> None:
     time, q, v = np.arange(4000) / 200.0, np.empty(4000), 0.0
     torque, q[0] = 40 * np.sin(0.4 * time) * np.sin(2 * time), 1.0
     for k in range(3999):  # semi-implicit Euler of a motor of 1 kg m^2 on a spring, without gravity
-        v += (torque[k] - 9.81 * q[k] - 0.2 * v) / 200.0
+        v += (torque[k] - 9.81 * (q[k] + bent * (1 - np.cos(0.05 * q[k]))) - 0.2 * v) / 200.0
         q[k + 1] = q[k] + v / 200.0
     assert np.ptp(q) > 2 * np.pi  # less is no question
     (note,) = read_recording(write({"time": time, "position": q, "torque": torque})).notes
