@@ -127,7 +127,10 @@ class Screen:
             squares = np.array([error @ error for error in errors])
         else:
             stacked = w[None, :, None] * np.stack([np.column_stack([own.phi, own.y]) for own in balances])
-            squares = squared_errors(np.swapaxes(stacked, 1, 2) @ stacked)
+            squares, theta = squared_errors(np.swapaxes(stacked, 1, 2) @ stacked)
+            for k, balance in enumerate(balances):
+                if np.any((theta[k] < balance.least) | (theta[k] > balance.most)):
+                    squares[k] = np.sum((w * balance.error(balance.solve())) ** 2)
         return [
             Trial(model, float(np.sqrt(square / (w @ w) + self.hidden_noise(model))))
             for model, square in zip(models, squares, strict=True)
@@ -234,6 +237,8 @@ class Screen:
             size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
             extra = extra / size
             theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ target)
+            if np.any((theta < balance.least[-count:] * size) | (theta > balance.most[-count:] * size)):
+                return w * balance.error(balance.solve())
             return np.asarray(target - extra @ theta)
 
         def residual(variant: Term, own: Columns) -> Array:
@@ -260,11 +265,15 @@ def is_known(*terms: Term) -> bool:
     return any(column.is_known for term in terms for column in term.columns)
 
 
-def squared_errors(grams: Array) -> Array:
-    """Squared errors (V,) of the fits of V systems from their Gram matrices (V, P + 1, P + 1), y coming last."""
+def squared_errors(grams: Array) -> tuple[Array, Array]:
+    """Squared errors (V,) and parameters (V, P) of the fits of V systems from their Gram matrices (V, P + 1, P + 1).
+
+    The equations' left-hand side y comes last.
+    """
     scale = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), 1e-300))  # (V, P + 1)
     grams = grams / (scale[:, :, None] * scale[:, None, :])
     normal, target = grams[:, :-1, :-1] + RIDGE * np.eye(grams.shape[1] - 1), grams[:, :-1, -1:]
     theta = np.linalg.solve(normal, target)
     left = 1.0 - 2 * (np.swapaxes(target, 1, 2) @ theta) + np.swapaxes(theta, 1, 2) @ grams[:, :-1, :-1] @ theta
-    return np.asarray(np.maximum(left[:, 0, 0], 0.0) * scale[:, -1] ** 2)
+    squares = np.maximum(left[:, 0, 0], 0.0) * scale[:, -1] ** 2
+    return squares, theta[:, :, 0] * scale[:, -1:] / scale[:, :-1]

@@ -73,6 +73,7 @@ class Search:
         self.bootstrap = Bootstrap(np.concatenate([first, second if same else second + first.max() + 1]), self.rng)
         self._densities: dict[Terms, Array] = {}
         self._structures: dict[Terms, tuple[float, float]] = {}
+        self._powers: dict[Terms, float] = {}
         self._in_motion: dict[Terms, Step] = {}
         self._fits: dict[Terms, bool] = {}
 
@@ -171,9 +172,20 @@ class Search:
         return (self.train, self.screen), (self.holdout, self.held_out)
 
     def explained(self, after: Terms, before: Terms) -> float:
-        """Share of the power of the structure that one model leaves, which another explains."""
-        left, had = self.structure(after)[0], self.structure(before)[0]
-        return 1.0 - (left / had) ** 2 if had > 0 else 0.0
+        """Share of the power that one model leaves and is no noise, which another explains.
+
+        No noise is what the other takes out of the residual, be it as sharp as an impact, and what neighbouring windows
+        share of the rest, of which so many windows tell no less than their noise allows.
+        """
+        power = self._power(after)
+        gone, left = self._power(before) - power, self.structure(after)[0] ** 2
+        return gone / (gone + left + power / np.sqrt(len(self.train.data.weights))) if gone > 0 else 0.0
+
+    def _power(self, terms: Terms) -> float:
+        """Mean square of the residual, and of the torque noise that the terms take out of it [N^2 m^2]."""
+        if terms not in self._powers:
+            self._powers[terms] = float(np.mean(self.screen.residual(terms) ** 2)) + self.screen.hidden_noise(terms)
+        return self._powers[terms]
 
     def explains(self, after: Terms, before: Terms) -> bool:
         """Whether that is a good share."""
@@ -367,7 +379,7 @@ class Search:
         model = self.linked.model
         self.train, self.holdout = self.train.watching(model), self.holdout.watching(model)
         self.screen, self.held_out = Screen(self.train.data), Screen(self.holdout.data)
-        for known in (self._densities, self._structures, self._fits):
+        for known in (self._densities, self._structures, self._powers, self._fits):
             known.clear()
         return model.terms
 
