@@ -390,17 +390,15 @@ def unexplained(search: Search, last: Step) -> list[Region]:
     if not search.is_noise(search.holdout, unseen):
         regions = stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout)))
         return _held_out(search, regions or _too_much(search, search.holdout, unseen))
-    if is_astray(search, last):
-        error = last.errors["train"].position_rms
-        text = (
-            f"the torque fits where the joint moves freely, but free-running simulation errs by {error:.2g} rad: "
-            "something acts near reversals or at rest, where velocity is close to zero"
-        )
-        return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
-    return [
-        *_too_much(search, search.train, left),
-        *_held_out(search, _too_much(search, search.holdout, unseen)),
-    ]
+    much = [*_too_much(search, search.train, left), *_held_out(search, _too_much(search, search.holdout, unseen))]
+    if much or not is_astray(search, last):
+        return much
+    error = last.errors["train"].position_rms
+    text = (
+        f"the torque fits where the joint moves freely, but free-running simulation errs by {error:.2g} rad: "
+        "something acts near reversals or at rest, where velocity is close to zero"
+    )
+    return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
 
 
 def _held_out(search: Search, regions: Sequence[Region]) -> list[Region]:

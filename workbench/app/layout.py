@@ -243,9 +243,10 @@ def _connect_jobs(bench: Bench) -> None:
         Input("session", "data"),
         Input("poll", "n_intervals"),
         Input("version", "data"),
+        Input("url", "hash"),  # who leaves a stage at once takes the button away that would have told of its job
         prevent_initial_call="initial_duplicate",
     )
-    def watch(id: str | None, _: int, version: int) -> tuple[Any, ...]:
+    def watch(id: str | None, _: int, version: int, __: str | None) -> tuple[Any, ...]:
         """The one owner of the progress bar, so that no late answer can bring it back."""
         if id is None:
             raise PreventUpdate
