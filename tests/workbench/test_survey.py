@@ -161,6 +161,38 @@ def test_many_files_become_one_with_the_last_row_of_each_case(tmp_path, monkeypa
     assert {row["reason"] for row in before} == {str(stored.MERGED - 2), str(stored.MERGED - 1), str(stored.MERGED)}
 
 
+def many(folder, count):
+    """A dataset of so many files, each of which has one case of its own."""
+    dataset = Dataset(folder)
+    dataset.create()
+    for k in range(count):
+        dataset.append([{"name": f"case{k}", "finished": BEGAN}])
+    return dataset
+
+
+def test_a_dataset_that_is_merged_while_it_is_read_loses_no_row(tmp_path, monkeypatch):
+    dataset, last = many(tmp_path, 3), stored._last
+
+    def merged_after(parts):
+        found = last(parts)
+        monkeypatch.setattr(stored, "_last", last)
+        dataset.merge(1)
+        return found
+
+    monkeypatch.setattr(stored, "_last", merged_after)
+    assert [row["name"] for row in dataset.rows(["name"])] == ["case0", "case1", "case2"]
+    assert len(dataset.parts) == 1
+
+    def always_merged(parts):
+        for path in parts:
+            path.rename(path.with_name(f"{int(path.name[:8]) + 1:08d}-0.parquet"))
+        return last(parts)
+
+    monkeypatch.setattr(stored, "_last", always_merged)
+    with pytest.raises(OSError, match="its files change while they are read: try again"):
+        dataset.rows(["name"])
+
+
 def test_a_survey_that_goes_on_for_long_does_not_leave_a_file_for_every_second(folder, tmp_path, client, monkeypatch):
     monkeypatch.setattr(running, "WAIT", -1.0)  # every row is a file
     monkeypatch.setattr(running, "CROWD", 3)

@@ -68,6 +68,7 @@ SCHEMA = pa.schema(
 )
 MERGED = 16  # files up to which a dataset is left as it is
 CROWD = 200  # the same while a survey goes on: two milliseconds each, whenever it is looked at
+READINGS = 3  # of a dataset whose files are merged meanwhile
 GROUP = 500  # rows that are copied at a time
 
 
@@ -112,14 +113,21 @@ class Dataset:
                 writer.write_table(table)
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """The last row of every case, in the order of names; all columns, or some."""
+        """The last row of every case, in the order of names; all columns, or some.
+
+        Raises:
+            OSError: if its files are merged again and again while they are read.
+        """
         wanted = list(columns) if columns is not None else SCHEMA.names
-        parts = self.parts
-        rows = _last(parts)
         read = list(dict.fromkeys(["name", *wanted]))
-        tables = [part.take(rows[k]) for k, path in enumerate(parts) if (part := _part(path, read)) is not None]
-        together = pa.concat_tables([SCHEMA.empty_table().select(read), *tables])
-        return together.sort_by("name").select(wanted)
+        for _ in range(READINGS):
+            parts = self.parts
+            rows = _last(parts)
+            tables = [part.take(rows[k]) for k, path in enumerate(parts) if (part := _part(path, read)) is not None]
+            if set(parts) <= set(self.parts):  # else a survey has merged some meanwhile: their rows are elsewhere
+                together = pa.concat_tables([SCHEMA.empty_table().select(read), *tables])
+                return together.sort_by("name").select(wanted)
+        raise OSError(f"{self.folder}: its files change while they are read: try again")
 
     def rows(self, columns: Sequence[str] | None = None) -> list[dict[str, Any]]:
         """`table` as dictionaries."""
