@@ -445,8 +445,9 @@ def write_model(model: Model, path: str | None, terminal: Terminal) -> str | Non
     """
     inertia = model.estimates.get("inertia")
     if path is not None and inertia is not None and inertia.value <= 0:
+        old = ", what is there is that of before" if Path(path).is_file() else ""
         terminal.say(
-            f"warning: {path} is not written: inertia came out as {plus_minus(inertia.value, inertia.std)} "
+            f"warning: {path} is not written{old}: inertia came out as {plus_minus(inertia.value, inertia.std)} "
             f"{inertia.unit}, and no body has that: record a livelier motion, or say --fix inertia=VALUE",
             style="yellow",
         )

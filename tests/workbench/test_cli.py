@@ -567,6 +567,11 @@ def test_a_model_that_no_body_has_is_not_written(runs, tmp_path, capsys):
     assert main(["identify", str(runs / "train.csv"), "--columns", "torque=-torque", "-o", str(model)]) == 0
     assert f"{model} is not written: inertia came out as -0.0" in " ".join(capsys.readouterr().out.split())
     assert not model.exists()
+    model.write_text("older")
+    assert main(["identify", str(runs / "train.csv"), "--columns", "torque=-torque", "-o", str(model)]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert f"{model} is not written, what is there is that of before: inertia" in told
+    assert model.read_text() == "older"
 
 
 def test_interrupting_ends_with_one_line(runs, tmp_path, capsys, monkeypatch):
