@@ -205,6 +205,31 @@ def test_a_survey_that_goes_on_for_long_does_not_leave_a_file_for_every_second(f
     assert dataset.parts == before  # there is no room for the new one beside the old ones
 
 
+def test_merging_that_cannot_succeed_is_tried_once_and_ends_no_survey(folder, tmp_path, client, monkeypatch):
+    monkeypatch.setattr(running, "WAIT", -1.0)
+    monkeypatch.setattr(running, "CROWD", 3)
+    tries, kept = [], stored._kept
+    monkeypatch.setattr(stored, "_kept", lambda parts: tries.append(len(parts)) or kept(parts))
+    dataset = many(tmp_path / "out", 1)
+    damage(dataset.parts[0])
+    before = dataset.parts
+    assert survey(cases(folder), dataset, client, look=stub).done == 6
+    assert tries == [4] and set(before) < set(dataset.parts)
+    assert {row["name"] for row in dataset.rows(["name"])} == {"case0", *(case.name for case in cases(folder))}
+    assert not dataset.merge(1) and len(tries) == 2
+    other = many(tmp_path / "other", 5)
+    other.parts[0].write_text("nothing of it can be read: it stays, and the others are merged")
+    assert [(other.merge(most), len(other.parts)) for most in (4, 3, 0)] == [(True, 5), (True, 2), (False, 2)]
+
+
+def damage(part):
+    """Overwrite a column of a file that merging reads, but neither its end nor the columns that tell its cases."""
+    column = pq.read_metadata(part).row_group(0).column(stored.SCHEMA.names.index("robot"))
+    with part.open("r+b") as file:
+        file.seek(column.dictionary_page_offset or column.data_page_offset)
+        file.write(b"\xff" * column.total_compressed_size)
+
+
 def full(self, tables):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -134,20 +133,27 @@ class Dataset:
         found: list[dict[str, Any]] = self.table(columns).to_pylist()
         return found
 
-    def merge(self, most: int = MERGED) -> None:
+    def merge(self, most: int = MERGED) -> bool:
         """Put all files into one, which holds the last row of each case, if there are more; a part at a time is held.
 
         Whenever this is cut short, no row is lost: the new file is there before the old ones go. Where the disk has no
-        room for both, they stay.
+        room for both, or one is damaged, they stay.
+
+        Returns:
+            Whether it is worth trying again: False if it failed, or there are more files that cannot be read.
         """
-        if len(self.parts) <= most:
-            return
-        parts = [path for path in self.parts if _part(path, ("name",)) is not None]  # others may be readable again
+        everything = self.parts
+        if len(everything) <= most:
+            return True
+        parts = [path for path in everything if _part(path, ("name",)) is not None]  # others may be readable again
         if len(parts) > most:
-            with suppress(OSError):
+            try:
                 self._write(_kept(parts))
                 for path in parts:
                     path.unlink(missing_ok=True)
+            except (OSError, pa.ArrowException, ValueError):
+                return False
+        return len(everything) - len(parts) <= most
 
 
 def _last(parts: Sequence[Path]) -> list[pa.Array]:

@@ -226,6 +226,7 @@ class Writer:
         self.dataset = dataset
         self.rows: list[Row] = []
         self._written = monotonic()
+        self._merges = True  # until that fails once: it would take its time again after every file
 
     def add(self, row: Row) -> None:
         """Take a row, and write what has come together.
@@ -249,11 +250,12 @@ class Writer:
         try:
             self.dataset.append(self.rows)
             self.rows = []
-            self.dataset.merge(CROWD)
         except OSError as error:
             if last or len(self.rows) >= UNWRITTEN:
                 what = f"{sentence(error)}: {len(self.rows)} cases are not kept: make room and run again"
                 raise InputError(f"{self.dataset.folder}: {what}") from error
+        else:
+            self._merges = self._merges and self.dataset.merge(CROWD)
 
     def close(self) -> None:
         """Write what is left.
