@@ -178,7 +178,8 @@ def _unpacked(dataset: Any, largest: float) -> NDArray[Any]:
         filters.pop()
     if dataset.external or dataset.is_virtual:
         raise RecordingError(f"dataset {dataset.name!r} lies in another file: save it in this one")
-    if dataset.dtype.hasobject or not {*filters[:-1]} <= {SHUFFLE, CHECKSUM} or not {*filters} <= {DEFLATE, SHUFFLE}:
+    before, last = {*filters[:-1]}, {*filters[-1:]}
+    if dataset.dtype.hasobject or not before <= {SHUFFLE, CHECKSUM} or not last <= {DEFLATE, SHUFFLE}:
         raise RecordingError(
             f"dataset {dataset.name!r} is packed in a way whose size nobody can know before: save real numbers, with "
             "compression='gzip' or none"
@@ -194,7 +195,9 @@ def _unpacked(dataset: Any, largest: float) -> NDArray[Any]:
             left_out, stored = dataset.id.read_direct_chunk(place)  # filters of this chunk, as bits
             if left_out & 1 << filters.index(DEFLATE):
                 continue
-            if refuse_inflation([stored], zlib.MAX_WBITS, whole, f"{damaged}, save it again") != whole:
+            sums = sum(one == CHECKSUM and not left_out & 1 << k for k, one in enumerate(filters))
+            size = whole + 4 * sums  # those taken before it was packed
+            if refuse_inflation([stored], zlib.MAX_WBITS, size, f"{damaged}, save it again") != size:
                 raise RecordingError(f"{damaged}: save it again")
     return np.asarray(dataset[()])
 
@@ -215,7 +218,11 @@ def _table(stored: Sequence[Stored], find: Find, largest: float) -> Table:
     uses = Counter(places[column.index][0].name for column in columns.values())
     kept = {one.name: uses[one.name] == 1 and _width(one) == 1 for one in stored}  # and not copied
     needed = [one for one in stored if one.name in uses]
-    copies = sum(8 * math.prod(one.shape) for one in needed if not (kept[one.name] and one.dtype == np.float64))
+    copies = sum(  # of a matrix, its columns in need alone
+        8 * uses[one.name] * (math.prod(one.shape) // max(_width(one), 1))
+        for one in needed
+        if not (kept[one.name] and one.dtype == np.float64)
+    )
     refuse_size(sum(one.size for one in needed) + copies, largest, REMEDY)
     loaded: dict[str, NDArray[Any]] = {}
     values: dict[str, Array] = {}

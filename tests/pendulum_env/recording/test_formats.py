@@ -157,6 +157,34 @@ def test_hdf5_is_read_however_it_is_packed(tmp_path):
     assert preview(tmp_path / "run.h5").headers[0] == "noise"
 
 
+@pytest.mark.parametrize("shuffle", [False, True])
+def test_hdf5_whose_checksum_is_packed_with_it_is_read(tmp_path, shuffle):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for name, values in signals().items():
+            how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+            how.set_chunk((300,))
+            how.set_fletcher32()
+            if shuffle:
+                how.set_shuffle()
+            how.set_deflate(4)
+            space = h5py.h5s.create_simple(values.shape)
+            made = h5py.h5d.create(file.id, name.encode(), h5py.h5t.NATIVE_DOUBLE, space, how)
+            made.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
+    assert_read(read_recording(tmp_path / "run.h5"))
+
+
+def test_of_a_wide_matrix_the_columns_in_need_are_counted(tmp_path):
+    wide = np.zeros((1000, 60))
+    wide[:, :3] = np.column_stack([TIME, np.sin(3 * TIME), np.cos(2 * TIME)])
+    path, named = tmp_path / "run.npz", {"time": "x[0]", "position": "x[1]", "torque": "x[2]"}
+    np.savez(path, x=wide)
+    need = wide.nbytes + 3 * 8 * len(TIME)
+    assert len(read_recording(path, columns=named, largest=need)) == len(TIME)
+    with pytest.raises(RecordingError, match="or more when unpacked, of which at most"):
+        read_recording(path, columns=named, largest=need - 1)
+
+
 # Parquet
 
 
