@@ -4,6 +4,7 @@ import csv
 import io
 import re
 import zipfile
+from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +28,17 @@ TAG = re.compile(rb"(</table:table-row|</table:table|<table:table-row|<table:(?:
 TIMES = re.compile(rb'table:number-(?:rows|columns)-repeated="(\d{1,18})"')
 LONGEST_TAG = 4096  # bytes
 CELL = re.compile(rb"""\br\s*=\s*["']([A-Z]{1,3})(\d{1,7})["']""")  # where a cell of a sheet stands: r="B7"
-SHARED = re.compile(rb"""\bt\s*=\s*["']s["']""")  # of a cell whose text stands elsewhere
+SHARED = re.compile(  # of a cell whose text stands elsewhere, and its number where the cell holds it and nothing else
+    rb"""\bt\s*=\s*["']s["']"""
+    rb"""(?:(?:\s+\w+\s*=\s*"[^"<>]{0,99}"){0,3}\s*>\s*<(?:\w+:)?v>(\d{1,9})</(?:\w+:)?v>\s*</(?:\w+:)?c>)?"""
+)
+PLAIN = re.compile(  # a tag that no reader takes for another
+    rb"""</?(?:[\w.-]+:)?[\w.-]+(?:\s+[\w:.-]+\s*=\s*(?:"[^"<>]*"|'[^'<>]*'))*\s*/?>"""
+)
+DECLARATION = re.compile(rb"""(?:\xef\xbb\xbf)?<\?xml[^<>]*\?>""")
+TEXT = re.compile(
+    rb"<(/?)(?:[\w.-]+:)?(si|t)(?=[\s/>])[^>]*?(/?)>"
+)  # a text that cells share, and what is written in it
 CELL_BYTES = 32  # of a cell in memory
 LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|\Z)")
 NUMBER = re.compile(r"\s*[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf(?:inity)?)?\s*", re.IGNORECASE | re.ASCII)
@@ -94,7 +105,7 @@ def read_excel(path: Path, find: Find = find_columns, largest: float = LARGEST) 
 def _refuse_spread(path: Path, largest: float) -> None:
     """Refuse a sheet whose farthest cell is so far that the table up to it fills the memory, were it all empty."""
     with zipfile.ZipFile(path) as archive:
-        longest = _longest_text(archive)
+        lengths, longest = _shared_texts(archive)
         for name in archive.namelist():
             if name == "content.xml":  # of OpenDocument
                 with archive.open(name) as file:
@@ -103,28 +114,59 @@ def _refuse_spread(path: Path, largest: float) -> None:
                 continue
             row = column = shared = 0
             with archive.open(name) as file:
-                rest = b""
-                while block := file.read(BLOCK):
-                    for place, digits in CELL.findall(rest + block):
+                rest, more = b"", True
+                while more:
+                    block = file.read(BLOCK)
+                    more, block = bool(block), rest + block
+                    end = max(0, len(block) - LONGEST_TAG) if more else len(block)
+                    for place, digits in CELL.findall(block):
                         row = max(row, int(digits))
                         column = max(column, sum((c - 64) * 26**k for k, c in enumerate(reversed(place))))
-                    shared += len(SHARED.findall(rest + block))
-                    rest = block[-32:]
-            refuse_size(CELL_BYTES * row * column + shared * longest, largest, REMEDY)
+                    for cell in SHARED.finditer(block):
+                        if cell.start() < end:  # and else in the next block
+                            index = int(cell[1] or -1)
+                            shared += lengths[index] if 0 <= index < len(lengths) else longest
+                    rest = block[end:]
+            refuse_size(CELL_BYTES * row * column + shared, largest, REMEDY)
 
 
-def _longest_text(archive: zipfile.ZipFile) -> int:
-    """Bytes of the longest text that cells of a workbook of Excel share; each cell becomes a copy of it."""
-    longest = length = 0
-    for name in archive.namelist():
-        if name.lower() == "xl/sharedstrings.xml":
-            with archive.open(name) as file:
-                while block := file.read(BLOCK):
-                    begun, *others = block.split(b"</si>")
-                    length += len(begun)
-                    for text in others:
-                        longest, length = max(longest, length), len(text)
-    return max(longest, length)
+def _shared_texts(archive: zipfile.ZipFile) -> "tuple[array[int], int]":
+    """Bytes of the texts that cells of a workbook of Excel share, and of the longest; each cell becomes a copy of one.
+
+    Where the texts are written such that another reader may number them otherwise, as with comments, all are one.
+    """
+    lengths, whole, plain = array("Q"), 0, True
+    for number, info in enumerate(
+        info for info in archive.infolist() if info.filename.lower() == "xl/sharedstrings.xml"
+    ):
+        plain = plain and number == 0
+        read, begun, written, rest = 0, -1, False, b""  # bytes before the block, where a text began
+        with archive.open(info) as file:
+            while block := file.read(BLOCK):
+                whole += len(block)
+                block = rest + block
+                if not read and (declaration := DECLARATION.match(block)):
+                    block, read = block[declaration.end() :], declaration.end()
+                end = block.rfind(b"<")
+                if end < 0 or block.find(b">", end) >= 0:
+                    end = len(block)
+                plain = plain and len(block) - end < LONGEST_TAG
+                plain = plain and block.count(b"<", 0, end) == sum(1 for _ in PLAIN.finditer(block, 0, end))
+                for tag in TEXT.finditer(block, 0, end) if plain else ():
+                    closes, name, empty = tag.groups()
+                    if name == b"t":
+                        written = True
+                    elif closes and begun >= 0 and written:
+                        lengths.append(read + tag.start() - begun)
+                        begun = -1
+                    elif closes or empty or begun >= 0:
+                        plain = False
+                        break
+                    else:
+                        begun, written = read + tag.end(), False
+                read, rest = read + end, block[end:] if plain else b""
+        plain = plain and begun < 0
+    return (lengths, max(lengths, default=0)) if plain else (array("Q"), whole)
 
 
 def _repeated(content: Iterator[bytes]) -> int:

@@ -259,6 +259,53 @@ def test_excel_with_a_title_and_units(tmp_path: Path) -> None:
     assert_read(read_recording(tmp_path / "run.xlsx"))
 
 
+def share(path: Path, texts: str, cells: list[str]) -> None:
+    """Give the rows of a workbook a cell that shares a text each."""
+    with zipfile.ZipFile(path) as archive:
+        parts = {name: archive.read(name).decode() for name in archive.namelist()}
+    sheet = iter(parts["xl/worksheets/sheet1.xml"].split("</row>"))
+    parts["xl/worksheets/sheet1.xml"] = next(sheet) + "".join(
+        f"{cell}</row>{row}" for cell, row in zip(cells, sheet, strict=True)
+    )
+    parts["xl/sharedStrings.xml"] = f'<?xml version="1.0" encoding="UTF-8"?>{texts}'
+    rels = "xl/_rels/workbook.xml.rels"
+    kind = "http://schemas.openxmlformats.org/officeDocument/2006/relationships/sharedStrings"
+    link = f'<Relationship Id="r2" Type="{kind}" Target="sharedStrings.xml"/>'
+    parts[rels] = parts[rels].replace("</Relationships>", f"{link}</Relationships>")
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+
+
+NOTE = "y" * 30_000
+
+
+@pytest.mark.parametrize(
+    ("texts", "last", "reads"),
+    [
+        ("<sst><si><t>OK</t></si><si><r><t>{}</t></r></si></sst>", '<c t="s" s="1"><v>{}</v></c>', True),
+        ('<x:sst xmlns:x="m"><x:si><x:t>OK</x:t></x:si><x:si><x:t>{}</x:t></x:si></x:sst>', "", True),
+        ("<sst><!-- </si><si> --><si><t>OK</t></si><si><t>{}</t></si></sst>", "", False),
+        ('<sst><si><t a="&lt;">OK</t></si><si><t a="</si><si>">{}</t></si></sst>', "", False),
+        ("<sst><si/><si><t>OK</t></si><si><t>{}</t></si></sst>", "", False),
+        ("<sst><si><t>OK</t></si><si><t>{}</t></si></sst>", '<c t="s"><v>0</v><v>{}</v></c>', False),
+    ],
+)
+def test_excel_is_as_large_as_the_texts_that_its_cells_share(tmp_path, texts, last, reads):
+    """20,000 cells "OK" beside a note of 30 kB; where the numbering of texts is in doubt, each may be the note."""
+    pytest.importorskip("python_calamine")
+    path, count = tmp_path / "run.xlsx", 20_000
+    rows = [[k / 250, np.sin(k / 80), np.cos(k / 90)] for k in range(count)]
+    write_xlsx(path, [["time", "position", "torque"], *rows])
+    cell = last or '<c t="s"><v>{}</v></c>'
+    share(path, texts.format(NOTE), [cell.format(1), *[cell.format(0)] * count])
+    if reads:
+        assert len(read_recording(path, largest=10_000_000)) == count
+    else:
+        with pytest.raises(RecordingError, match=r"it holds 6\d\d MB or more when unpacked, of which at most 10 MB"):
+            read_recording(path, largest=10_000_000)
+
+
 # ROS
 
 
