@@ -179,7 +179,9 @@ class Search:
         """
         power = self._power(after)
         gone, left = self._power(before) - power, self.structure(after)[0] ** 2
-        return gone / (gone + left + power / np.sqrt(len(self.train.data.weights))) if gone > 0 else 0.0
+        if gone <= self.train.data.precision() ** 2:
+            return 0.0
+        return gone / float(gone + left + power / np.sqrt(len(self.train.data.weights)))
 
     def _power(self, terms: Terms) -> float:
         """Mean square of the residual, and of the torque noise that the terms take out of it [N^2 m^2]."""
