@@ -160,18 +160,8 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print which effects are missing at which joints."""
-    _refuse(
-        arguments,
-        "model",
-        "max_torque",
-        "max_angle",
-        "max_speed",
-        "experiment",
-        "fixed",
-        "bounds",
-        "all",
-        "instruments",
-    )
+    limits = "max_torque", "max_angle", "max_speed", "experiment"
+    _refuse(arguments, "model", *limits, "fixed", "bounds", "all", "instruments")
     try:
         library = chosen_effects(joint_effects(), arguments.only, arguments.without)
     except ValueError as error:

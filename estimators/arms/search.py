@@ -194,21 +194,27 @@ class ArmSearch:
             return False
         # what shows in few places only, as friction at low speed, hardly shows in what neighbours share
         sure = gain.total - self.penalty(longer, terms) >= self.criterion.sure * gain.error
-        shown = (self._explains(longer, terms, joint, sure) for joint in range(len(self.weights)))
+        before, after = self.residual(terms), self.residual(longer)
+        # noise that the longer terms take out of the torque is left all the same
+        taken = self._hidden(longer, self.train) - self._hidden(terms, self.train)
+        gone = before**2 - after**2 - taken / self.weights[self.train.joint] ** 2
+        joints = range(len(self.weights))
+        shown = (self._explains(before, after, float(np.mean(gone[self.train.of(j)])), j, sure) for j in joints)
         return any(shown) and not self.impossible(longer)
 
-    def _explains(self, longer: Terms, terms: Terms, joint: int, sure: bool) -> bool:
-        """Whether terms leave surely more than noise at a joint, and longer ones a good share less there.
+    def _explains(self, before: Array, after: Array, explained: float, joint: int, sure: bool) -> bool:
+        """Whether a residual (R,) is surely more than noise at a joint, and another leaves a good share less there.
 
-        Noise that the longer ones take out of the torque is left all the same.
+        Args:
+            before: the one [N m].
+            after: the other [N m].
+            explained: power that is gone at the joint [N^2 m^2].
+            joint: where.
+            sure: whether it is surely more than noise, whatever neighbours share of it.
         """
-        here, after = self.train.of(joint), self.residual(longer)
-        taken = self._hidden(longer, self.train) - self._hidden(terms, self.train)
-        gone = self.residual(terms) ** 2 - after**2 - taken / self.weights[self.train.joint] ** 2
-        explained = float(np.mean(gone[here]))
         left, _ = self.train.structure(after, joint)
         return (
-            (sure or self.train.structure(self.residual(terms), joint)[1] >= self.criterion.sure)
+            (sure or self.train.structure(before, joint)[1] >= self.criterion.sure)
             and explained > self.trifle(joint) ** 2
             and explained > self.criterion.share * (explained + left**2)
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -163,13 +164,7 @@ class Balance:
         """Parameters (P,) of least squared error within the bounds, looked for from those of torque (P,) near them."""
         free = np.ones(self.phi.shape[1], dtype=bool)
         theta = np.zeros(len(free)) if start is None else start * self.of_torque
-        while True:
-            theta = self._solve(theta, free)
-            bounded = np.clip(theta, self.least, self.most)
-            leaves = free & (bounded != theta)
-            if not leaves.any():
-                return theta
-            theta, free = np.where(leaves, bounded, theta), free & ~leaves
+        return within_bounds(self._solve, theta, free, self.least, self.most)[0]
 
     def fit(self, clusters: Index, jacobian: Array | None = None) -> Fit:
         """The solution with its covariance, see `solve`, linear in the errors of the predicted torque around it.
@@ -220,6 +215,29 @@ class Balance:
             if fell < ENOUGH:
                 break
         return theta
+
+
+def within_bounds(
+    solve: Callable[[Array, Mask], Array], theta: Array, free: Mask, least: Array, most: Array
+) -> tuple[Array, Mask]:
+    """Parameters (P,) that a solver finds, those that would leave their bounds held there; and which are free still.
+
+    Those that leave at once are held at once, and none is let go again: of several bounds that act together, the
+    solution is within all, if not always the very best.
+
+    Args:
+        solve: gives the parameters with the free ones (P,) found anew.
+        theta: to start from.
+        free: which may move.
+        least, most: bounds.
+    """
+    while True:
+        theta = solve(theta, free)
+        bounded = np.clip(theta, least, most)
+        leaves = free & (bounded != theta)
+        if not leaves.any():
+            return theta, free
+        theta, free = np.where(leaves, bounded, theta), free & ~leaves
 
 
 def information(covariance: Array) -> Array:

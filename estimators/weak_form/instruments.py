@@ -18,8 +18,10 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import within_bounds
 from estimators.weak_form.dataset import Dataset, dataset
 from estimators.weak_form.windows import cut
+from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording
 
@@ -51,25 +53,29 @@ def fit_by_reference(data: Dataset, terms: Sequence[Term]) -> Model:
     phi, y = equations.phi * weights, equations.y * weights[:, 0]
     columns = [column for term in terms for column in term.columns]
     least, most = (np.array([getattr(column, end) for column in columns]) for end in ("least", "most"))
-    theta, free = np.clip(np.zeros(len(columns)), least, most), least < most
-    while free.any():
-        own, instruments = phi[:, free], z[:, free]
-        # scaled to equal columns
-        size = [np.maximum(np.linalg.norm(x, axis=0), 1e-300) for x in (instruments, own)]
-        if np.linalg.cond(instruments.T @ own / np.outer(*size)) > HOPELESS:
-            raise IdentificationError("the reference moves too little to tell these parameters: follow a livelier one")
-        bread = np.linalg.inv(instruments.T @ own)
-        theta[free] = bread @ (instruments.T @ (y - phi[:, ~free] @ theta[~free]))
-        bounded = np.clip(theta, least, most)
-        if (bounded == theta).all():
-            break
-        theta, free = bounded, free & (bounded == theta)
+
+    def solved(theta: Array, free: Mask) -> Array:
+        theta = theta.copy()
+        if free.any():
+            theta[free] = _bread(z[:, free], phi[:, free]) @ (z[:, free].T @ (y - phi[:, ~free] @ theta[~free]))
+        return theta
+
+    theta, free = within_bounds(solved, np.clip(np.zeros(len(columns)), least, most), least < most, least, most)
     std = np.zeros(len(columns))
     if free.any():
+        bread = _bread(z[:, free], phi[:, free])
         scores = np.zeros((int(data.clusters.max()) + 1, len(bread)))
-        np.add.at(scores, data.clusters, instruments * (y - phi @ theta)[:, None])
+        np.add.at(scores, data.clusters, z[:, free] * (y - phi @ theta)[:, None])
         std[free] = np.sqrt(np.diag(bread @ (scores.T @ scores) @ bread.T))
     return Model.build(terms, theta, std)
+
+
+def _bread(z: Array, phi: Array) -> Array:
+    """Inverse (P, P) of what instruments (R, P) and regressor (R, P) share."""
+    size = [np.maximum(np.linalg.norm(x, axis=0), 1e-300) for x in (z, phi)]  # scaled to equal columns
+    if np.linalg.cond(z.T @ phi / np.outer(*size)) > HOPELESS:
+        raise IdentificationError("the reference moves too little to tell these parameters: follow a livelier one")
+    return np.asarray(np.linalg.inv(z.T @ phi))
 
 
 def _followed(recording: Recording) -> Recording:
