@@ -117,11 +117,12 @@ class ArmSearch:
 
     def penalty(self, after: Terms, before: Terms) -> float:
         """Logarithm of the number of models that were tried: the best of so many gains that much by chance."""
-        variants = [len(self._grid(own, before)) for own in after if own not in before]
+        variants = [self._looked_at(own, before) for own in after if own not in before]
         return float(np.log(len(self.library) * len(self.train.body.joints) * max(1, sum(variants))))
 
-    def _grid(self, own: JointTerm, terms: Terms) -> list[Term]:
-        return list(type(own.term).grid(self.train.samples(own.joint), self.residual(terms)[self.train.of(own.joint)]))
+    def _looked_at(self, own: JointTerm, terms: Terms) -> int:
+        residual = self.residual(terms)[self.train.of(own.joint)]
+        return type(own.term).looked_at(self.train.samples(own.joint), residual)
 
     def trifle(self, joint: int) -> float:
         """Torque at a joint that smoothing leaves, which is not exact either [N m]."""

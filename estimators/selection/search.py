@@ -116,11 +116,9 @@ class Search:
         return float(np.log(max(1, len(self.library) * self.variants(after, before))))
 
     def variants(self, after: Terms, before: Terms) -> int:
-        """Variants that were tried of the effects by which one model is larger than another, at least one."""
+        """Variants that were looked at of the effects by which one model is larger than another, at least one."""
         added = [term for term in after if term.id not in {other.id for other in before}]
-        return max(
-            1, sum(len(list(type(term).grid(self.train.samples, self.screen.residual(before)))) for term in added)
-        )
+        return max(1, sum(type(term).looked_at(self.train.samples, self.screen.residual(before)) for term in added))
 
     def is_sure(self, after: Terms, before: Terms) -> bool:
         """Whether one model predicts surely better than another."""

@@ -183,6 +183,11 @@ class Term:
         """
         return [cls()]
 
+    @classmethod
+    def looked_at(cls, x: Samples, residual: Array) -> int:
+        """Number of variants among which `grid` chose: all of its own, unless it went by the residual."""
+        return len(list(cls.grid(x, residual)))
+
     @property
     def fault(self) -> str:
         """What makes no sense about shape parameters that are each within their limits; empty if nothing."""

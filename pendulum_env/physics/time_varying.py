@@ -11,6 +11,8 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.physics.term import Column, Samples, Shape, Term, geometric
 
+HIGHEST = 8  # peaks of a periodogram from which a search starts
+
 
 @dataclass(frozen=True)
 class FrictionDrift(Term):
@@ -88,17 +90,25 @@ class PeriodicDisturbance(Term):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        # Peaks of the residual's periodogram; the bins are fine enough that no peak falls between two of them.
+        omega, power = cls._periodogram(x, residual)
+        peaks = np.flatnonzero((power[1:-1] >= power[2:]) & (power[1:-1] >= power[:-2])) + 1
+        highest = peaks[np.argsort(power[peaks])[::-1][:HIGHEST]]
+        return [cls(float(w)) for w in omega[highest]]
+
+    @classmethod
+    def looked_at(cls, x: Samples, residual: Array) -> int:
+        return len(cls._periodogram(x, residual)[0])
+
+    @staticmethod
+    def _periodogram(x: Samples, residual: Array) -> tuple[Array, Array]:
+        """Frequencies [rad/s], so close that no peak falls between two of them, and the residual's power there."""
         time = np.asarray(x.time)
         gaps = np.diff(time)
         step = float(np.median(gaps[gaps > 0])) / 2
         bins = np.round(time / step).astype(int)
         signal = np.bincount(bins - bins.min(), weights=residual)
         length = int(2 ** np.ceil(np.log2(4 * len(signal))))
-        power = np.abs(np.fft.rfft(signal, length)) ** 2
-        omega = 2 * np.pi * np.fft.rfftfreq(length, step)
+        omega = np.asarray(2 * np.pi * np.fft.rfftfreq(length, step), dtype=float)
         span = float(time.max() - time.min())
         usable = (omega > 2 * np.pi / span) & (omega < 0.8 * np.pi / (2 * step))
-        peaks = np.flatnonzero(usable[1:-1] & (power[1:-1] >= power[2:]) & (power[1:-1] >= power[:-2])) + 1
-        highest = peaks[np.argsort(power[peaks])[::-1][:8]]
-        return [cls(float(w)) for w in omega[highest]]
+        return omega[usable], np.abs(np.fft.rfft(signal, length))[usable] ** 2

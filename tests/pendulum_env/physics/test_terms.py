@@ -236,6 +236,19 @@ def test_grid_offers_valid_variants_on_random_motion(id, motion):
     assert variants or kind.shapes  # only a search over shapes may have nowhere to start
 
 
+def test_what_the_best_tone_takes_out_of_noise_is_what_a_choice_among_so_many_gives():
+    tones, count, seeds = effect("periodic_disturbance"), 1000, 40
+    zero = np.zeros(count)
+    x = Samples(0.01 * np.arange(count), zero, zero, zero)
+    beyond = []
+    for seed in range(seeds):
+        noise = np.random.default_rng(seed).standard_normal(count)
+        best = max(abs(np.mean(noise * np.exp(1j * tone.frequency * x.time))) for tone in tones.grid(x, noise))
+        # a tone takes N |mean(noise exp(jwt))|^2 nats: exponentially distributed, close to it for the best of M
+        beyond.append(count * best**2 / np.var(noise) - np.log(tones.looked_at(x, noise)))
+    assert abs(np.mean(beyond)) < 0.5, np.mean(beyond)
+
+
 @pytest.mark.parametrize("id", WITH_MEMORY)
 def test_a_joint_that_rests_for_long_stays_in_the_state_in_which_it_starts(id):
     term = TERMS[id]
