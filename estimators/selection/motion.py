@@ -184,12 +184,12 @@ def _is_called_for(search: Search, point: Point, start: Point) -> bool:
     logarithm of their sizes.
     """
     parts = (search.train.flights, search.holdout.flights)
-    old, new = (np.concatenate([output_error.sizes(part, one) for part in parts]) for one in (start, point))
-    owner = np.repeat(np.arange(2), [sum(len(flight.first) for flight in part) for part in parts])
-    gain = Bootstrap(owner, search.rng).gain(-np.log(new), -np.log(old))
-    noise = output_error.noise(search.train.flights, start)
-    count = len(owner[owner == 0])
-    had, left = (float(np.mean(sizes[:count] ** 2)) - noise**2 for sizes in (old, new))
+    old, new = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in (start, point))
+    counts = [sum(len(flight.first) for flight in part) for part in parts]
+    owner = np.repeat(np.arange(2), counts)
+    noise = np.array([output_error.noise(part, start) ** 2 for part in parts])[owner]
+    gain = Bootstrap(owner, search.rng).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
+    had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
     return gain.chance <= search.criterion.chance and had - left > search.criterion.share * had
 
 

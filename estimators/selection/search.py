@@ -36,6 +36,30 @@ TRIED = 8  # effects that are tried until one is confirmed
 Terms = tuple[Term, ...]
 
 
+@dataclass(frozen=True)
+class Left:
+    """What a model leaves of some data.
+
+    Attributes:
+        power: mean square, with the torque noise that the model takes out [N^2 m^2].
+        structure: torque that neighbouring windows share [N m], and how sure that is [standard errors].
+    """
+
+    power: float
+    structure: tuple[float, float]
+
+    @classmethod
+    def of(cls, part: Evidence, screen: Screen, terms: Terms, residual: Array, inertia: float) -> Left:
+        """Take what the terms leave (R,) [N m] of a part of the data."""
+        power = float(np.mean(residual**2)) + screen.hidden_noise(terms)
+        return cls(power, part.data.structure(residual, inertia))
+
+    @property
+    def powers(self) -> tuple[float, float]:
+        """Mean square of all, and of what is shared [N^2 m^2]."""
+        return self.power, self.structure[0] ** 2
+
+
 @dataclass
 class Search:
     """Training and held-out data with the models that were tried on them.
@@ -72,10 +96,8 @@ class Search:
         same = self.train.recordings == self.holdout.recordings  # parts of the same recordings
         self.bootstrap = Bootstrap(np.concatenate([first, second if same else second + first.max() + 1]), self.rng)
         self._densities: dict[Terms, Array] = {}
-        self._structures: dict[Terms, tuple[float, float]] = {}
-        self._powers: dict[Terms, float] = {}
+        self._left: dict[Terms, tuple[Left, Left]] = {}
         self._in_motion: dict[Terms, Step] = {}
-        self._fits: dict[Terms, bool] = {}
 
     def _inertia(self) -> float:
         return abs(float(self.screen.solve(BASE)[[term.id for term in BASE].index("inertia")]))
@@ -124,11 +146,14 @@ class Search:
         """Whether one model predicts surely better than another."""
         return self.gain(after, before).chance <= self.criterion.chance
 
-    def structure(self, terms: Terms) -> tuple[float, float]:
-        """Torque that a model leaves beyond noise, as neighbouring windows share it [N m], and how sure that is."""
-        if terms not in self._structures:
-            self._structures[terms] = self.train.data.structure(self.screen.residual(terms), self.inertia)
-        return self._structures[terms]
+    def left(self, terms: Terms) -> tuple[Left, Left]:
+        """What a model leaves of the training data, and of those that are held out."""
+        if terms not in self._left:
+            residuals = self.screen.residual(terms), self.unseen(terms)
+            pairs = zip(self._parts, residuals, strict=True)
+            first, second = (Left.of(*part, terms, residual, self.inertia) for part, residual in pairs)
+            self._left[terms] = first, second
+        return self._left[terms]
 
     def is_noise(self, part: Evidence, residual: Array) -> bool:
         """Whether a residual (R,) [N m] of the training or of the held-out data may as well be noise."""
@@ -140,11 +165,8 @@ class Search:
 
     def fits(self, terms: Terms) -> bool:
         """Whether the terms leave noise only, of what is fitted and of what is held out."""
-        if terms not in self._fits:
-            self._fits[terms] = self.is_noise(self.train, self.screen.residual(terms)) and self.is_noise(
-                self.holdout, self.unseen(terms)
-            )
-        return self._fits[terms]
+        parts = zip((self.train, self.holdout), self.left(terms), strict=True)
+        return all(self.criterion.is_noise(left.structure, self.noise_of(part)) for part, left in parts)
 
     def unseen(self, terms: Terms) -> Array:
         """What the terms leave of the held-out data (R,) [N m], fitted anew as far as the first fit may have erred.
@@ -170,22 +192,17 @@ class Search:
         return (self.train, self.screen), (self.holdout, self.held_out)
 
     def explained(self, after: Terms, before: Terms) -> float:
-        """Share of the power that one model leaves and is no noise, which another explains.
+        """Share of the power that one model leaves of all data and is no noise, which another explains.
 
         No noise is what the other takes out of the residual, be it as sharp as an impact, and what neighbouring windows
         share of the rest, of which so many windows tell no less than their noise allows.
         """
-        power = self._power(after)
-        gone, left = self._power(before) - power, self.structure(after)[0] ** 2
-        if gone <= self.train.data.precision() ** 2:
+        counts = np.array([len(part.data.weights) for part in (self.train, self.holdout)])
+        (old, _), (new, shared) = (np.array([left.powers for left in self.left(terms)]).T for terms in (before, after))
+        gone = float(counts @ (old - new))
+        if gone <= counts.sum() * self.train.data.precision() ** 2:
             return 0.0
-        return gone / float(gone + left + power / np.sqrt(len(self.train.data.weights)))
-
-    def _power(self, terms: Terms) -> float:
-        """Mean square of the residual, and of the torque noise that the terms take out of it [N^2 m^2]."""
-        if terms not in self._powers:
-            self._powers[terms] = float(np.mean(self.screen.residual(terms) ** 2)) + self.screen.hidden_noise(terms)
-        return self._powers[terms]
+        return gone / float(gone + counts @ shared + counts @ new / np.sqrt(counts.sum()))
 
     def explains(self, after: Terms, before: Terms) -> bool:
         """Whether that is a good share."""
@@ -313,7 +330,7 @@ class Search:
         """The terms without effects that explain less than what no effect does: they may be a part of that."""
         while len(terms) > len(base):
             withouts = [tuple(t for t in terms if t is not term) for term in terms[len(base) :]]
-            least = min(withouts, key=lambda without: self.explained(terms, without))
+            least = min(withouts, key=self._promise)
             if self.fits(terms) or self.explained(terms, least) > self.criterion.needed:
                 break
             terms = least
@@ -345,7 +362,7 @@ class Search:
 
     def add(self, terms: Terms) -> Terms | None:
         """The terms with one more effect: of those that nothing speaks against and that predict alike, the simplest."""
-        if self.structure(terms)[1] < self.criterion.sure:
+        if max(left.structure[1] for left in self.left(terms)) < self.criterion.sure:
             return None  # where neighbouring windows share nothing, nothing is missing
         confirmed: list[Terms] = []
         for longer in sorted(self.candidates(terms) + self.freer(terms), key=self._promise)[:TRIED]:
@@ -379,8 +396,8 @@ class Search:
         model = self.linked.model
         self.train, self.holdout = self.train.watching(model), self.holdout.watching(model)
         self.screen, self.held_out = Screen(self.train.data), Screen(self.holdout.data)
-        for known in (self._densities, self._structures, self._powers, self._fits):
-            known.clear()
+        self._densities.clear()
+        self._left.clear()
         return model.terms
 
     def is_level(self, one: Terms, other: Terms) -> bool:
