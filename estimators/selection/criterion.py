@@ -16,7 +16,6 @@ class Criterion:
         noise: times the noise floor: residuals that neighbouring windows share to that size are structure,
         sure: if they surely share them, by so many standard errors.
         rival: probability from which an effect counts as possible in the place of another.
-        doubling: times the gain of the named effects, from which a law without a name shows that they only imitate it.
         astray: times what noise gives, from which a free-running simulation goes astray, and a torque error is more.
         certain: hit rate of the surest verdicts: then what is wrong is no rival, but something else.
         most: effects in one model.
@@ -29,7 +28,6 @@ class Criterion:
     noise: float = 0.5
     sure: float = 5.0
     rival: float = 0.05
-    doubling: float = 2.0
     astray: float = 2.5
     certain: float = 0.98
     most: int = 6

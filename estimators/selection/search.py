@@ -54,10 +54,9 @@ class Left:
         power = float(np.mean(residual**2)) + screen.hidden_noise(terms)
         return cls(power, part.data.structure(residual, inertia))
 
-    @property
-    def powers(self) -> tuple[float, float]:
-        """Mean square of all, and of what is shared [N^2 m^2]."""
-        return self.power, self.structure[0] ** 2
+    def share_of(self, gone: float, count: int) -> float:
+        """Share that power which is gone has in all that was no noise, so many windows telling what is left of it."""
+        return gone / (gone + self.structure[0] ** 2 + self.power / count**0.5)
 
 
 @dataclass
@@ -123,9 +122,7 @@ class Search:
         """
         parts = []
         for (part, screen), where in zip(self._parts, self._finer, strict=True):
-            here = tuple(
-                next(iter(type(term).grid(part.samples, np.empty(0)))) if wanders(term) else term for term in terms
-            )
+            here = _wandering_in(part, terms)
             parts.append(cross_validated(screen.balance(here), screen.hidden_noise(here), where))
         return np.concatenate(parts)
 
@@ -149,7 +146,10 @@ class Search:
     def left(self, terms: Terms) -> tuple[Left, Left]:
         """What a model leaves of the training data, and of those that are held out."""
         if terms not in self._left:
-            residuals = self.screen.residual(terms), self.unseen(terms)
+            if any(wanders(term) for term in terms):
+                residuals = [screen.residual(_wandering_in(part, terms)) for part, screen in self._parts]
+            else:
+                residuals = [self.screen.residual(terms), self.unseen(terms)]
             pairs = zip(self._parts, residuals, strict=True)
             first, second = (Left.of(*part, terms, residual, self.inertia) for part, residual in pairs)
             self._left[terms] = first, second
@@ -192,17 +192,20 @@ class Search:
         return (self.train, self.screen), (self.holdout, self.held_out)
 
     def explained(self, after: Terms, before: Terms) -> float:
-        """Share of the power that one model leaves of all data and is no noise, which another explains.
+        """Share of the power that one model leaves and is no noise, which another explains: the least of all data.
 
-        No noise is what the other takes out of the residual, be it as sharp as an impact, and what neighbouring windows
-        share of the rest, of which so many windows tell no less than their noise allows.
+        Data that the one model leaves nothing of but noise have no share in it. No noise is what the other takes out of
+        the residual, be it as sharp as an impact, and what neighbouring windows share of the rest, of which so many
+        windows tell no less than their noise allows.
         """
-        counts = np.array([len(part.data.weights) for part in (self.train, self.holdout)])
-        (old, _), (new, shared) = (np.array([left.powers for left in self.left(terms)]).T for terms in (before, after))
-        gone = float(counts @ (old - new))
-        if gone <= counts.sum() * self.train.data.precision() ** 2:
-            return 0.0
-        return gone / float(gone + counts @ shared + counts @ new / np.sqrt(counts.sum()))
+        least = self.train.data.precision() ** 2
+        pairs = zip(self._parts, self.left(before), self.left(after), strict=True)
+        shares = [
+            new.share_of(old.power - new.power, len(part.data.weights)) if old.power - new.power > least else 0.0
+            for (part, _), old, new in pairs
+            if old.structure[1] >= self.criterion.sure
+        ]
+        return min(shares, default=0.0)
 
     def explains(self, after: Terms, before: Terms) -> bool:
         """Whether that is a good share."""
@@ -442,9 +445,8 @@ class Search:
     def owned(self, base: Terms, terms: Terms) -> Terms:
         """The terms without effects that only imitate a law without a name.
 
-        They do where that law, beside those that keep their place, leaves only noise and they do not, or where it
-        gains so much more in their place than they that most of what is there is not theirs. Where none does, it may
-        still explain most of what all of them leave.
+        They do where that law, beside those that keep their place, surely predicts better and explains most of what
+        they leave; and where a simpler law leaves only noise as well.
         """
         self.unnamed = None
         unsettled = not self.fits(terms)
@@ -454,20 +456,17 @@ class Search:
         for law, left in self._with_foils(base, terms):
             # a law of time is fitted to each recording anew, and so have its rivals to be
             density = self._fitted_anew if wanders(law) else self.density
-            others = tuple(term for term in left if term is not law)  # what keeps its place
-            alone, named = (self.bootstrap.gain(density(one), density(others)).total for one in (left, terms))
             lead = self.bootstrap.gain(density(left), density(terms), self.penalty(left, terms))
-            simpler = parameters(left) < parameters(terms)
-            level = self.bootstrap.probabilities([density(left), density(terms)])[0] > self.criterion.rival
-            # what leaves only noise gives way to a simpler law alone
-            better = level if simpler else unsettled and lead.chance <= self.criterion.chance
-            doubled = unsettled and lead.chance <= self.criterion.chance and alone > self.criterion.doubling * named
-            if len(left) <= len(terms):
-                takes_over = (self.fits(left) and better) or doubled
-            else:  # beside all that is named
-                takes_over = better and self.explained(left, terms) > self.criterion.needed
+            if unsettled:
+                takes_over = (
+                    lead.chance <= self.criterion.chance and self.explained(left, terms) > self.criterion.needed
+                )
+            else:  # what leaves only noise gives way to a simpler law
+                simpler = parameters(left) < parameters(terms)
+                level = self.bootstrap.probabilities([density(left), density(terms)])[0] > self.criterion.rival
+                takes_over = simpler and level and self.fits(left)
             if takes_over:
-                leads.append((lead.total, law, others))
+                leads.append((lead.total, law, tuple(term for term in left if term is not law)))
         if not leads:
             return terms
         _, self.unnamed, others = max(leads, key=lambda entry: entry[0])
@@ -591,6 +590,11 @@ def ids(terms: Sequence[Term]) -> frozenset[str]:
 def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
     """Ids of some terms, each with the names of the shape parameters that are told."""
     return frozenset((term.id, *(shape.name for shape in term.free)) for term in terms)
+
+
+def _wandering_in(part: Evidence, terms: Terms) -> Terms:
+    """The terms with what wanders in time as it may do so in some data."""
+    return tuple(next(iter(type(t).grid(part.samples, np.empty(0)))) if wanders(t) else t for t in terms)
 
 
 def has_bristles(term: Term) -> bool:
