@@ -34,29 +34,24 @@ UNLIKELY = 0.5  # chance that an effect gains nothing, from which its shape is n
 TRIED = 8  # effects that are tried until one is confirmed
 
 Terms = tuple[Term, ...]
+Structure = tuple[float, float]  # size [N m], and how sure it is [standard errors]
 
 
 @dataclass(frozen=True)
 class Left:
-    """What a model leaves of some data.
+    """Power of what a model leaves of some data.
 
     Attributes:
-        power: mean square, with the torque noise that the model takes out [N^2 m^2].
-        structure: torque that neighbouring windows share [N m], and how sure that is [standard errors].
+        all: mean square, with that of the torque noise that the model takes out [N^2 m^2].
+        shared: that of what neighbouring windows share [N^2 m^2].
     """
 
-    power: float
-    structure: tuple[float, float]
-
-    @classmethod
-    def of(cls, part: Evidence, screen: Screen, terms: Terms, residual: Array, inertia: float) -> Left:
-        """Take what the terms leave (R,) [N m] of a part of the data."""
-        power = float(np.mean(residual**2)) + screen.hidden_noise(terms)
-        return cls(power, part.data.structure(residual, inertia))
+    all: float
+    shared: float
 
     def share_of(self, gone: float, count: int) -> float:
         """Share that power which is gone has in all that was no noise, so many windows telling what is left of it."""
-        return gone / (gone + self.structure[0] ** 2 + self.power / count**0.5)
+        return gone / (gone + self.shared + self.all / count**0.5)
 
 
 @dataclass
@@ -96,6 +91,7 @@ class Search:
         self.bootstrap = Bootstrap(np.concatenate([first, second if same else second + first.max() + 1]), self.rng)
         self._densities: dict[Terms, Array] = {}
         self._left: dict[Terms, tuple[Left, Left]] = {}
+        self._structures: dict[Terms, tuple[Structure, Structure]] = {}
         self._in_motion: dict[Terms, Step] = {}
 
     def _inertia(self) -> float:
@@ -144,16 +140,32 @@ class Search:
         return self.gain(after, before).chance <= self.criterion.chance
 
     def left(self, terms: Terms) -> tuple[Left, Left]:
-        """What a model leaves of the training data, and of those that are held out."""
+        """What a model leaves of the training data, and of those that are held out, with the same parameters."""
         if terms not in self._left:
             if any(wanders(term) for term in terms):
                 residuals = [screen.residual(_wandering_in(part, terms)) for part, screen in self._parts]
             else:
-                residuals = [self.screen.residual(terms), self.unseen(terms)]
-            pairs = zip(self._parts, residuals, strict=True)
-            first, second = (Left.of(*part, terms, residual, self.inertia) for part, residual in pairs)
+                theta = self.screen.solve(terms)
+                residuals = [screen.balance(terms).error(theta) for _, screen in self._parts]
+            first, second = (
+                Left(
+                    float(np.mean(residual**2)) + screen.hidden_noise(terms),
+                    part.data.structure(residual, self.inertia)[0] ** 2,
+                )
+                for residual, (part, screen) in zip(residuals, self._parts, strict=True)
+            )
             self._left[terms] = first, second
         return self._left[terms]
+
+    def structures(self, terms: Terms) -> tuple[Structure, Structure]:
+        """What neighbouring windows share of the residual, fitted and `unseen`: how much [N m], and how surely."""
+        if terms not in self._structures:
+            first, second = (
+                part.data.structure(residual, self.inertia)
+                for part, residual in ((self.train, self.screen.residual(terms)), (self.holdout, self.unseen(terms)))
+            )
+            self._structures[terms] = first, second
+        return self._structures[terms]
 
     def is_noise(self, part: Evidence, residual: Array) -> bool:
         """Whether a residual (R,) [N m] of the training or of the held-out data may as well be noise."""
@@ -165,8 +177,9 @@ class Search:
 
     def fits(self, terms: Terms) -> bool:
         """Whether the terms leave noise only, of what is fitted and of what is held out."""
-        parts = zip((self.train, self.holdout), self.left(terms), strict=True)
-        return all(self.criterion.is_noise(left.structure, self.noise_of(part)) for part, left in parts)
+        first, second = self.structures(terms)
+        noise = self.criterion.is_noise
+        return noise(first, self.floor) and noise(second, self.noise_of(self.holdout))
 
     def unseen(self, terms: Terms) -> Array:
         """What the terms leave of the held-out data (R,) [N m], fitted anew as far as the first fit may have erred.
@@ -199,11 +212,12 @@ class Search:
         windows tell no less than their noise allows.
         """
         least = self.train.data.precision() ** 2
-        pairs = zip(self._parts, self.left(before), self.left(after), strict=True)
         shares = [
-            new.share_of(old.power - new.power, len(part.data.weights)) if old.power - new.power > least else 0.0
-            for (part, _), old, new in pairs
-            if old.structure[1] >= self.criterion.sure
+            new.share_of(old.all - new.all, len(part.data.weights)) if old.all - new.all > least else 0.0
+            for (part, _), old, new, (_, sure) in zip(
+                self._parts, self.left(before), self.left(after), self.structures(before), strict=True
+            )
+            if sure >= self.criterion.sure
         ]
         return min(shares, default=0.0)
 
@@ -331,13 +345,16 @@ class Search:
 
     def pruned(self, base: Terms, terms: Terms) -> Terms:
         """The terms without effects that explain less than what no effect does: they may be a part of that."""
-        while len(terms) > len(base):
+        while not self.fits(terms):
             withouts = [tuple(t for t in terms if t is not term) for term in terms[len(base) :]]
-            least = min(withouts, key=self._promise)
-            if self.fits(terms) or self.explained(terms, least) > self.criterion.needed:
+            idle = [without for without in withouts if not self._is_needed(terms, without)]
+            if not idle:
                 break
-            terms = least
+            terms = min(idle, key=self._promise)
         return terms
+
+    def _is_needed(self, terms: Terms, without: Terms) -> bool:
+        return self.is_sure(terms, without) and self.explained(terms, without) > self.criterion.needed
 
     def confirmed(self, base: Terms, terms: Terms) -> list[Step]:
         """Steps to the terms, or to as many of them as lower both errors one after the other."""
@@ -365,7 +382,7 @@ class Search:
 
     def add(self, terms: Terms) -> Terms | None:
         """The terms with one more effect: of those that nothing speaks against and that predict alike, the simplest."""
-        if max(left.structure[1] for left in self.left(terms)) < self.criterion.sure:
+        if max(sure for _, sure in self.structures(terms)) < self.criterion.sure:
             return None  # where neighbouring windows share nothing, nothing is missing
         confirmed: list[Terms] = []
         for longer in sorted(self.candidates(terms) + self.freer(terms), key=self._promise)[:TRIED]:
@@ -399,8 +416,8 @@ class Search:
         model = self.linked.model
         self.train, self.holdout = self.train.watching(model), self.holdout.watching(model)
         self.screen, self.held_out = Screen(self.train.data), Screen(self.holdout.data)
-        self._densities.clear()
-        self._left.clear()
+        for known in (self._densities, self._left, self._structures):
+            known.clear()
         return model.terms
 
     def is_level(self, one: Terms, other: Terms) -> bool:
