@@ -122,7 +122,7 @@ def json_per(data: Any, torque_unit: str) -> Any:
 
 def estimate(item: Estimate) -> str:
     """Value and standard error, to the digit where the error has its second."""
-    return plus_minus(item.value, item.std).replace("-", "−")
+    return item.text.replace("-", "−")
 
 
 def value_and_error(item: Estimate) -> tuple[str, str]:
@@ -134,7 +134,7 @@ def value_and_error(item: Estimate) -> tuple[str, str]:
 def parameters_table(model: Model) -> Table:
     """Parameters with standard errors, also as people call them."""
     named = {**model.estimates, **model.derived}
-    rows = [(name, plus_minus(e.value, e.std), e.unit) for name, e in named.items()]
+    rows = [(name, e.text, e.unit) for name, e in named.items()]
     return Table(("parameter", "estimate", "unit"), rows, left=("unit",))
 
 

@@ -23,7 +23,7 @@ from pendulum_env.plant import draw_effect
 from workbench.arms import simulated, tell_diagnosis
 from workbench.inputs import check_outputs, wrote
 from workbench.terminal import Terminal
-from workbench.words import enumerate_words, plus_minus
+from workbench.words import enumerate_words
 
 RATE = 1000.0  # [Hz]
 SPREAD = 0.25  # of what nobody told, to either side
@@ -104,7 +104,7 @@ def reveal(arm: PlanarArm, body: Body, hidden: str, found: ArmDiagnosis, termina
         (
             name,
             f"{truth[name]:.4g}" if name in truth else "-",
-            plus_minus(estimates[name].value, estimates[name].std) if name in estimates else "-",
+            estimates[name].text if name in estimates else "-",
         )
         for name in dict.fromkeys([*estimates, *truth])
     ]

@@ -28,7 +28,7 @@ from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
-from pendulum_env.words import Table, plus_minus
+from pendulum_env.words import Table
 from workbench.inputs import check_outputs, wrote
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
@@ -205,7 +205,7 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terminal.table(*errors_table(errors, ("before [N m]", "after [N m]")))
     terminal.say(added.text)
     terminal.heading("Parameters")
-    rows = [(name, plus_minus(e.value, e.std), e.unit) for name, e in added.after.model.estimates.items()]
+    rows = [(name, e.text, e.unit) for name, e in added.after.model.estimates.items()]
     terminal.table(("parameter", "estimate", "unit"), rows, left=("unit",))
     wrote(outputs, terminal)
 
@@ -214,7 +214,7 @@ def schemes_table(found: ArmIdentification) -> Table:
     """A row a parameter, a column a scheme."""
     first = next(iter(found.schemes.values())).model
     rows = [
-        (name, *(plus_minus((e := one.model.estimates[name]).value, e.std) for one in found.schemes.values()), own.unit)
+        (name, *(one.model.estimates[name].text for one in found.schemes.values()), own.unit)
         for name, own in first.estimates.items()
     ]
     rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))

@@ -8,7 +8,7 @@ density of stretches that they were not fitted to (`estimators.selection.score`)
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from estimators.selection.criterion import Criterion
 from estimators.selection.score import Bootstrap, Gain, cross_validated, predicted
 from estimators.selection.search import complexity
 from estimators.weak_form.dataset import LEAST_NOISE
-from estimators.weak_form.shapes import gauss_newton
+from estimators.weak_form.shapes import gauss_newton, shape_slopes
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.arms.joints import JointTerm, friction
 from pendulum_env.arms.model import ArmModel
@@ -268,8 +268,28 @@ class ArmSearch:
     def report(self, terms: Terms) -> ArmModel:
         """The model with standard errors, from the training data."""
         clusters = np.unique(2 * self.train.stretches.stretch, return_inverse=True)[1]
-        fit = self.train.balance(terms, self.weights).fit(clusters)
-        return ArmModel.build(self.train.body, terms, fit.theta, fit.std)
+        balance = self.train.balance(terms, self.weights)
+        slopes = self._shape_slopes(terms, self.solve(terms))
+        jacobian = np.column_stack(list(slopes.values())) if slopes else None
+        std, count = balance.fit(clusters, jacobian).std, balance.phi.shape[1]
+        shape_std = dict(zip(slopes, std[count:].tolist(), strict=True))
+        return ArmModel.build(self.train.body, terms, self.solve(terms), std[:count], shape_std)
+
+    def _shape_slopes(self, terms: Terms, theta: Array) -> dict[str, Array]:
+        """Derivatives (R,) of the weighted torque by continuous shape parameters, by `id.shape@joint`."""
+        slopes, first = {}, len(self.train.body.base)
+        for own in terms:
+            linear = theta[first : (first := first + len(own.term.columns))]
+
+            def torques(variants: Sequence[Term], own: JointTerm = own, linear: Array = linear) -> list[Array]:
+                columns = [self.train.columns(replace(own, term=variant)) for variant in variants]
+                return [part.linear @ linear + part.fixed for part in columns]
+
+            here = self.train.of(own.joint)
+            for name, slope in shape_slopes(own.term, torques).items():
+                slopes[f"{name}@{own.at}"] = whole = np.zeros(len(here))
+                whole[here] = slope * self.weights[own.joint]
+        return slopes
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,12 @@ import numpy as np
 from estimators.schemes.six import GUARD, Dynamic
 from estimators.signals.measurements import Measurements
 from pendulum_env._typing import JSON, Array
-from pendulum_env.physics import BASE, Term
+from pendulum_env.physics import BASE, Model, Term
 
 SMALL = 0.3  # [rad]; up to here sin q and q differ by less than 1.5 %
 ALIKE = 1e-4  # columns of length one whose weighted sum is shorter than this act alike
 FOLLOWED = 0.9  # share of the squared torque that the motion may leave unexplained if it follows the torque
+SURE = 3.0  # standard errors by which a value differs from nothing
 ONE_SIDED = 0.002  # share of the motion that may go the other way by mistake
 
 
@@ -69,6 +70,28 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
     )
     said = {name for doubt in doubts for name in doubt.withheld}
     return (*doubts, *(doubt for doubt in _alike(phi, names) if not said.issuperset(doubt.withheld)))
+
+
+def untold(
+    models: Sequence[Model], measurements: Sequence[Measurements], doubts: Sequence[Doubt] = ()
+) -> tuple[Doubt, ...]:
+    """Parameters of the base that none of some models tells, fitted to recordings that hardly depend on them.
+
+    One that may as well be nothing is told all the same if its error is small. That is large if it is more torque, at
+    the speeds that were seen and at any angle, than was recorded; that of inertia, which cannot be nothing, always is.
+    """
+    torque, speed = (max(float(np.abs(getattr(m, name)).max()) for m in measurements) for name in ("held", "velocity"))
+    large = {"inertia": 0.0, "gravity": torque, "viscous": torque / max(speed, 1e-300), "coulomb": torque}
+    said, found = {name for doubt in doubts for name in doubt.withheld}, []
+    for term in BASE:
+        told = [model.estimates[term.id] for model in models if term.id in model.estimates]
+        if term.id not in said and told and all(one.std > max(abs(one.value) / SURE, large[term.id]) for one in told):
+            text = (
+                f"{term.id} cannot be told, the best fit has {told[0]}: these data hardly depend on it alone, it needs "
+                f"{term.reveal}, or a motion of more than one frequency"
+            )
+            found.append(Doubt(text, (term.id,)))
+    return tuple(found)
 
 
 def is_driven(m: Measurements) -> bool:

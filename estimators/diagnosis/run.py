@@ -11,7 +11,7 @@ from estimators.arguments import Recordings, Terms, chosen_effects, chosen_recor
 from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import disagreements
-from estimators.checks.identifiability import identifiability
+from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.physical import impossible, turned_round, wrong_signs
 from estimators.checks.residual import Region, profiles, stand_out
 from estimators.checks.torque_constant import Calibrated, told
@@ -306,6 +306,7 @@ def _examine(
     candidates, groups = judge(search, final, steps)
     measured = [m for recording in recordings for m in measure_segments(recording)]
     doubts = identifiability(measured, steps[-1].model.terms)
+    doubts = (*doubts, *untold([steps[-1].model], measured, doubts))
     setting.progress("looking for the next experiment", 0.95)
     left = unexplained(search, steps[-1])
     asked = questions(search, steps[-1].model.terms, groups, candidates, doubts, bool(left))

@@ -19,7 +19,7 @@ from estimators.arguments import (
 from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import disagreements, misfits
-from estimators.checks.identifiability import Doubt, identifiability, is_driven
+from estimators.checks.identifiability import Doubt, identifiability, is_driven, untold
 from estimators.checks.physical import driving_friction, wrong_signs
 from estimators.checks.torque_constant import Calibrated, further, widened
 from estimators.regression.equations import Equations, IdentificationError
@@ -35,7 +35,7 @@ from pendulum_env.physics import BASE, Estimate, Model, Term
 from pendulum_env.physics.term import zero
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
-from pendulum_env.words import json_per, listing, per, plus_minus
+from pendulum_env.words import json_per, listing, per
 
 SCHEMA = "pendulum-ident/identification@1"
 POINTS = 200  # of the history
@@ -88,10 +88,7 @@ class Identified:
     withheld: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
-        told = {
-            name: "unknown" if name in self.withheld else plus_minus(e.value, e.std)
-            for name, e in self.model.estimates.items()
-        }
+        told = {name: "unknown" if name in self.withheld else e.text for name, e in self.model.estimates.items()}
         return f"<Identified by {self.scheme}: {', '.join(f'{name} {value}' for name, value in told.items())}>"
 
     def _repr_html_(self) -> str:
@@ -205,19 +202,21 @@ def identify(
             f"{names}: torque is never applied: only ratios of parameters are known, record with torque"
         )
     doubts = identifiability(measurements, terms)
-    withheld = frozenset(name for doubt in doubts for name in doubt.withheld)
     rate = min(m.rate for m in measurements)
     if any(_slowed(scheme, rate) != scheme for scheme in chosen):
         text = f"at {rate:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate:.4g} rad/s"
         doubts, chosen = (*doubts, Doubt(text)), tuple(_slowed(scheme, rate) for scheme in chosen)
-    results = _by_schemes(chosen, segments, terms, points, withheld, names)
+    results = _by_schemes(chosen, segments, terms, points, names)
     first = next(iter(results.values())).model
     if calibrated.constant is not None:
         moved = [[remember(m, terms) for m in measured(recording)] for recording in further(recordings)]
-        there = _by_schemes(chosen, moved, terms, points, withheld, names)
+        there = _by_schemes(chosen, moved, terms, points, names)
         results = {id: own.calibrated(calibrated.constant, there[id].model) for id, own in results.items()}
     else:
         results = {id: own.per(calibrated.unit) for id, own in results.items()}
+    doubts = (*doubts, *untold([own.model for own in results.values()], measurements, doubts))
+    withheld = frozenset(name for doubt in doubts for name in doubt.withheld)
+    results = {id: replace(own, withheld=withheld) for id, own in results.items()}
     unknown = [calibrated.doubt] if calibrated.doubt is not None else []
     mistakes = [
         Doubt(text)
@@ -239,7 +238,6 @@ def _by_schemes(
     segments: Sequence[Sequence[Measurements]],
     terms: Sequence[Term],
     points: int,
-    withheld: frozenset[str],
     names: str,
 ) -> dict[str, Identified]:
     """What each scheme finds in the segments of recordings, by its id."""
@@ -254,7 +252,7 @@ def _by_schemes(
         if scheme.borrows is not None and scheme.borrows not in results:
             raise ValueError(f"{scheme.id} borrows the inertia of {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
-        results[scheme.id] = _fit(scheme, data, terms, lender, points, withheld)
+        results[scheme.id] = _fit(scheme, data, terms, lender, points)
     return results
 
 
@@ -323,9 +321,7 @@ def _stack(scheme: Scheme, segments: Sequence[Sequence[Measurements]], terms: Se
     return _Stack(equations, usable, weights, np.concatenate(clusters), np.concatenate(times), starts)
 
 
-def _fit(
-    scheme: Scheme, data: _Stack, terms: Sequence[Term], lender: Model | None, points: int, withheld: frozenset[str]
-) -> Identified:
+def _fit(scheme: Scheme, data: _Stack, terms: Sequence[Term], lender: Model | None, points: int) -> Identified:
     """Batch estimate with honest standard errors, and the recursion on its way there."""
     columns = [column for term in terms for column in term.columns]
     loans = {
@@ -367,7 +363,6 @@ def _fit(
         unit=scheme.unit,
         condition=fit.condition,
         used=(int(use.sum()), len(use)),
-        withheld=withheld,
     )
 
 

@@ -12,7 +12,7 @@ from estimators.selection.candidates import Screen
 from estimators.simulation.free_running import Flights, deviation, position_rms, take_off
 from estimators.simulation.link_segments import has_link, hidden_state, link_of, watch
 from estimators.weak_form.dataset import Dataset, prepare
-from estimators.weak_form.shapes import continuous
+from estimators.weak_form.shapes import shape_slopes
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model, Samples, Term
@@ -169,18 +169,12 @@ def _placement(data: Dataset, term: Term, name: str, own: Array, noise: Array) -
 
 def shape_jacobian(data: Dataset, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
     """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names."""
-    derivatives, names, first = [np.empty((len(data.weights), 0))], [], 0
+    slopes, first = {}, 0
     for term in terms:
-        own = theta[first : first + len(term.columns)]
-        first += len(term.columns)
-        for shape in continuous(term):
-            value = term.shape[shape.name]
-            # symmetric difference over a step that is small against the value and safe against rounding
-            step = 1e-3 * max(abs(value), 1e-6)
-            ends = [
-                linear @ own + fixed
-                for linear, fixed in data.columns([replace(term, **{shape.name: value + d}) for d in (step, -step)])
-            ]
-            derivatives.append(((ends[0] - ends[1]) / (2 * step))[:, None])
-            names.append(f"{term.id}.{shape.name}")
-    return np.column_stack(derivatives), names
+        own = theta[first : (first := first + len(term.columns))]
+
+        def torques(variants: Sequence[Term], own: Array = own) -> list[Array]:
+            return [linear @ own + fixed for linear, fixed in data.columns(variants)]
+
+        slopes.update(shape_slopes(term, torques))
+    return np.column_stack([np.empty((len(data.weights), 0)), *slopes.values()]), list(slopes)

@@ -96,8 +96,9 @@ def _hops(part: Evidence) -> list[Flights]:
 
 
 def _uncertainty(step: Step) -> float:
-    """Mean logarithm of the standard errors."""
-    return float(np.mean([np.log(max(estimate.std, 1e-300)) for estimate in step.model.estimates.values()]))
+    """Mean logarithm of the standard errors, of what has one: what is known or at its bound says nothing of the fit."""
+    errors = [estimate.std for estimate in step.model.estimates.values() if estimate.std > 0]
+    return float(np.mean(np.log(errors))) if errors else np.inf
 
 
 def _with_link(search: Search, last: Step, start: Model) -> Step:

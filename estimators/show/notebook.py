@@ -62,8 +62,7 @@ def show_identification(found: Identification) -> str:
 def show_identified(found: Identified) -> str:
     """Estimates of one scheme and how they settle."""
     rows = [
-        (name, "unknown" if name in found.withheld else plus_minus(e.value, e.std), e.unit)
-        for name, e in found.model.estimates.items()
+        (name, "unknown" if name in found.withheld else e.text, e.unit) for name, e in found.model.estimates.items()
     ]
     used, all_of_them = found.used
     shown = card(

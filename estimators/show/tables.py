@@ -13,7 +13,7 @@ from estimators.diagnosis.result import Diagnosis, Verdict
 from estimators.schemes.identification import Identification
 from estimators.selection.data import Step
 from pendulum_env.physics import Estimate, Model
-from pendulum_env.words import Table, bar, listing, plus_minus
+from pendulum_env.words import Table, bar, listing
 
 RUNNERS_UP = 5  # rejected candidates that are shown
 
@@ -144,4 +144,4 @@ def _to_either_side(share: float, width: int = 12) -> str:
 
 
 def _shown(estimate: Estimate, withheld: bool) -> str:
-    return "unknown" if withheld else plus_minus(estimate.value, estimate.std)
+    return "unknown" if withheld else estimate.text

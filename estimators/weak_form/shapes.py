@@ -45,6 +45,23 @@ def bound(term: Term) -> list[Term]:
     return [moved(term, [shape], [shape.usual]) for shape in unusual if shape.usual is not None]
 
 
+def shape_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]]) -> dict[str, Array]:
+    """Derivatives (R,) of a term's torque by its continuous shape parameters, by `id.shape`.
+
+    Args:
+        term: at whose shape parameters.
+        torques: torque (R,) of each variant of it [N m].
+    """
+    slopes = {}
+    for shape in continuous(term):
+        value = term.shape[shape.name]
+        # symmetric difference over a step that is small against the value and safe against rounding
+        step = DIFFERENCE * max(abs(value), 1e-6)
+        more, less = torques([replace(term, **{shape.name: value + d}) for d in (step, -step)])
+        slopes[f"{term.id}.{shape.name}"] = (more - less) / (2 * step)
+    return slopes
+
+
 def gauss_newton(term: Term, residuals: Residuals) -> Term:
     """Variant with the least squared residual near `term`.
 

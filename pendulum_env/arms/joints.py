@@ -43,6 +43,11 @@ class JointTerm:
         """Names of the linear parameters, `cogging.sin@elbow`."""
         return tuple(f"{column.name}@{self.at}" for column in self.term.columns)
 
+    @property
+    def shape_names(self) -> tuple[str, ...]:
+        """Names of the shape parameters, `stribeck.stribeck_velocity@elbow`."""
+        return tuple(f"{self.term.id}.{shape.name}@{self.at}" for shape in self.term.free)
+
 
 def friction(joints: Sequence[str]) -> tuple[JointTerm, ...]:
     """Viscous and Coulomb friction at each joint."""

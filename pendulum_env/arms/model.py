@@ -13,7 +13,7 @@ from pendulum_env._typing import JSON, Array, ArrayLike
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import JointTerm
 from pendulum_env.files import write_whole
-from pendulum_env.physics import Estimate, ModelError, library
+from pendulum_env.physics import Estimate, Model, ModelError, library
 from pendulum_env.reading import Unreadable, Value, read_json
 
 SCHEMA = "pendulum-ident/arm-model@1"
@@ -36,21 +36,35 @@ class ArmModel:
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
 
     @classmethod
-    def build(cls, body: Body, terms: Sequence[JointTerm], theta: ArrayLike, std: ArrayLike = 0.0) -> ArmModel:
-        """Model from linear parameters theta (P,) and their standard errors, base parameters first."""
-        units = [parameter.unit for parameter in body.base]
-        units += [column.unit for own in terms for column in own.term.columns]
-        names = parameter_names(body, terms)
-        values, errors = (
-            np.broadcast_to(np.asarray(given, dtype=float), len(names)).tolist() for given in (theta, std)
-        )
-        pairs = zip(names, values, errors, units, strict=True)
-        estimates = {name: Estimate(value, error, unit) for name, value, error, unit in pairs}
+    def build(
+        cls,
+        body: Body,
+        terms: Sequence[JointTerm],
+        theta: ArrayLike,
+        std: ArrayLike = 0.0,
+        shape_std: Mapping[str, float] | None = None,
+    ) -> ArmModel:
+        """Model from linear parameters theta (P,) and their standard errors, base parameters first.
+
+        Args:
+            body: the links.
+            terms: at joints.
+            theta: linear parameters (P,).
+            std: their standard errors, scalar or (P,).
+            shape_std: standard errors of shape parameters by `id.shape@joint`, where known.
+        """
+        names, told = parameter_names(body, terms), shape_std or {}
+        values, errors = (np.broadcast_to(np.asarray(given, dtype=float), len(names)) for given in (theta, std))
+        base = zip(body.base, values.tolist(), errors.tolist(), strict=False)
+        estimates = {parameter.name: Estimate(value, error, parameter.unit) for parameter, value, error in base}
+        shapes: dict[str, Estimate] = {}
+        first = len(estimates)
         for own in terms:
-            for shape in own.term.free:
-                value = float(own.term.shape[shape.name])
-                estimates[f"{own.term.id}.{shape.name}@{own.at}"] = Estimate(value, 0.0, shape.unit)
-        return cls(body, tuple(terms), estimates)
+            columns = slice(first, first := first + len(own.term.columns))
+            known = {name.removesuffix(f"@{own.at}"): error for name, error in told.items()}
+            for name, estimate in Model.build([own.term], values[columns], errors[columns], **known).estimates.items():
+                (estimates if f"{name}@{own.at}" in names else shapes)[f"{name}@{own.at}"] = estimate
+        return cls(body, tuple(terms), estimates | shapes)
 
     @property
     def theta(self) -> Array:
@@ -95,9 +109,11 @@ class ArmModel:
             names = parameter_names(body, terms)
             values = [theta[name]["value"].number() for name in names]
             errors = [theta[name]["std"].number(0.0) for name in names]
+            shapes = [name for own in terms for name in own.shape_names]
+            told = {name: theta[name]["std"].number(0.0) for name in shapes}
         except (Unreadable, ModelError) as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-        return cls.build(body, terms, np.array(values), np.array(errors))
+        return cls.build(body, terms, np.array(values), np.array(errors), told)
 
 
 def parameter_names(body: Body, terms: Sequence[JointTerm]) -> tuple[str, ...]:

@@ -30,14 +30,29 @@ class ModelError(Mistake):
 
 @dataclass(frozen=True)
 class Estimate:
-    """Value of a parameter with its standard error, both in `unit`; the error is 0 where nothing was estimated."""
+    """Value of a parameter with its standard error, both in `unit`; the error is 0 where nothing was estimated.
+
+    So it is at a bound: the fit would have gone further, and noise says nothing of a value that it did not choose.
+    """
 
     value: float
     std: float
     unit: str
+    at_bound: bool = field(default=False, compare=False)
+
+    @classmethod
+    def within(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
+        """An estimate that was kept within bounds; where they leave one value, it is known."""
+        at_bound = least < most and value in (least, most)
+        return cls(value, 0.0 if at_bound else std, unit, at_bound)
+
+    @property
+    def text(self) -> str:
+        """As in a table of its unit: `0.08951 ± 0.00012`, `0.3 (at its bound)`."""
+        return plus_minus(self.value, self.std) + (" (at its bound)" if self.at_bound else "")
 
     def __str__(self) -> str:
-        return f"{plus_minus(self.value, self.std)} {self.unit}"
+        return f"{self.text} {self.unit}"
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -77,12 +92,14 @@ class Model:
         values = np.broadcast_to(np.asarray(theta, dtype=float), (len(columns),))
         errors = np.broadcast_to(np.asarray(std, dtype=float), (len(columns),))
         estimates = {
-            c.name: Estimate(float(v), float(s), c.unit) for c, v, s in zip(columns, values, errors, strict=True)
+            c.name: Estimate.within(float(v), float(s), c.unit, c.least, c.most)
+            for c, v, s in zip(columns, values, errors, strict=True)
         }
         for term in terms:
             for shape in term.free:
                 name = f"{term.id}.{shape.name}"
-                estimates[name] = Estimate(term.shape[shape.name], shape_std.get(name, 0.0), shape.unit)
+                ends = (-np.inf, np.inf) if shape.integer else (shape.low, shape.high)
+                estimates[name] = Estimate.within(term.shape[shape.name], shape_std.get(name, 0.0), shape.unit, *ends)
         return cls(tuple(terms), estimates)
 
     @property

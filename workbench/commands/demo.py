@@ -19,7 +19,7 @@ from workbench.commands.identify import six_schemes
 from workbench.inputs import check_outputs, whole, wrote
 from workbench.story import tell
 from workbench.terminal import Terminal
-from workbench.words import enumerate_words, plus_minus
+from workbench.words import enumerate_words
 
 FOLDER = Path("pendulum-ident-demo")  # made where the command runs, unless another place is named
 SECONDS = 20.0
@@ -100,9 +100,7 @@ def reveal(plant: Model, found: Diagnosis, terminal: Terminal) -> None:
         (
             name,
             f"{plant.estimates[name].value:.4g}" if name in plant.estimates else "-",
-            plus_minus(found.model.estimates[name].value, found.model.estimates[name].std)
-            if name in found.model.estimates
-            else "-",
+            found.model.estimates[name].text if name in found.model.estimates else "-",
             (plant.estimates.get(name) or found.model.estimates[name]).unit,
         )
         for name in names

@@ -13,6 +13,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import JointTerm, friction
+from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.actuation import TorqueOffset, TorqueSaturation
 from pendulum_env.physics.friction import Stribeck
@@ -102,6 +103,18 @@ def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(two):
     assert set(found.selected) == {"torque_offset@shoulder", "torque_offset@elbow"}
     told = [candidate.effect for candidate in found.candidates]
     assert len(told) == len(set(told)) and set(told[:2]) == set(found.selected)
+
+
+def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept(two, tmp_path):
+    velocity = np.gradient(offset_run(two, (0.0, 0.0)).position[:, 1], 1e-3)
+    rubbing = 0.4 * np.exp(-((velocity / 0.5) ** 2)) * np.sign(velocity)
+    logged = offset_run(two, np.column_stack([np.zeros_like(rubbing), rubbing]))
+    found = diagnose_arm(logged, two, library={"stribeck": Stribeck})
+    assert found.selected == ("stribeck@elbow",)
+    speed = found.model.estimates["stribeck.stribeck_velocity@elbow"]
+    assert 0.0 < speed.std < 0.1 * speed.value and abs(speed.value - 0.5) < 4 * speed.std
+    found.model.save(tmp_path / "arm.json")
+    assert ArmModel.load(tmp_path / "arm.json", two).estimates == found.model.estimates
 
 
 def test_a_joint_that_hardly_moves_is_told(two):

@@ -3,6 +3,7 @@ import pytest
 
 from benchmarks.independent_plant import Plant
 from estimators.checks.identifiability import identifiability
+from estimators.diagnosis.run import diagnose
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.signals.measurements import measure
@@ -48,6 +49,32 @@ def test_small_swings_cannot_tell_gravity_from_a_spring(record):
     assert identify([run.recording])["dynamic"].withheld == frozenset()  # the model has no spring
     withheld = identify([run.recording], (*BASE, effects()["spring"]()))["dynamic"].withheld
     assert withheld >= {"gravity", "spring.stiffness"}
+
+
+def moved_along(position: np.ndarray, gravity: float) -> Recording:
+    """A recording of a joint that is made to move so, with white noise on the torque."""
+    time = np.arange(len(position)) / 500
+    velocity = np.gradient(position, time)
+    torque = 0.09 * np.gradient(velocity, time) + gravity * np.sin(position) + 0.36 * velocity + 0.1 * np.sign(velocity)
+    return Recording("moved", time, position, torque + 0.1 * np.random.default_rng(0).standard_normal(len(time)))
+
+
+def test_a_parameter_whose_error_alone_is_more_than_all_torque_is_not_told():
+    time = np.arange(5000) / 500
+    swing = 0.3 * (1 + 0.001 * np.sin(0.7 * time)) * np.sin(2 * np.pi * time)  # inertia and gravity nearly act alike
+    found = identify([moved_along(swing, 2.0)])
+    assert all(own.model.estimates["gravity"].std > 2.0 for own in found.schemes.values())
+    assert all("gravity" in own.withheld and "viscous" not in own.withheld for own in found.schemes.values())
+    assert any("gravity cannot be told, the best fit has" in doubt.text for doubt in found.doubts)
+    assert any("gravity cannot be told" in line for line in diagnose(moved_along(swing, 2.0), only=["spring"]).advice)
+
+
+def test_a_parameter_that_is_told_to_be_nothing_is_told():
+    time = np.arange(5000) / 500
+    found = identify([moved_along(np.sin(2 * np.pi * time) + 0.5 * np.sin(3 * time), 0.0)])
+    gravity = found["filtered_dynamic"].model.estimates["gravity"]
+    assert abs(gravity.value) < 3 * gravity.std < 0.1
+    assert not any(own.withheld for own in found.schemes.values())
 
 
 def test_equal_columns_are_named(paper_run):
