@@ -11,6 +11,7 @@ import pytest
 import estimators.arguments
 from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.recording import read_recording
+from pendulum_env.words import duration
 from workbench.cli import main
 from workbench.commands import COMMANDS
 from workbench.words import bar, enumerate_words, plus_minus
@@ -593,6 +594,9 @@ def test_values_are_shown_to_two_digits_of_their_error():
     assert plus_minus(1234.5, 56.0) == "1234 ± 56"
     assert plus_minus(2.01, 0.0) == "2.01"
     assert plus_minus(2.01, float("inf")) == "2.01"
+    assert [duration(seconds) for seconds in (0.53, 36.1, 99.9, 725, 12000)] == [
+        "0.53 s", "36 s", "2 minutes", "12 minutes", "3.3 hours"
+    ]  # fmt: skip
 
 
 def test_lists_read_like_sentences():

@@ -250,6 +250,7 @@ def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_
     write(folder, "arm/elbow", 1)
     again = survey(cases(folder), dataset, client, look=stub)
     assert (again.done, again.failed, again.unchanged) == (1, 1, 4)  # what the file cannot mend is tried again
+    assert [name for name, _ in again.troubles] == ["arm/elbow/2026-01-05.csv", "arm/elbow/2026-01-19.csv"]
 
 
 def test_rows_wait_while_the_disk_is_full(folder, tmp_path, client, monkeypatch):
@@ -487,7 +488,9 @@ def test_the_command_diagnoses_on_a_cluster_and_writes_pages(tmp_path, swing, cl
     assert any(one["gain"] is not None for one in done["candidates"])
     links = [href for href in values(Page(page.read_text()), "href") if not href.startswith("#")]
     assert len(links) == 2 and all((tmp_path / link).exists() for link in links)
-    assert main(command) == 0 and "0 diagnosed, 3 known from before" in capsys.readouterr().out
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    assert "0 diagnosed, 3 known from before" in told and "wrist_2026-03-01.csv: " in told
 
 
 @pytest.mark.realtime

@@ -89,6 +89,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         folder=dataset.folder.resolve(),
     )
 
+    said: set[tuple[str, str]] = set()  # of what could not be diagnosed: it is told once
+
     def find() -> list[Case]:
         return find_cases(arguments.recordings, arguments, arguments.names)
 
@@ -108,7 +110,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
                 except KeyboardInterrupt:
                     terminal.say(f"what is done is kept in {dataset.folder}: run again to go on")
                     raise
-            _say(tally, terminal)
+            _say(tally, said, terminal)
             if tally.through > tally.unchanged or not arguments.watch:
                 _show(dataset, arguments.report, terminal)
 
@@ -146,14 +148,16 @@ def _telling(tell: Callable[[int, int, str], None]) -> Callable[[Tally], None]:
     return told
 
 
-def _say(tally: Tally, terminal: Terminal) -> None:
+def _say(tally: Tally, said: set[tuple[str, str]], terminal: Terminal) -> None:
     terminal.say(
         f"{tally.done} diagnosed, {tally.unchanged} known from before, {tally.refused} refused, {tally.failed} failed"
     )
-    for name, reason in tally.troubles[:LISTED]:
+    troubles = [trouble for trouble in tally.troubles if trouble not in said]
+    said.update(troubles)
+    for name, reason in troubles[:LISTED]:
         terminal.say(f"- {name}: {reason}", style="yellow")
-    if len(tally.troubles) > LISTED:
-        terminal.say(f"and {len(tally.troubles) - LISTED} more: see status and reason in the dataset")
+    if len(troubles) > LISTED:
+        terminal.say(f"and {len(troubles) - LISTED} more: see status and reason in the dataset")
 
 
 def _show(dataset: Dataset, report: str | None, terminal: Terminal) -> None:

@@ -40,6 +40,7 @@ def _environment() -> Environment:
         "estimate": words.estimate,
         "value_and_error": words.value_and_error,
         "percent": words.percent,
+        "duration": words.duration,
     }
     return environment
 

@@ -81,7 +81,7 @@ def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = N
             if found.setdefault(case.name, case) is not case:
                 raise InputError(f"{case.source.file}: is named twice: name each recording once")
     if not found:
-        raise InputError(f"{names[0]}: holds no recording: files end in {', '.join(_endings())}")
+        raise InputError(f"{names[0]}: holds no recording: files end in {', '.join(_endings())}, or in .txt if named")
     return [found[name] for name in sorted(found)]
 
 

@@ -36,7 +36,7 @@ class Tally:
         total: cases that this run was asked for.
         unchanged: those that an earlier run had done.
         done, refused, failed: those of this run.
-        troubles: name and reason of each that was refused or failed in this run.
+        troubles: name and reason of each that was refused or failed in this run, or refused before and is as it was.
     """
 
     total: int = 0
@@ -61,7 +61,16 @@ class Tally:
         status = "unchanged" if row is None else str(row["status"])
         setattr(self, status, getattr(self, status) + 1)
         if row is not None and status != "done":
-            self.troubles.append((str(row["name"]), str(row["reason"])))
+            self._name(row)
+
+    def count_known(self, row: Row) -> None:
+        """Count one that an earlier run had done."""
+        self.unchanged += 1
+        if row["status"] == "refused":
+            self._name(row)
+
+    def _name(self, row: Row) -> None:
+        self.troubles.append((str(row["name"]), str(row["reason"])))
 
 
 def survey(
@@ -110,7 +119,7 @@ def survey(
 
 def _known(dataset: Dataset) -> dict[str, JSON]:
     """What the dataset knows of each case, as far as it decides whether it is new or changed."""
-    columns = ("name", "status", "hash", "size", "changed", "version", "settings", "verdict", "report")
+    columns = ("name", "status", "reason", "hash", "size", "changed", "version", "settings", "verdict", "report")
     return {row["name"]: row for row in dataset.rows([*columns, "robot", "joint", "kind", "date"])}
 
 
@@ -124,7 +133,7 @@ def _todo(cases: Sequence[Case], known: dict[str, JSON], settings: Settings, tal
         elif not _same_file(case.source.file, before):
             waiting.append((case, before["hash"]))
         else:
-            tally.count(None)
+            tally.count_known(before)
     return waiting
 
 
