@@ -14,9 +14,9 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import JointTerm
 from pendulum_env.files import write_whole
 from pendulum_env.physics import Estimate, Model, ModelError, library
+from pendulum_env.physics.model import ARM_SCHEMA
 from pendulum_env.reading import Unreadable, Value, read_json
 
-SCHEMA = "pendulum-ident/arm-model@1"
 HINT = "an arm's model is what `identify --robot` or `diagnose --robot` write with -o"
 
 
@@ -74,7 +74,7 @@ class ArmModel:
     def json(self) -> JSON:
         """Plain dictionary for JSON; base parameters also say what they combine."""
         return {
-            "schema": SCHEMA,
+            "schema": ARM_SCHEMA,
             "robot": self.body.name,
             "joints": list(self.body.joints),
             "rotors": self.body.rotors,
@@ -96,7 +96,7 @@ class ArmModel:
         """
         try:
             data = Value("the model", "", read_json(path, HINT))
-            if data["schema"].text() != SCHEMA:
+            if data["schema"].text() != ARM_SCHEMA:
                 raise ModelError(f"is no model of an arm; {HINT}")
             joints = [joint.text() for joint in data["joints"].items(1000)]
             if tuple(joints) != body.joints:

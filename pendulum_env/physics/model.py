@@ -21,6 +21,7 @@ from pendulum_env.reading import Unreadable, Value, read_json
 from pendulum_env.words import per, plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
+ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_env.arms` reads
 WORST = 1e100  # standard error in a file: what the data do not show may have any, but its square is finite
 
 
@@ -228,6 +229,8 @@ class Model:
             ModelError: if a term is unknown, or a parameter is missing or no number that a pendulum could have.
         """
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+            if isinstance(data, dict) and data.get("schema") == ARM_SCHEMA:
+                raise ModelError("this is a model of an arm: compare and add take it with --robot, export takes none")
             raise ModelError(f"this is not a model: 'schema' should be {SCHEMA}")
         try:
             return cls._of(Value("the model", "", data))

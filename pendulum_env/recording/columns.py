@@ -26,9 +26,11 @@ from pendulum_env.recording.vocabulary import (
     TOLD,
     UNITS,
 )
+from pendulum_env.words import listing
 
 OPTIONAL = ("velocity", "reference", "segment")
 UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
+LINKS = "give the arm's links with --robot ARM.urdf (read_arm_recording), or "
 CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python
 
 
@@ -131,6 +133,8 @@ def find_columns(headers: Sequence[str], named: Mapping[str, str] | None = None)
     missing = [quantity for quantity in ("time", "position", "torque") if quantity not in columns]
     if missing:
         hints = [hint for quantity in missing for hint in islice(_raw(quantity, headers), 1)]
+        if len(joints := _joints(headers)) > 1:
+            hints = [f"there are some for {listing(joints)}: {LINKS}for one joint {CHOOSE}"]
         raise ColumnError(
             f"no column for {', '.join(missing)} among {_listed(headers)}: "
             + (
@@ -172,6 +176,13 @@ def _fitting(quantity: str, headers: Sequence[str], taken: set[int]) -> list[Col
         if fitting:
             return fitting
     return []
+
+
+def _joints(headers: Sequence[str]) -> list[str]:
+    """What columns of both position and torque are called after: `elbow` of `position_elbow` and `torque_elbow`."""
+    plain = [re.sub(r"\s*[\[(].*", "", header.strip()) for header in headers]
+    joints = (header.removeprefix("position_") for header in plain if header.startswith("position_"))
+    return [joint for joint in joints if f"torque_{joint}" in plain]
 
 
 def _without_index(header: str) -> str:

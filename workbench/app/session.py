@@ -117,6 +117,7 @@ class Session:
         """A sentence in the page's words: about files without the session's folder, and controls for options."""
         here = {
             checks.UNWRAP: f"tick '{UNWRAP}' and load it again",
+            columns.LINKS: "",
             columns.CHOOSE: "choose one",
             "--columns ": "",
             "name fewer in `without`, or more in `only`": "leave out fewer, or look for more",

@@ -112,6 +112,10 @@ def with_theta(**entries: object) -> dict:
     ("data", "match"),
     [
         (edited(schema="something else"), "this is not a model: 'schema' should be pendulum-ident/model@1"),
+        (
+            edited(schema="pendulum-ident/arm-model@1"),
+            "this is a model of an arm: compare and add take it",
+        ),
         ([], "this is not a model"),
         (None, "this is not a model"),
         ({"schema": "pendulum-ident/model@1"}, "the model lacks 'terms'"),

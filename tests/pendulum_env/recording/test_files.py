@@ -189,6 +189,10 @@ def test_no_name_has_two_meanings() -> None:
         ("time,time_ms,position,torque", "'time' and 'time_ms' could both be time"),
         ("time,x,torque", "no column for position among 'time', 'x', 'torque': name the columns time,position,torque"),
         ("time", "no column for position, torque among 'time'"),
+        (
+            "time,position_a,position_b,torque_a,torque_b",
+            "there are some for a and b: give the arm's links",
+        ),
         ("time,position [counts],torque", "no column for position"),
         ("time,position,current [A]", "no column for torque"),
         ("time,q,tau_cmd,u", "'tau_cmd' and 'u' could both be torque: say which with --columns QUANTITY=NAME"),
