@@ -250,11 +250,11 @@ def tell_diagnosis(found: ArmDiagnosis, terminal: Terminal) -> None:
     terminal.heading("Torque errors on held-out data")
     terminal.table(*errors_table([found.before, found.after], ("before [N m]", "after [N m]")))
     rows = [
-        (own.effect, own.verdict, f"{own.probability:.2f}", f"{own.gain:.0f} ± {own.error:.0f}")
+        (own.effect, own.verdict, f"{own.probability:.2f}", f"{own.gain:.0f} ± {own.error:.0f}", own.reason)
         for own in found.candidates
     ]
     terminal.heading("Judged")
-    terminal.table(("effect", "verdict", "probability", "gain [nat]"), rows, left=("verdict",))
+    terminal.table(("effect", "verdict", "probability", "gain [nat]", "reason"), rows, left=("verdict", "reason"))
     for joint, size in found.unexplained.items():
         terminal.say(f"{joint}: {size:.2g} N m are left that nothing in the library explains", style="yellow")
 

@@ -24,6 +24,7 @@ from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.arms.joints import JointTerm, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Model, Term
+from pendulum_env.words import listing
 
 VERDICTS = ("selected", "ambiguous", "rejected")  # in the order of a table
 JUDGED = 8  # most promising effects that are scored
@@ -43,6 +44,7 @@ class ArmCandidate:
         error: its standard error [nat].
         probability: among the effects that were judged with it, in the same place.
         verdict: selected, ambiguous or rejected.
+        reason: why, in words.
     """
 
     effect: str
@@ -50,6 +52,7 @@ class ArmCandidate:
     error: float
     probability: float
     verdict: str
+    reason: str
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -147,13 +150,13 @@ class ArmSearch:
         return terms
 
     def ranking(self, terms: Terms) -> list[ArmCandidate]:
-        """Every effect that was judged where the terms were selected or nothing was, once, the likeliest first."""
+        """Every effect that was judged where the terms were selected or nothing was, once, the largest gain first."""
         best: dict[str, ArmCandidate] = {}
         for id in (*(own.id for own in terms), None):
             for one in self.rounds.get(id, ()):
                 if one.effect not in best or VERDICTS.index(one.verdict) <= VERDICTS.index(best[one.effect].verdict):
                     best[one.effect] = one  # a rival stays one beside the effect that it rivals
-        return sorted(best.values(), key=lambda one: (VERDICTS.index(one.verdict), -one.probability))
+        return sorted(best.values(), key=lambda one: (VERDICTS.index(one.verdict), -one.gain))
 
     def _add(self, terms: Terms) -> Terms | None:
         """The terms with one more effect, the one of the best prediction that nothing speaks against."""
@@ -164,7 +167,8 @@ class ArmSearch:
         order = list(self.library)
         promising.sort(key=lambda longer: order.index(longer[-1].term.id))  # equal laws by the library's order
         promising.sort(key=lambda longer: -round(float(self.density(longer).sum()), 2))
-        convincing = [longer for longer in promising if self._convinces(longer, terms)]
+        objections = {longer: self._objection(longer, terms) for longer in promising}
+        convincing = [longer for longer in promising if objections[longer] is None]
         level = [longer for longer in convincing if self._is_level(longer, convincing[0])]
         chosen = min(level, key=lambda longer: complexity(longer[-1].term), default=None)
         if chosen is not None:  # what is as good with more parameters is no rival
@@ -173,26 +177,32 @@ class ArmSearch:
         odds = (
             self.bootstrap.probabilities([self.density(longer) for longer in promising]) if promising else np.empty(0)
         )
+        name = "" if chosen is None else chosen[-1].id
         told = self.rounds[None if chosen is None else chosen[-1].id] = []
         for longer, probability in zip(promising, odds.tolist(), strict=True):
             gain = self.gain(longer, terms)
-            rival = longer in level and probability > self.criterion.rival
-            verdict = "selected" if longer == chosen else "ambiguous" if rival else "rejected"
-            told.append(ArmCandidate(longer[-1].id, gain.total, gain.error, probability, verdict))
+            if longer == chosen:
+                verdict, reason = "selected", "predicts best, or as well as any with fewer parameters"
+            elif longer in level and probability > self.criterion.rival:
+                verdict, reason = "ambiguous", f"predicts as well as {name}, or nearly"
+            else:
+                verdict, reason = "rejected", objections[longer] or f"{name} predicts better"
+            told.append(ArmCandidate(longer[-1].id, gain.total, gain.error, probability, verdict, reason))
         return chosen
 
     def _is_level(self, one: Terms, other: Terms) -> bool:
         """Whether the first of two models may well be the better one."""
         return bool(self.bootstrap.probabilities([self.density(one), self.density(other)])[0] > self.criterion.rival)
 
-    def _convinces(self, longer: Terms, terms: Terms) -> bool:
-        """Whether an effect surely gains, explains a good share of what is left at a joint, and could be a body's.
+    def _objection(self, longer: Terms, terms: Terms) -> str | None:
+        """What speaks against an effect, in words; None if nothing does.
 
+        It has to gain surely, to explain a good share of what is left at a joint, and to be one that a body can have.
         That joint need not be its own: where the links' parameters imitate the effect there, other joints miss them.
         """
         gain = self.gain(longer, terms)
         if gain.chance > self.criterion.chance:
-            return False
+            return "gains no more than chance may give"
         # what shows in few places only, as friction at low speed, hardly shows in what neighbours share
         sure = gain.total - self.penalty(longer, terms) >= self.criterion.sure * gain.error
         before, after = self.residual(terms), self.residual(longer)
@@ -201,7 +211,10 @@ class ArmSearch:
         gone = before**2 - after**2 - taken / self.weights[self.train.joint] ** 2
         joints = range(len(self.weights))
         shown = (self._explains(before, after, float(np.mean(gone[self.train.of(j)])), j, sure) for j in joints)
-        return any(shown) and not self.impossible(longer)
+        if not any(shown):
+            return "explains too little of what is left to be it"
+        wrong = self.impossible(longer)
+        return f"would mean {listing(wrong)}, which no joint has" if wrong else None
 
     def _explains(self, before: Array, after: Array, explained: float, joint: int, sure: bool) -> bool:
         """Whether a residual (R,) is surely more than noise at a joint, and another leaves a good share less there.

@@ -44,7 +44,7 @@ def test_every_effect_that_may_be_hidden_can_be_simulated():
     ],
 )
 def test_the_verdict_is_honest(selected, verdict, told):
-    candidates = (ArmCandidate("spring@elbow", 9.0, 1.0, 0.5, verdict),)
+    candidates = (ArmCandidate("spring@elbow", 9.0, 1.0, 0.5, verdict, ""),)
     found = ArmDiagnosis(None, None, selected, candidates, (), (), {})
     assert arm_demo.verdict("spring@elbow", found).startswith(told)
 

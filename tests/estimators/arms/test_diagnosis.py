@@ -9,6 +9,7 @@ from benchmarks.two_link import Multisine, TwoLink
 from estimators.arms.diagnosis import diagnose_arm
 from estimators.arms.evidence import gather_arm
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
+from estimators.arms.search import VERDICTS
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from pendulum_env.arms.body import read_body
@@ -95,6 +96,11 @@ def test_of_equal_laws_the_simplest_is_named_and_the_others_told(two):
     assert found.selected == ("torque_offset@elbow",)
     told = {candidate.effect: candidate.verdict for candidate in found.candidates}
     assert told["coulomb_asymmetry@elbow"] == "ambiguous"
+    order = [(VERDICTS.index(one.verdict), -one.gain) for one in found.candidates]
+    assert order == sorted(order)  # the best first
+    reasons = {candidate.effect: candidate.reason for candidate in found.candidates}
+    assert reasons["coulomb_asymmetry@elbow"] == "predicts as well as torque_offset@elbow, or nearly"
+    assert all(reasons.values()) and "gains no more than chance may give" in reasons.values()
     assert found.model.estimates["torque_offset@elbow"].value == pytest.approx(0.3, rel=0.03)
 
 
