@@ -134,7 +134,7 @@ class ArmSearch:
     def find(self, base: Terms) -> Terms:
         """The terms with all effects that surely predict better and explain what is left."""
         terms = base
-        seen: set[frozenset[str]] = set()
+        states: dict[frozenset[str], Terms] = {}
         while len(terms) - len(base) < self.criterion.most:
             longer = self._add(terms)
             if longer is None:
@@ -144,9 +144,10 @@ class ArmSearch:
                 others = tuple(other for other in terms if other is not own)
                 terms = self._add(others) or others
             found = frozenset(own.id for own in terms[len(base) :])
-            if found in seen:  # in circles
-                break
-            seen.add(found)
+            if found in states:  # in circles: the best of them
+                circle = list(states.values())[list(states).index(found) :]
+                return max(circle, key=lambda one: float(self.density(one).sum()))
+            states[found] = terms
         return terms
 
     def ranking(self, terms: Terms) -> list[ArmCandidate]:
