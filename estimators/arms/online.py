@@ -17,6 +17,7 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import JointTerm, friction
 from pendulum_env.arms.model import ArmModel, parameter_names
 from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.recording.sampling import LONG
 
 CHUNK = 0.05  # [s] of samples that are taken in together
 MEMORY = 0.1  # [s] before a chunk, in which filters forget how they began: exp(-20) of it is left at 200 rad/s
@@ -88,8 +89,28 @@ class ArmEstimator:
         return ArmModel.build(self.body, self.terms, self.state.theta, np.sqrt(np.diag(self.state.P)))
 
     def update(self, time: float, position: Array, torque: Array) -> State:
-        """Take in a sample: time [s], positions (n,) [rad] and the torques (n,) [N m] held from it on."""
-        self._samples.append((time, np.array(position, dtype=float), np.array(torque, dtype=float)))
+        """Take in a sample: time [s], positions (n,) [rad] and the torques (n,) [N m] held from it on.
+
+        One that is not all numbers is left out. After it, and after a gap in time, another recording begins.
+
+        Raises:
+            ValueError: if there is not one position and one torque a joint, or time does not go on.
+        """
+        position, torque = np.array(position, dtype=float), np.array(torque, dtype=float)
+        if position.shape != (count := len(self.body.joints),) or torque.shape != (count,):
+            raise ValueError(
+                f"a sample of {count} joints has as many positions and torques, not those of shapes {position.shape} "
+                f"and {torque.shape}"
+            )
+        if not np.isfinite([time, *position, *torque]).all():
+            self.forget_motion()
+            return self.state
+        passed = time - self._samples[-1][0] if self._samples else 1.0 / self._rate
+        if passed <= 0.0:
+            raise ValueError(f"time {time:g} s is not after that of the sample before: call forget_motion in between")
+        if passed > LONG / self._rate:
+            self.forget_motion()
+        self._samples.append((time, position, torque))
         self._waiting += 1
         if len(self._samples) >= self._kept and self._waiting >= self._chunk:
             self._take()

@@ -41,6 +41,27 @@ def test_each_row_is_used_once_but_for_those_of_the_first_and_last_moments(body,
     assert 0.9 * offline.used[0] < rows < 1.001 * offline.used[0]
 
 
+def test_nothing_is_told_across_a_gap_or_a_sample_that_is_no_number(body, recording):
+    whole, cut, apart = (ArmEstimator(body, 500.0) for _ in range(3))
+    for k, sample in enumerate(zip(recording.time, recording.position, recording.torque, strict=True)):
+        whole.update(*sample)
+        cut.update(*(sample if k != 1250 else (sample[0], sample[1], np.array([np.nan, 0.0]))))
+        if k != 1250:
+            apart.update(*sample)
+    assert np.array_equal(cut.state.theta, apart.state.theta)
+    assert not np.array_equal(cut.state.theta, whole.state.theta)
+    assert np.allclose(cut.state.theta, whole.state.theta, rtol=0.02, atol=2e-3)
+
+
+def test_samples_that_make_no_sense_are_refused_at_once(body):
+    online = ArmEstimator(body, 500.0)
+    online.update(0.0, np.zeros(2), np.zeros(2))
+    with pytest.raises(ValueError, match=r"2 joints has as many positions and torques, not those of shapes \(3,\)"):
+        online.update(0.002, np.zeros(3), np.zeros(2))
+    with pytest.raises(ValueError, match="time 0 s is not after that of the sample before"):
+        online.update(0.0, np.zeros(2), np.zeros(2))
+
+
 def test_schemes_that_cannot_run_so_are_refused(body):
     for scheme in (Hamiltonian(borrows="dynamic"), Energy(window=None)):
         with pytest.raises(ValueError, match="cannot run on an arm"):
