@@ -62,6 +62,7 @@ class Guard:
             self._motion.reset()
         self.velocity = 0.0  # [rad/s]
         self._written: float | None = None  # when the last command was sent
+        self._waited = 0.0  # [s] for the drive since then
         self._seen: tuple[float, float] | None = None  # time and position that velocity is taken from
         self._still: float | None = None  # since when the counts have stood still under stall_torque
         self._against: tuple[float, float] | None = None  # torque and velocity since which the arm moves against it
@@ -133,7 +134,7 @@ class Guard:
         if passed > self.limits.gap:
             self.trip(
                 f"no command came for {1e3 * passed:.0f} ms, {1e3 * self.limits.gap:.0f} ms are allowed (limits.gap): "
-                "the program was held up or is too slow for its rate",
+                f"{self._held_up(passed)}",
                 braking=True,
             )
         torque = self._allowed(torque, passed or 1.0 / self.config.rate)
@@ -142,7 +143,7 @@ class Guard:
             sent = self.drive.write(sign * torque)
         except DriveError as error:
             self.trip(str(error))
-        self._written, self.torque = now, sign * sent.torque
+        self._written, self._waited, self.torque = now, time.monotonic() - now, sign * sent.torque
         if self._motion is not None:
             self._motion.commanded(self.torque)
         return Sent(sent.time, self.torque)
@@ -161,8 +162,10 @@ class Guard:
         except DriveError as error:
             self.trip(str(error))
         took = time.monotonic() - asked
+        self._waited += took
         if self.powered and reading.fault is not None:
-            self.trip(f"the drive reports: {reading.fault}")
+            hung = f", after {1e3 * took:.0f} ms in which it did not answer" if took > self.limits.gap else ""
+            self.trip(f"the drive reports{hung}: {reading.fault}")
         self._plausible(reading)
         self._possible(reading.time, took)
         return reading.time, self.encoder.position
@@ -176,7 +179,7 @@ class Guard:
         if behind > self.limits.behind:
             self.trip(
                 f"the loop is {1e3 * behind:.0f} ms behind, {1e3 * self.limits.behind:.0f} ms are allowed "
-                "(limits.behind): the program was held up or is too slow for its rate",
+                f"(limits.behind): {self._held_up(behind)}",
                 braking=True,
             )
         if overruns > self.limits.overruns:
@@ -185,6 +188,12 @@ class Guard:
                 "or free the machine of other work",
                 braking=True,
             )
+
+    def _held_up(self, passed: float) -> str:
+        """Who kept the loop waiting for so long [s]: the drive if most of it passed between question and answer."""
+        if self._waited > 0.5 * passed:
+            return f"{1e3 * self._waited:.0f} ms of it the drive took to answer, or the program was held up meanwhile"
+        return "the program was held up or is too slow for its rate"
 
     def disable(self, why: str = "disabled") -> None:
         """Zero torque and no power; never raises, so that it can be the last resort everywhere."""

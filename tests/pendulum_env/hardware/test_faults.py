@@ -22,6 +22,7 @@ pytestmark = [
 IN_TIME = 0.1  # [s]
 SLOW = (
     "was held up or is too slow",
+    "or the program was held up meanwhile",
     "commands came too late",
     "did not hear of this computer in time",
     "does not say why",

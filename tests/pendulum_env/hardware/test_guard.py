@@ -222,6 +222,28 @@ def test_too_many_missed_ticks_are_a_fault(make):
     faulty(guard, "ticks")
 
 
+def test_a_drive_that_hangs_for_a_while_is_told_from_a_program_that_does(make, clock, monkeypatch):
+    for hangs, who in (("drive", "80 ms of it the drive took to answer"), ("program", "the program was held up or is")):
+        guard, drive = make(gap=0.05)
+        read = drive.read
+        if hangs == "drive":
+            monkeypatch.setattr(drive, "read", lambda clock=clock, read=read: clock.sleep(0.08) or read())
+        else:
+            clock.sleep(0.08)
+        guard.read()
+        with pytest.raises(Fault, match=f"no command came for 80 ms, 50 ms are allowed .*: {who}"):
+            guard.write(0.0)
+
+
+def test_a_drive_that_hung_before_it_reports_is_said_to_have(make, clock, monkeypatch):
+    guard, drive = make(gap=0.05)
+    drive.fault = "its watchdog ran out"
+    read = drive.read
+    monkeypatch.setattr(drive, "read", lambda: clock.sleep(0.15) or read())
+    with pytest.raises(Fault, match="reports, after 150 ms in which it did not answer: its watchdog ran out"):
+        guard.read()
+
+
 def test_a_loop_that_falls_behind_is_a_fault(make):
     guard, _ = make(behind=0.1)
     guard.late(0.09, 0)
