@@ -29,7 +29,8 @@ from workbench.terminal import Terminal
 from workbench.words import enumerate_words, plus_minus
 
 T = TypeVar("T")
-KINDS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag, or a study.toml that names several"  # of recordings
+FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
+KINDS = f"{FORMATS}, or a study.toml that names several, and known loads"  # of recordings
 
 
 def argument(convert: Callable[[str], T]) -> Callable[[str], T]:
@@ -74,8 +75,8 @@ def whole(low: int, high: int = 10**DIGITS) -> Callable[[str], int]:
     return converted
 
 
-def take_plant(parser: argparse.ArgumentParser) -> None:
-    """Declare the plant of a simulation: see `plant_of`."""
+def take_plant(parser: argparse.ArgumentParser, *, arm: bool = False) -> None:
+    """Declare the plant of a simulation, which may be an arm: see `plant_of`."""
     parser.add_argument(
         "--effect",
         dest="effects",
@@ -84,7 +85,7 @@ def take_plant(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="ID[=VALUE,...]",
         help="hide an effect: ID alone, ID=VALUE,... in the order that `effects` lists, or ID:name=value,... "
-        "(may be repeated); of an arm ID@JOINT and so on",
+        f"(may be repeated){'; of an arm ID@JOINT and so on' if arm else ''}",
     )
     parser.add_argument(
         "--theta",
@@ -126,9 +127,9 @@ def _theta(text: str) -> Model:
     return paper_plant(read_parameters(text))
 
 
-def take_recordings(parser: argparse.ArgumentParser, *, holdout: bool = False) -> None:
-    """Declare recordings to read, and perhaps recordings to hold out."""
-    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help=f"{KINDS}; fitted jointly")
+def take_recordings(parser: argparse.ArgumentParser, *, what: str = "fitted jointly", holdout: bool = False) -> None:
+    """Declare recordings to read, what is done with them, and perhaps recordings to hold out."""
+    parser.add_argument("recordings", metavar="RECORDING", nargs="+", help=f"{KINDS}; {what}")
     if holdout:
         parser.add_argument(
             "--holdout",

@@ -28,7 +28,7 @@ from workbench.words import enumerate_words
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
-    take_recordings(parser)
+    take_recordings(parser, what="each compared with the model")
     take_align(parser)
     parser.add_argument(
         "--report", type=argument(page), metavar="FILE.html", help="write a report with plots, one file to share"

@@ -111,7 +111,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--replay", metavar="FILE", help="recording that --backend replay plays")
     parser.add_argument("--config", metavar="FILE", help="rig.toml of the rig, for --backend dm1015b")
-    take_plant(parser)
+    take_plant(parser, arm=True)
     take_robot(parser)
     parser.add_argument("--rate", type=number(SLOWEST, 1e5), default=1000.0, help="samples per second (default 1000)")
     parser.add_argument(

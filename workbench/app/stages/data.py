@@ -20,6 +20,7 @@ from workbench.app.state import Loaded
 from workbench.app.state import State as Work
 from workbench.app.torques import choices
 from workbench.app.uploads import UNWRAP, UPLOAD
+from workbench.inputs import FORMATS
 from workbench.report.figure import Figure, line, stacked, thin
 from workbench.report.sections.method import Used, use
 from workbench.report.words import listing, name, number, opening, percent
@@ -55,7 +56,7 @@ def _upload(state: Work) -> Component:
             style={},
         ),
         html.P(
-            "CSV, Parquet, NPZ, MATLAB or Excel with time, position and torque; 0 hangs down. What columns mean is "
+            f"{FORMATS} with time, position and torque; 0 hangs down. What columns mean is "
             f"asked where their names do not tell, or told by a {STUDY} among the files. "
             f"Up to {UPLOAD / 1e6:.0f} MB each; nothing leaves this computer.",
             className="note",
