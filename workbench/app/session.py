@@ -152,10 +152,10 @@ class Session:
         waiting = [card for card in self.cards if card.file != file]
         if any(one.file == file for one in known):
             raise InputError(f"{file.name}: is loaded already: remove it, or give this one another name")
-        if self._history.keeps(file):
-            self._history.forget()  # another file of that name takes its place
         if len(known) + len(waiting) >= MOST_RECORDINGS:
             raise InputError(f"{file.name}: {MOST_RECORDINGS} recordings are enough: remove one first")
+        if self._history.keeps(file):
+            self._history.forget()  # another file of that name takes its place
         return file
 
     def receive(self, uploads: Sequence[tuple[str, str]], unwrap: bool) -> None:
@@ -175,10 +175,12 @@ class Session:
                     for source in self._study(name, content):
                         asked.setdefault(source.file.name, []).append(source)
                     continue
+                known = safe_name(name)
+                sources = asked.pop(known, [Source(self.folder / known, unwrap=unwrap)])
+                self._try_apart(known, content, sources)
                 file = self.place(name, *loaded)
                 self._refuse_lack(file.name, len(content) * 3 // 4)
                 unpack(file, content)
-                sources = asked.pop(file.name, [Source(file, unwrap=unwrap)])
                 copies = [self._copy(file, k, *loaded) for k in range(2, len(sources) + 1)]  # one for each range
                 for place, source in zip((file, *copies), sources, strict=True):
                     loaded += self.take(place, source)
@@ -189,6 +191,23 @@ class Session:
             self.keep(*loaded)
         if refused:
             raise InputError("; ".join(refused))
+
+    def _try_apart(self, name: str, content: str, sources: Sequence[Source]) -> None:
+        """Read an upload elsewhere first, if it would take the place of a file that undoing a change brings back.
+
+        Raises:
+            InputError: if it cannot be read: then that change can be undone all the same.
+        """
+        if not self._history.keeps(self.folder / name) or any(one.file.name == name for one in self.state.loaded):
+            return
+        with tempfile.TemporaryDirectory(dir=self.folder.parent) as folder:
+            other = Session(Path(folder))
+            try:
+                for source in sources:
+                    unpack(other.folder / name, content)
+                    other.take(other.folder / name, source)
+            except MISTAKES as mistake:
+                raise InputError(sentence(mistake).replace(f"{folder}/", "")) from None
 
     def _refuse_lack(self, name: str, size: int) -> None:
         """Refuse a file for which there is no room.

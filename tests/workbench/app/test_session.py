@@ -113,6 +113,21 @@ def test_a_broken_file_is_named_without_the_folder_and_does_not_stay(
     assert list(session.folder.iterdir()) == [] and session.state.loaded == ()
 
 
+def test_a_broken_file_does_not_cost_the_undo_of_a_removal(session: Session, swing: Recording, tmp_path: Path) -> None:
+    write_recording(swing, tmp_path / "swing.csv")
+    content = (tmp_path / "swing.csv").read_bytes()
+    upload(session, "swing.csv", content)
+    session.act(lambda: session.remove("swing.csv"))
+    upload(session, "swing.csv", b"time,position,torque\n0,0,0\n0.001,nan,0\n")
+    assert session.notice.startswith("swing.csv: ") and session.last_change == "remove swing"
+    session.act(session.undo)
+    assert session.notice == "" and [one.file.read_bytes() for one in session.state.loaded] == [content]
+    assert [file.name for file in tmp_path.iterdir() if file.is_dir()] == ["session"]
+    session.act(lambda: session.remove("swing.csv"))
+    upload(session, "swing.csv", content)
+    assert session.notice == "" and session.last_change == "load swing"
+
+
 def test_nothing_is_unpickled(session: Session, tmp_path: Path) -> None:
     class Bomb:
         def __reduce__(self) -> tuple:
