@@ -14,6 +14,7 @@ from workbench.survey import Dataset, Fleet
 
 pytest.importorskip("dash")
 
+from workbench.app import fleet
 from workbench.app.server import make_app
 
 OTHERS = ({"Host": "rebound.example"}, {"Origin": "https://other.example"}, {"Origin": "null"})
@@ -53,6 +54,16 @@ def test_the_page_tells_what_the_dataset_holds_by_now(client, survey):
     assert "survey of 2 recordings" in client.get("/fleet/").text.lower()
     repeat(survey, 2)
     assert "survey of 3 recordings" in client.get("/fleet/").text.lower()
+
+
+def test_a_dataset_that_cannot_be_read_now_is_said(client, monkeypatch):
+    def changing(self, columns=None):
+        raise OSError(f"{self.folder}: its files change while they are read: try again")
+
+    fleet._page.cache_clear()
+    monkeypatch.setattr(Dataset, "table", changing)
+    answer = client.get("/fleet/")
+    assert answer.status_code == 503 and "its files change while they are read: try again" in answer.text
 
 
 def test_pages_are_for_this_computer_and_a_case_s_own_may_ask_for_nothing(client, survey):
