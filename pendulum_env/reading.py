@@ -40,7 +40,7 @@ DIRECTORY = 1_000_000  # bytes of a ZIP archive's list of contents, of some 10,0
 HEADER = 1 << 16  # bytes of an array's description, of which NumPy's own takes 128
 BLOCK = 1 << 20  # bytes read at a time
 SHOWN = 60  # characters of a value that a sentence quotes
-ROOM = threading.Lock()  # limits belong to the process
+LIMITS = threading.Lock()  # belong to the process, and to those that are begun while they are set: hold it to begin one
 
 JSON_TEXT = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+(?:"|\Z)', re.DOTALL)
 TOML_TEXT = re.compile(
@@ -399,7 +399,7 @@ def room_for(most: float) -> Iterator[None]:
         return
     import resource
 
-    with ROOM:
+    with LIMITS:
         status = Path("/proc/self/status").read_text().split()
         used = 1024 * int(status[status.index("VmData:") + 1])
         before = {kind: resource.getrlimit(kind) for kind in (resource.RLIMIT_DATA, resource.RLIMIT_FSIZE)}

@@ -16,6 +16,8 @@ from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 
+from pendulum_env.reading import LIMITS
+
 
 @contextmanager
 def interrupts_wait() -> Iterator[None]:
@@ -43,7 +45,7 @@ class Quiet(SpawnProcess):
 
     def start(self) -> None:
         """Begin, in a new interpreter: a copy of a process with threads would be unsound."""
-        with interrupts_wait():
+        with LIMITS, interrupts_wait():
             super().start()
 
 

@@ -27,7 +27,7 @@ from pendulum_env.arms.joints import JointTerm
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Samples, Term
 
-BLOCK = 0.01  # [s], longer than the filter's memory at usual rates, shorter than what friction does near a reversal
+BLOCK = 0.01  # [s], shorter than what friction does near a reversal; the filter reaches over some, see `_neighbours`
 FEWEST = 40  # blocks of each joint
 
 

@@ -1,16 +1,18 @@
 """Work in other processes."""
 
 import functools
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 from typing import Any
 
 import pytest
 
-from estimators.progress import Progress, forward
+from estimators.progress import Progress, forward, no_progress
 from pendulum_env.physics import plugin
+from pendulum_env.reading import room_for
 from workbench.app.jobs import LOST, Job, Pace, Workers
 from workbench.mistakes import InputError
 
@@ -46,6 +48,12 @@ def refuse(tell: Progress) -> None:
 def sleep(tell: Progress) -> None:
     tell("sleeping", 0.2)
     time.sleep(3600)
+
+
+def longest_file(tell: Progress) -> int:
+    import resource
+
+    return resource.getrlimit(resource.RLIMIT_FSIZE)[0]
 
 
 def vanish(tell: Progress) -> None:
@@ -122,3 +130,19 @@ def test_progress_never_falls_though_a_search_starts_over() -> None:
             shares.append(pace.share)
     assert shares == sorted(shares) and 0.4 < shares[9] <= 0.5 < shares[-1] < 1
     assert pace.left is not None and pace.left >= 0
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")
+def test_a_worker_that_is_begun_while_a_file_is_read_has_none_of_its_limits() -> None:
+    workers, results = Workers(), []
+    job = Job("", longest_file, workers, lambda job, result: results.append(result), lambda job, why: None)
+    before = longest_file(no_progress)
+    with room_for(1e9):
+        assert longest_file(no_progress) == 1e9
+        starting = Thread(target=job.start)
+        starting.start()
+        starting.join(0.3)
+    starting.join(PATIENCE)
+    assert job.over.wait(PATIENCE)
+    workers.close()
+    assert results == [before]
