@@ -183,7 +183,8 @@ class ArmSearch:
         for longer, probability in zip(promising, odds.tolist(), strict=True):
             gain = self.gain(longer, terms)
             if longer == chosen:
-                verdict, reason = "selected", "predicts best, or as well as any with fewer parameters"
+                simpler = f"predicts as well as {level[0][-1].id}, with fewer parameters"
+                verdict, reason = "selected", "predicts best" if longer == level[0] else simpler
             elif longer in level and probability > self.criterion.rival:
                 verdict, reason = "ambiguous", f"predicts as well as {name}, or nearly"
             else:
