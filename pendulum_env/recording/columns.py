@@ -26,7 +26,6 @@ from pendulum_env.recording.vocabulary import (
     TOLD,
     UNITS,
 )
-from pendulum_env.words import listing
 
 OPTIONAL = ("velocity", "reference", "segment")
 UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
@@ -134,7 +133,7 @@ def find_columns(headers: Sequence[str], named: Mapping[str, str] | None = None)
     if missing:
         hints = [hint for quantity in missing for hint in islice(_raw(quantity, headers), 1)]
         if len(joints := _joints(headers)) > 1:
-            hints = [f"there are some for {listing(joints)}: {LINKS}for one joint {CHOOSE}"]
+            hints = [f"there are some for {_listed(joints)}: {LINKS}for one joint {CHOOSE}"]
         raise ColumnError(
             f"no column for {', '.join(missing)} among {_listed(headers)}: "
             + (
@@ -180,7 +179,7 @@ def _fitting(quantity: str, headers: Sequence[str], taken: set[int]) -> list[Col
 
 def _joints(headers: Sequence[str]) -> list[str]:
     """What columns of both position and torque are called after: `elbow` of `position_elbow` and `torque_elbow`."""
-    plain = [re.sub(r"\s*[\[(].*", "", header.strip()) for header in headers]
+    plain = dict.fromkeys(re.split(r"[\[(]", header)[0].strip() for header in headers)  # without units
     joints = (header.removeprefix("position_") for header in plain if header.startswith("position_"))
     return [joint for joint in joints if f"torque_{joint}" in plain]
 
