@@ -90,6 +90,8 @@ def robust_covariance(phi: Array, residual: Array, clusters: Index) -> Array:
 
     Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (CR3, and degrees of freedom after Satterthwaite).
     """
+    if len(clusters) and not clusters.any():  # one cluster has no others to be compared with: its residuals have
+        clusters = np.arange(len(clusters))
     covariance, told = jackknife(phi, residual, clusters)
     freedom = told.sum(axis=0) ** 2 / np.maximum((told**2).sum(axis=0), 1e-300)
     wider = stdtrit(np.maximum(freedom, 2.0), 0.975) / ndtri(0.975)

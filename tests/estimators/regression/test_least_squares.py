@@ -74,6 +74,13 @@ def test_intervals_hold_the_truth_though_residuals_are_correlated_and_clusters_f
     assert 0.9 <= np.mean(inside) <= 0.99
 
 
+def test_one_cluster_alone_gives_errors_all_the_same():
+    rng = np.random.default_rng(0)
+    phi, noise = rng.normal(size=(200, 2)), 0.1 * rng.normal(size=200)
+    fit = solve(Equations(phi, phi @ [1.0, 2.0] + noise), np.ones(200), np.zeros(200, dtype=int))
+    assert fit.std == pytest.approx(0.1 / np.sqrt(200), rel=0.2)
+
+
 def test_intervals_hold_the_truth_though_few_clusters_tell_of_it():
     """Forty clusters, three of which move the second column: 95 % intervals hold in 90 to 99 %."""
     inside, rng = [], np.random.default_rng(6)
