@@ -49,6 +49,21 @@ def test_a_motor_whose_gain_fades_is_given_no_name():
     assert search.unnamed is not None and search.unnamed.id == "any_gain_of_time"
 
 
+@pytest.mark.parametrize(("later", "explained"), [(9.0, (0.9, 1.0)), (14.0, (0.0, 0.05))])
+def test_what_explains_one_recording_and_not_the_next_explains_little(later, explained):
+    """A tone that shakes the joint, and is another one by the next day."""
+    experiments = [Experiment(rate=200.0, seconds=8.0, seed=seed, excitation="multisine") for seed in (2, 3)]
+    recordings = [
+        Recording(f"run {tone:g}", run.time, run.position, run.torque - 0.5 * np.sin(tone * run.time))
+        for run, tone in zip(simulate([(Plant(), experiment) for experiment in experiments]), (9.0, later), strict=True)
+    ]
+    search = Search(*gather(recordings[:1], recordings[1:]))
+    trial = search.best(BASE, effect("periodic_disturbance"))
+    assert trial.fitted_rms < 0.1
+    least, most = explained
+    assert least <= search.explained(trial.terms, BASE) <= most
+
+
 def test_a_drive_that_clips_deep_is_named_by_its_limit():
     """A limit of the current at a third of what the controller asks for: no tanh is like that."""
     hidden = {"torque_saturation": {"sat": 3.0, "sat_law": 1.0}}
