@@ -75,6 +75,7 @@ class ArmEstimator:
     def reset(self) -> None:
         """Forget everything."""
         self.state: State = start(len(parameter_names(self.body, self.terms)), self._prior)
+        self._came = False  # whether samples have kept the rate
         self.forget_motion()
 
     def forget_motion(self) -> None:
@@ -94,7 +95,8 @@ class ArmEstimator:
         One that is not all numbers is left out. After it, and after a gap in time, another recording begins.
 
         Raises:
-            ValueError: if there is not one position and one torque a joint, or time does not go on.
+            ValueError: if there is not one position and one torque a joint, if time does not go on, or if samples do
+                not come at the rate.
         """
         position, torque = np.array(position, dtype=float), np.array(torque, dtype=float)
         if position.shape != (count := len(self.body.joints),) or torque.shape != (count,):
@@ -105,16 +107,25 @@ class ArmEstimator:
         if not np.isfinite([time, *position, *torque]).all():
             self.forget_motion()
             return self.state
-        passed = time - self._samples[-1][0] if self._samples else 1.0 / self._rate
-        if passed <= 0.0:
-            raise ValueError(f"time {time:g} s is not after that of the sample before: call forget_motion in between")
-        if passed > LONG / self._rate:
-            self.forget_motion()
+        if self._samples:
+            self._keep_time(time, time - self._samples[-1][0])
         self._samples.append((time, position, torque))
         self._waiting += 1
         if len(self._samples) >= self._kept and self._waiting >= self._chunk:
             self._take()
         return self.state
+
+    def _keep_time(self, time: float, passed: float) -> None:
+        """Refuse a sample off the rate; once samples have kept it, a longer time is a gap."""
+        periods = passed * self._rate
+        if passed <= 0.0:
+            raise ValueError(f"time {time:g} s is not after that of the sample before: call forget_motion in between")
+        if 0.9 < periods < 1.1:
+            self._came = True
+        elif self._came and periods > LONG:
+            self.forget_motion()
+        else:
+            raise ValueError(f"samples come every {passed:.4g} s, not at {self._rate:g} Hz: pass rate=")
 
     def _take(self) -> None:
         times, positions, torques = (np.array(values) for values in zip(*self._samples[-self._kept :], strict=True))

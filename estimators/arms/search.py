@@ -151,7 +151,7 @@ class ArmSearch:
         return terms
 
     def ranking(self, terms: Terms) -> list[ArmCandidate]:
-        """Every effect that was judged where the terms were selected or nothing was, once, the largest gain first."""
+        """Every effect that was judged where the terms were selected or nothing was, once: by verdict, then by gain."""
         best: dict[str, ArmCandidate] = {}
         for id in (*(own.id for own in terms), None):
             for one in self.rounds.get(id, ()):

@@ -1,7 +1,7 @@
 """Laws without a name: any function of velocity, of angle, or of time, as torque, as friction or as motor gain.
 
 No effect of the library is such a law, and none of them is ever proposed. They compete with the named effects by the
-same score: where one of them leaves only noise and the named ones do not, these only imitate what is there.
+same score: where one of them surely predicts better, and explains most of what the named ones leave, they imitate it.
 """
 
 from __future__ import annotations

@@ -88,17 +88,18 @@ def _likeliest(search: Search, last: Step) -> Step:
     found = search.with_errors(last.added, output_error.likeliest(flights, start))
     filters, evenly = output_error.innovations(checks, start), output_error.evenly(checks)
     old, new = (output_error.rms(checks, point, evenly, filters) for point in (start, _point(found.model)))
-    return found if new <= old and _uncertainty(found) < _uncertainty(last) else last
+    return found if new <= old and _is_surer(found, last) else last
 
 
 def _hops(part: Evidence) -> list[Flights]:
     return [take_off(w, HOP) for w in part.data.windows]
 
 
-def _uncertainty(step: Step) -> float:
-    """Mean logarithm of the standard errors, of what has one: what is known or at its bound says nothing of the fit."""
-    errors = [estimate.std for estimate in step.model.estimates.values() if estimate.std > 0]
-    return float(np.mean(np.log(errors))) if errors else np.inf
+def _is_surer(one: Step, other: Step) -> bool:
+    """Whether standard errors are smaller on average of what has one in both: not what is known or at its bound."""
+    pairs = [(one.model.estimates[name].std, known.std) for name, known in other.model.estimates.items()]
+    told = np.array([pair for pair in pairs if min(pair) > 0])
+    return len(told) > 0 and float(np.mean(np.log(told[:, 0] / told[:, 1]))) < 0
 
 
 def _with_link(search: Search, last: Step, start: Model) -> Step:
@@ -182,7 +183,7 @@ def _is_called_for(search: Search, point: Point, start: Point) -> bool:
     """Whether flights, fitted and held out, surely err less, and by a good share of what is left beyond noise.
 
     The score is the one of the windows: errors of a flight predict alike at every sample, so that what is gained is the
-    logarithm of their sizes.
+    logarithm of their sizes, to which noise is added: errors below it say nothing.
     """
     parts = (search.train.flights, search.holdout.flights)
     old, new = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in (start, point))

@@ -207,9 +207,9 @@ class Search:
     def explained(self, after: Terms, before: Terms) -> float:
         """Share of the power that one model leaves and is no noise, which another explains: the least of all data.
 
-        Data that the one model leaves nothing of but noise have no share in it. No noise is what the other takes out of
-        the residual, be it as sharp as an impact, and what neighbouring windows share of the rest, of which so many
-        windows tell no less than their noise allows.
+        Data have no say where neighbouring windows do not surely share what the one model leaves. No noise is what the
+        other takes out of the residual, be it as sharp as an impact, and what neighbouring windows share of the rest,
+        of which so many windows tell no less than their noise allows.
         """
         least = self.train.data.precision() ** 2
         shares = [

@@ -57,7 +57,7 @@ class Stribeck(Term):
     exponent: float = 2.0
 
     id = "stribeck"
-    law = "fs exp(-|q'/vs|^n) sgn q', n = 2"
+    law = "fs exp(-|q'/vs|^n) sgn q' (usually n = 2)"
     kind = "dissipative"
     reveal = "slow motion, around and below the Stribeck velocity"
     shapes = (Shape("stribeck_velocity", "rad/s", 0.01, 1e4), Shape("exponent", "1", 0.3, 6.0, usual=2.0, unusual=1.4))

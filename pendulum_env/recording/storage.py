@@ -142,6 +142,8 @@ def _suffix(path: Path, known: Collection[str] = READERS) -> str:
     for suffix in known:
         if name.endswith(suffix) and len(name) > len(suffix):
             return suffix
+    if path.is_dir():
+        raise RecordingError("is a folder: name a recording in it, or all of them with `survey`")
     recipe = RECIPES.get(path.suffix.lower(), "convert the recording to one of these")
     raise RecordingError(f"the name does not end in {', '.join(known)}: {recipe}")
 

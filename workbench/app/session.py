@@ -178,8 +178,8 @@ class Session:
                 known = safe_name(name)
                 sources = asked.pop(known, [Source(self.folder / known, unwrap=unwrap)])
                 self._try_apart(known, content, sources)
+                self._refuse_lack(known, len(content) * 3 // 4)
                 file = self.place(name, *loaded)
-                self._refuse_lack(file.name, len(content) * 3 // 4)
                 unpack(file, content)
                 copies = [self._copy(file, k, *loaded) for k in range(2, len(sources) + 1)]  # one for each range
                 for place, source in zip((file, *copies), sources, strict=True):

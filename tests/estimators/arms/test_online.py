@@ -60,6 +60,8 @@ def test_samples_that_make_no_sense_are_refused_at_once(body):
         online.update(0.002, np.zeros(3), np.zeros(2))
     with pytest.raises(ValueError, match="time 0 s is not after that of the sample before"):
         online.update(0.0, np.zeros(2), np.zeros(2))
+    with pytest.raises(ValueError, match=r"samples come every 0.004 s, not at 500 Hz: pass rate="):
+        online.update(0.004, np.zeros(2), np.zeros(2))
 
 
 def test_schemes_that_cannot_run_so_are_refused(body):

@@ -87,8 +87,13 @@ def changes(diagnosis: Diagnosis) -> list[Change]:
 
 
 def misled(diagnosis: Diagnosis) -> list[str]:
-    """Parameters that the base model got wrong for what it lacks: by more than a per cent, and than chance."""
-    told = []
+    """Parameters that the base model got wrong for what it lacks: by more than a per cent, and than chance.
+
+    None where something is left unexplained: then those of the final model may be wrong as well.
+    """
+    told: list[str] = []
+    if diagnosis.unexplained:
+        return told
     for parameter, wrong in diagnosis.steps[0].model.estimates.items():
         right = diagnosis.model.estimates.get(parameter)
         if right is None or right.value == 0:
