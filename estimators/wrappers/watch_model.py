@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -36,7 +37,7 @@ class WatchModel(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
     def __init__(
         self,
         env: gym.Env[Any, Any],
-        model: Model | None = None,
+        model: Model | str | Path | None = None,
         *,
         terms: Sequence[str | Term] | None = None,
         rate: float | None = None,
@@ -47,15 +48,15 @@ class WatchModel(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
 
         Args:
             env: the environment.
-            model: an identified model that is watched; None learns its parameters while it calibrates.
+            model: an identified model that is watched, or its file; None learns its parameters while it calibrates.
             terms: of the model, by id or as they are, where none is given; None are the paper's four.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
             calibrate: time of motion in which the model, or at least the size of its errors, is learnt [s].
 
         Raises:
-            ValueError: if a name is unknown, a number is out of its range, or both model and terms are given; when
-                running, if samples do not come at the rate.
+            ValueError: if a name is unknown, a number is out of its range, both model and terms are given, or a file
+                holds no model; when running, if samples do not come at the rate.
         """
         options: dict[str, Any] = {"alarms_per_hour": alarms_per_hour, "calibrate": calibrate}
         gym.utils.RecordConstructorArgs.__init__(self, model=model, terms=terms, rate=rate, **options)
@@ -93,7 +94,7 @@ class WatchModelVector(MeasuringVector):
     def __init__(
         self,
         env: VectorEnv[Any, Any, Any],
-        model: Model | None = None,
+        model: Model | str | Path | None = None,
         *,
         terms: Sequence[str | Term] | None = None,
         rate: float | None = None,
@@ -115,7 +116,7 @@ class WatchModelVector(MeasuringVector):
 
 def watch_of(
     env: AnyEnv,
-    model: Model | None,
+    model: Model | str | Path | None,
     terms: Sequence[str | Term] | None,
     rate: float | None,
     batch: int,
@@ -124,10 +125,12 @@ def watch_of(
     """Watch for an environment.
 
     Raises:
-        ValueError: if both model and terms are given, or as `Watch` does.
+        ValueError: if both model and terms are given, if the file holds no model, or as `Watch` does.
     """
     if model is not None and terms is not None:
         raise ValueError("a model has its terms: give either model or terms")
+    if isinstance(model, str | Path):
+        model = Model.load(model)
     rate = rate_of(env, rate)
     chosen = chosen_terms(terms) if model is None else model.terms
     theta = None if model is None else model.theta

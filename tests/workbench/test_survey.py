@@ -490,7 +490,7 @@ def test_the_command_diagnoses_on_a_cluster_and_writes_pages(tmp_path, swing, cl
     assert len(links) == 2 and all((tmp_path / link).exists() for link in links)
     assert main(command) == 0
     told = capsys.readouterr().out
-    assert "0 diagnosed, 3 known from before" in told and "wrist_2026-03-01.csv: " in told
+    assert "0 diagnosed, 3 known from before (1 refused), 0 refused" in told and "wrist_2026-03-01.csv: " in told
 
 
 @pytest.mark.realtime

@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
     if not arguments.watch:
         cases = find()
-        terminal.say(f"{len(cases)} recordings of {joints(cases)} joints")
+        terminal.say(f"recordings: {len(cases)}, joints: {joints(cases)}")
     with ExitStack() as stack:
 
         @cache
@@ -149,9 +149,8 @@ def _telling(tell: Callable[[int, int, str], None]) -> Callable[[Tally], None]:
 
 
 def _say(tally: Tally, said: set[tuple[str, str]], terminal: Terminal) -> None:
-    terminal.say(
-        f"{tally.done} diagnosed, {tally.unchanged} known from before, {tally.refused} refused, {tally.failed} failed"
-    )
+    known = f"{tally.unchanged} known from before" + f" ({tally.refused_before} refused)" * (tally.refused_before > 0)
+    terminal.say(f"{tally.done} diagnosed, {known}, {tally.refused} refused, {tally.failed} failed")
     troubles = [trouble for trouble in tally.troubles if trouble not in said]
     said.update(troubles)
     for name, reason in troubles[:LISTED]:

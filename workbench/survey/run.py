@@ -35,12 +35,14 @@ class Tally:
     Attributes:
         total: cases that this run was asked for.
         unchanged: those that an earlier run had done.
+        refused_before: those of them that it had refused.
         done, refused, failed: those of this run.
         troubles: name and reason of each that was refused or failed in this run, or refused before and is as it was.
     """
 
     total: int = 0
     unchanged: int = 0
+    refused_before: int = 0
     done: int = 0
     refused: int = 0
     failed: int = 0
@@ -67,6 +69,7 @@ class Tally:
         """Count one that an earlier run had done."""
         self.unchanged += 1
         if row["status"] == "refused":
+            self.refused_before += 1
             self._name(row)
 
     def _name(self, row: Row) -> None:

@@ -111,12 +111,13 @@ def test_a_wrapper_watches_beside_others_and_a_reset_begins_anew():
     assert info["watch"].kind == "calibrating"
 
 
-def test_a_model_that_is_given_is_compared_with_the_plant_as_it_is():
+def test_a_model_that_is_given_is_compared_with_the_plant_as_it_is(tmp_path):
     """One whose gravity is a fifth too small is found out at once; `accept` takes the plant as it is."""
     theta = np.array([0.0895, 2.01, 0.3638, 0.9163])
     env = gym.make(PENDULUM, rate=200, substeps=5, torque_noise=0.05)
     for factor, kind in ((1.0, "predicts"), (0.8, "value")):
-        one = WatchModel(env, Model.build(BASE, theta * [1.0, factor, 1.0, 1.0]))
+        Model.build(BASE, theta * [1.0, factor, 1.0, 1.0]).save(tmp_path / "model.json")
+        one = WatchModel(env, tmp_path / "model.json")
         one.reset(seed=0)
         _, info = act(one, 3000)
         assert info["watch"].kind == kind
