@@ -409,10 +409,13 @@ def _held_out(search: Search, regions: Sequence[Region]) -> list[Region]:
 
 
 def _too_much(search: Search, part: Evidence, left: Array) -> list[Region]:
-    """What is left (R,) and more than noise, though it stands out nowhere."""
+    """Where what is left (R,) is too much for noise, though neighbouring windows share none of it."""
     size, floor = float(np.sqrt(np.mean(left**2))), search.noise_of(part)
     if size <= search.criterion.astray * floor:
         return []
+    regions = stand_out(profiles(part.samples, left, floor))
+    if regions:
+        return regions
     fast = float(np.abs(part.samples.velocity).max())
     text = (
         f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, at no one speed, "
