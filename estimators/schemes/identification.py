@@ -216,7 +216,10 @@ def identify(
         results = {id: own.per(calibrated.unit) for id, own in results.items()}
     doubts = (*doubts, *untold([own.model for own in results.values()], measurements, doubts))
     withheld = frozenset(name for doubt in doubts for name in doubt.withheld)
-    results = {id: replace(own, withheld=withheld) for id, own in results.items()}
+    results = {
+        id: replace(own, withheld=withheld.union(*(d.withheld for d in untold([own.model], measurements, doubts))))
+        for id, own in results.items()
+    }
     unknown = [calibrated.doubt] if calibrated.doubt is not None else []
     mistakes = [
         Doubt(text)

@@ -69,6 +69,17 @@ def test_a_parameter_whose_error_alone_is_more_than_all_torque_is_not_told():
     assert any("gravity cannot be told" in line for line in diagnose(moved_along(swing, 2.0), only=["spring"]).advice)
 
 
+def test_a_scheme_that_cannot_tell_a_parameter_shows_none_though_another_can():
+    """Constant speed to and fro: inertia acts at the corners alone."""
+    time = np.arange(5000) / 500
+    speed = 12.0 * np.sign(np.sin(np.pi * time + 1e-9))
+    noise = 0.02 * np.random.default_rng(0).standard_normal(len(time))
+    position = np.cumsum(speed) / 500 - 6.0
+    found = identify([Recording("to and fro", time, position, 0.3 * speed + 0.5 * np.sign(speed) + noise)])
+    inertia = {id: (own.model.estimates["inertia"], "inertia" in own.withheld) for id, own in found.schemes.items()}
+    assert all(withheld or one.std < abs(one.value) for one, withheld in inertia.values())
+
+
 def test_a_parameter_that_is_told_to_be_nothing_is_told():
     time = np.arange(5000) / 500
     found = identify([moved_along(np.sin(2 * np.pi * time) + 0.5 * np.sin(3 * time), 0.0)])
