@@ -382,8 +382,8 @@ class Search:
 
     def add(self, terms: Terms) -> Terms | None:
         """The terms with one more effect: of those that nothing speaks against and that predict alike, the simplest."""
-        if max(sure for _, sure in self.structures(terms)) < self.criterion.sure:
-            return None  # where neighbouring windows share nothing, nothing is missing
+        if self.structures(terms)[0][1] < self.criterion.sure:
+            return None  # where neighbouring windows of what is fitted share nothing, nothing can be learnt
         confirmed: list[Terms] = []
         for longer in sorted(self.candidates(terms) + self.freer(terms), key=self._promise)[:TRIED]:
             if confirmed and not self.is_level(longer, confirmed[0]):
