@@ -9,6 +9,7 @@ import numpy as np
 from estimators.arms.balance import VIEWS, rows
 from estimators.arms.identification import ARM_SCHEMES, through
 from estimators.arms.measurements import ArmMeasurements
+from estimators.online.clock import Clock
 from estimators.regression.recursive import PRIOR, State, start, step
 from estimators.schemes.six import GUARD, OnlineScheme
 from estimators.signals.measurements import Smoothing, measure
@@ -17,7 +18,6 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import JointTerm, friction
 from pendulum_env.arms.model import ArmModel, parameter_names
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.recording.sampling import LONG
 
 CHUNK = 0.05  # [s] of samples that are taken in together
 MEMORY = 0.1  # [s] before a chunk, in which filters forget how they began: exp(-20) of it is left at 200 rad/s
@@ -75,11 +75,15 @@ class ArmEstimator:
     def reset(self) -> None:
         """Forget everything."""
         self.state: State = start(len(parameter_names(self.body, self.terms)), self._prior)
-        self._came = False  # whether samples have kept the rate
+        self._clock = Clock(self._rate)
         self.forget_motion()
 
     def forget_motion(self) -> None:
         """Begin another recording, with what was estimated so far."""
+        self._clock.restart()
+        self._clear()
+
+    def _clear(self) -> None:
         self._samples: list[tuple[float, Array, Array]] = []
         self._waiting = 0  # samples whose rows have not been used
         self._begun = False
@@ -107,25 +111,15 @@ class ArmEstimator:
         if not np.isfinite([time, *position, *torque]).all():
             self.forget_motion()
             return self.state
-        if self._samples:
-            self._keep_time(time, time - self._samples[-1][0])
+        if self._samples and time <= self._samples[-1][0]:
+            raise ValueError(f"time {time:g} s is not after that of the sample before: call forget_motion in between")
+        if self._clock.tick(time):
+            self._clear()
         self._samples.append((time, position, torque))
         self._waiting += 1
         if len(self._samples) >= self._kept and self._waiting >= self._chunk:
             self._take()
         return self.state
-
-    def _keep_time(self, time: float, passed: float) -> None:
-        """Refuse a sample off the rate; once samples have kept it, a longer time is a gap."""
-        periods = passed * self._rate
-        if passed <= 0.0:
-            raise ValueError(f"time {time:g} s is not after that of the sample before: call forget_motion in between")
-        if 0.9 < periods < 1.1:
-            self._came = True
-        elif self._came and periods > LONG:
-            self.forget_motion()
-        else:
-            raise ValueError(f"samples come every {passed:.4g} s, not at {self._rate:g} Hz: pass rate=")
 
     def _take(self) -> None:
         times, positions, torques = (np.array(values) for values in zip(*self._samples[-self._kept :], strict=True))

@@ -72,10 +72,8 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
     return (*doubts, *(doubt for doubt in _alike(phi, names) if not said.issuperset(doubt.withheld)))
 
 
-def untold(
-    models: Sequence[Model], measurements: Sequence[Measurements], doubts: Sequence[Doubt] = ()
-) -> tuple[Doubt, ...]:
-    """Parameters of the base that none of some models tells, fitted to recordings that hardly depend on them.
+def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[Doubt] = ()) -> tuple[Doubt, ...]:
+    """Parameters of the base that a model does not tell, fitted to recordings that hardly depend on them.
 
     One that may as well be nothing is told all the same if its error is small. That is large if it is more torque, at
     the speeds that were seen and at any angle, than was recorded; that of inertia, which cannot be nothing, always is.
@@ -84,10 +82,10 @@ def untold(
     large = {"inertia": 0.0, "gravity": torque, "viscous": torque / max(speed, 1e-300), "coulomb": torque}
     said, found = {name for doubt in doubts for name in doubt.withheld}, []
     for term in BASE:
-        told = [model.estimates[term.id] for model in models if term.id in model.estimates]
-        if term.id not in said and told and all(one.std > max(abs(one.value) / SURE, large[term.id]) for one in told):
+        told = model.estimates.get(term.id)
+        if term.id not in said and told is not None and told.std > max(abs(told.value) / SURE, large[term.id]):
             text = (
-                f"{term.id} cannot be told, the best fit has {told[0]}: these data hardly depend on it alone, it needs "
+                f"{term.id} cannot be told, the best fit has {told}: these data hardly depend on it alone, it needs "
                 f"{term.reveal}, or a motion of more than one frequency"
             )
             found.append(Doubt(text, (term.id,)))

@@ -306,7 +306,7 @@ def _examine(
     candidates, groups = judge(search, final, steps)
     measured = [m for recording in recordings for m in measure_segments(recording)]
     doubts = identifiability(measured, steps[-1].model.terms)
-    doubts = (*doubts, *untold([steps[-1].model], measured, doubts))
+    doubts = (*doubts, *untold(steps[-1].model, measured, doubts))
     setting.progress("looking for the next experiment", 0.95)
     left = unexplained(search, steps[-1])
     asked = questions(search, steps[-1].model.terms, groups, candidates, doubts, bool(left))
@@ -356,8 +356,8 @@ def _of_nothing(search: Search, final: Sequence[Term], left: Sequence[Region]) -
     if not left:
         told = in_words(search, tuple(final), search.library) if len(final) == len(search.base) else None
         return [told] if told else []
-    fitted, unseen = search.screen.residual(final), search.unseen(tuple(final))
-    if search.is_noise(search.train, fitted) and not search.is_noise(search.holdout, unseen):
+    fitted, unseen = search.are_noise(tuple(final))
+    if fitted and not unseen:
         names = listing(list(dict.fromkeys(recording.name for recording in search.holdout.recordings)))
         return [f"what was fitted is explained, and what was held out ({names}) is not: fit that, too"]
     return []
@@ -386,12 +386,13 @@ def unexplained(search: Search, last: Step) -> list[Region]:
         text = f"{words(search.unnamed)} would explain most of it, and no effect of the library is such a law"
         return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
     if not search.is_noise(search.train, left):
-        return regions or _too_much(search, search.train, left)
+        return regions or _too_much(search, search.train, left, regions)
     unseen = search.unseen(last.model.terms)
+    beyond = stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout)))
+    held_out = _too_much(search, search.holdout, unseen, beyond)
     if not search.is_noise(search.holdout, unseen):
-        regions = stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout)))
-        return _held_out(search, regions or _too_much(search, search.holdout, unseen))
-    much = [*_too_much(search, search.train, left), *_held_out(search, _too_much(search, search.holdout, unseen))]
+        return _held_out(search, beyond or held_out)
+    much = [*_too_much(search, search.train, left, regions), *_held_out(search, held_out)]
     if much or not is_astray(search, last):
         return much
     error = last.errors["train"].position_rms
@@ -408,12 +409,11 @@ def _held_out(search: Search, regions: Sequence[Region]) -> list[Region]:
     return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in regions]
 
 
-def _too_much(search: Search, part: Evidence, left: Array) -> list[Region]:
-    """Where what is left (R,) is too much for noise, though neighbouring windows share none of it."""
+def _too_much(search: Search, part: Evidence, left: Array, regions: list[Region]) -> list[Region]:
+    """The regions that stand out, or that none does, where what is left (R,) is too much for noise."""
     size, floor = float(np.sqrt(np.mean(left**2))), search.noise_of(part)
     if size <= search.criterion.astray * floor:
         return []
-    regions = stand_out(profiles(part.samples, left, floor))
     if regions:
         return regions
     fast = float(np.abs(part.samples.velocity).max())

@@ -214,12 +214,12 @@ def identify(
         results = {id: own.calibrated(calibrated.constant, there[id].model) for id, own in results.items()}
     else:
         results = {id: own.per(calibrated.unit) for id, own in results.items()}
-    doubts = (*doubts, *untold([own.model for own in results.values()], measurements, doubts))
+    alone = {id: untold(own.model, measurements, doubts) for id, own in results.items()}
+    unsaid = {id: {name for doubt in own for name in doubt.withheld} for id, own in alone.items()}
+    of_all = set.intersection(*unsaid.values())  # what no scheme tells is said; the others show no number for it
+    doubts = (*doubts, *(doubt for doubt in next(iter(alone.values())) if of_all.issuperset(doubt.withheld)))
     withheld = frozenset(name for doubt in doubts for name in doubt.withheld)
-    results = {
-        id: replace(own, withheld=withheld.union(*(d.withheld for d in untold([own.model], measurements, doubts))))
-        for id, own in results.items()
-    }
+    results = {id: replace(own, withheld=withheld | unsaid[id]) for id, own in results.items()}
     unknown = [calibrated.doubt] if calibrated.doubt is not None else []
     mistakes = [
         Doubt(text)

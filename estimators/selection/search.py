@@ -175,11 +175,15 @@ class Search:
         """Torque error that measurement noise alone gives there [N m]."""
         return self.floor if part is self.train else self.holdout.data.noise(self.inertia)
 
-    def fits(self, terms: Terms) -> bool:
-        """Whether the terms leave noise only, of what is fitted and of what is held out."""
+    def are_noise(self, terms: Terms) -> tuple[bool, bool]:
+        """Whether the terms leave noise only, of what is fitted, and of what is held out."""
         first, second = self.structures(terms)
         noise = self.criterion.is_noise
-        return noise(first, self.floor) and noise(second, self.noise_of(self.holdout))
+        return noise(first, self.floor), noise(second, self.noise_of(self.holdout))
+
+    def fits(self, terms: Terms) -> bool:
+        """Whether the terms leave noise only, of what is fitted and of what is held out."""
+        return all(self.are_noise(terms))
 
     def unseen(self, terms: Terms) -> Array:
         """What the terms leave of the held-out data (R,) [N m], fitted anew as far as the first fit may have erred.

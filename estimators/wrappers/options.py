@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -10,6 +9,7 @@ import gymnasium as gym
 
 from estimators.arguments import chosen_schemes, chosen_terms
 from estimators.online import JointState, OnlineEstimator
+from estimators.online.clock import Clock
 from estimators.schemes.six import SCHEMES, OnlineScheme
 from estimators.signals.differentiation import white_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
@@ -17,7 +17,6 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
-from pendulum_env.recording.sampling import LONG
 
 Names = str | Sequence[str | OnlineScheme | JointState]
 AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]
@@ -119,16 +118,8 @@ def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:
         raise KeyError(f"info lacks {error}: the wrapped environment has to carry time, position and torque") from None
 
 
-class SampleClock:
-    """Takes samples from `info` and refuses those off the rate; once they have kept it, a longer time is a gap."""
-
-    def __init__(self, rate: float) -> None:
-        """Take the samples per second [Hz]."""
-        self._rate, self._time, self._came = rate, -math.inf, False
-
-    def restart(self) -> None:
-        """Time starts anew."""
-        self._time = -math.inf
+class SampleClock(Clock):
+    """Takes samples from `info`, and refuses those off the rate."""
 
     def measured(self, info: dict[str, Any]) -> tuple[float, Any, Any]:
         """Time, position and torque of a sample; the latter two are arrays (n,) of an arm.
@@ -138,9 +129,5 @@ class SampleClock:
             ValueError: if more than a tenth of a period is missing or too much.
         """
         time, position, torque = measured(info)
-        passed, self._time = time - self._time, time
-        if 0.9 < passed * self._rate < 1.1:
-            self._came = True
-        elif not (passed == math.inf or passed != passed or (self._came and passed * self._rate > LONG)):
-            raise ValueError(f"samples come every {passed:.4g} s, not at {self._rate:g} Hz: pass rate=")
+        self.tick(time)
         return time, position, torque

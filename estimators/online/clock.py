@@ -1,0 +1,35 @@
+"""When samples come: at the rate, after a gap, or off the rate, which no filter bears."""
+
+from __future__ import annotations
+
+import math
+
+from pendulum_env.recording.sampling import LONG
+
+
+class Clock:
+    """Refuses samples off the rate; once they have kept it, a longer time is a gap."""
+
+    def __init__(self, rate: float) -> None:
+        """Take the samples per second [Hz]."""
+        self._rate, self._time, self._came = rate, -math.inf, False
+
+    def restart(self) -> None:
+        """Time starts anew."""
+        self._time = -math.inf
+
+    def tick(self, time: float) -> bool:
+        """Take the time of a sample [s]; whether a gap lies before it.
+
+        Raises:
+            ValueError: if more than a tenth of a period is missing or too much.
+        """
+        passed, self._time = time - self._time, time
+        if 0.9 < passed * self._rate < 1.1:
+            self._came = True
+            return False
+        if passed == math.inf or passed != passed:
+            return False
+        if self._came and passed * self._rate > LONG:
+            return True
+        raise ValueError(f"samples come every {passed:.4g} s, not at {self._rate:g} Hz: pass rate=")
