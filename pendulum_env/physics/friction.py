@@ -129,7 +129,7 @@ class LoadDependentFriction(Term):
 
     def _hanging(self, x: Samples) -> ArrayLike:
         """Torque that holds out level what presses from the output [N m]."""
-        return self.weight + np.where(np.asarray(self.weight) > 0, x.load.gravity, 0.0) if x.load else self.weight
+        return self.weight + np.where(np.greater(self.weight, 0.0), x.load.gravity, 0.0) if x.load else self.weight
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

@@ -12,12 +12,17 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.term import LOAD, UNLOADED, KnownLoad, Law, Memory, Samples, Term, one, zero
+from pendulum_env.physics.symbols import name
+from pendulum_env.physics.term import LOAD, UNLOADED, Form, KnownLoad, Law, Memory, Samples, Term, one, upper, zero
+
+if TYPE_CHECKING:
+    from pendulum_env.physics.compiled import Recurrence
 
 LONGEST_STEP = 1e-3  # [s], of the integrator; a recording with a longer period is simulated in substeps
 LEAST = 1e-9  # [kg m^2], moment of inertia that a fit may propose
@@ -39,7 +44,8 @@ class Balance:
 
         Known loads of the samples count only if the pendulums are `loaded`.
         """
-        self._terms, self._theta, self._loaded = tuple(terms), theta, loaded
+        self.theta, self.loaded = theta, loaded
+        self._terms = tuple(terms)
         self._remembering = [term for term in terms if type(term).advance is not Term.advance]
         weighted = list(zip([column for term in terms for column in term.columns], theta, strict=True))
         weighted += [(column, np.float64(1.0)) for term in terms for column in term.fixed]
@@ -52,7 +58,7 @@ class Balance:
         self._steady_dry = sum(c for c, _ in self._dry) if _steady(self._dry) else None
 
     def __reduce__(self) -> tuple[type[Balance], tuple[Sequence[Term], Array, bool]]:
-        return Balance, (self._terms, self._theta, self._loaded)  # columns hold functions, which cannot be pickled
+        return Balance, (self._terms, self.theta, self.loaded)  # columns hold functions, which cannot be pickled
 
     @property
     def remembers(self) -> bool:
@@ -239,15 +245,77 @@ def simulate(
         commands = delayed(commands, np.repeat(earlier, count, axis=0), float(delay / h))
     q, v, t = (np.broadcast_to(np.asarray(a, dtype=float), batch).copy() for a in (position, velocity, start))
     x = Samples(t, q, v, commands[0] if len(commands) else np.zeros(1), load=load)
-    x = replace(x, memory={**balance.start(x), **(memory or {})})
-    positions, velocities = np.empty((2, len(torque) + 1, *batch))
-    positions[0], velocities[0] = q, v
+    own = balance.start(x)
+    x = replace(x, memory={id: (memory or {}).get(id, state) for id, state in own.items()})
+    states = _compiled_run(terms, balance, x, commands, h, count)
+    if states is None:
+        states = _run(balance, x, commands, h, count)
     if observe is not None:
-        observe(x)
+        for k, state in enumerate(states):
+            observe(_samples(state, x, commands[max(0, k * count - 1)] if len(commands) else x.torque))
+    return Trajectory(states[:, 1].copy(), states[:, 2].copy())
+
+
+def _state(x: Samples) -> Array:
+    """Time, position, velocity and the state variables of terms, as rows (S, B)."""
+    rows = [x.time, x.position, x.velocity, *(row for memory in x.memory.values() for row in memory)]
+    return np.array([np.broadcast_to(row, x.position.shape) for row in rows])
+
+
+def _samples(state: Array, like: Samples, torque: Array) -> Samples:
+    """The samples that such rows are of."""
+    rows = iter(state)
+    t, q, v = next(rows), next(rows), next(rows)
+    memory = {id: tuple(next(rows) for _ in memory) for id, memory in like.memory.items()}
+    return Samples(t, q, v, torque, memory, like.load)
+
+
+def _run(balance: Balance, x: Samples, commands: Array, h: ArrayLike, every: int) -> Array:
+    """State at the start, and after every so many steps of h [s], (N + 1, S, B)."""
+    states = [_state(x)]
     for k, command in enumerate(commands):
         x = step(balance, Samples(x.time, x.position, x.velocity, command, x.memory, x.load), h)
-        if (k + 1) % count == 0:
-            positions[(k + 1) // count], velocities[(k + 1) // count] = x.position, x.velocity
-            if observe is not None:
-                observe(x)
-    return Trajectory(positions, velocities)
+        if (k + 1) % every == 0:
+            states.append(_state(x))
+    return np.array(states)
+
+
+def _compiled_run(
+    terms: Sequence[Term], balance: Balance, x: Samples, commands: Array, h: ArrayLike, every: int
+) -> Array | None:
+    """The same by the compiled step; None if the laws of the terms cannot be written down."""
+    forms = [Form.of(term) for term in terms]
+    program = _compiled_step(tuple(forms), balance.loaded, upper(h))
+    if program is None:
+        return None
+    batch = x.position.shape
+    shapes = [value for form, term in zip(forms, terms, strict=True) for value in form.values(term)]
+    constants = [*balance.theta, *shapes, *(x.load if balance.loaded else ()), h]
+    own = np.array([np.broadcast_to(value, batch) for value in constants])
+    inputs = np.broadcast_to(commands, (len(commands), *batch))
+    return program(inputs[:, None], own[:, None], _state(x)[:, None], every)[:, :, 0]
+
+
+@lru_cache(maxsize=256)
+def _compiled_step(forms: tuple[Form, ...], loaded: bool, longest: float) -> Recurrence | None:
+    """A step of a model, compiled; None if a law of it cannot be written down."""
+    from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
+
+    try:
+        terms = [form.written() for form in forms]
+        theta = [f"theta_{k}" for k in range(sum(len(term.columns) for term in terms))]
+        load, state = ["load_inertia", "load_gravity"] if loaded else [], ["time", "position", "velocity"]
+        symbols: dict[str, Any] = {text: name(text) for text in (*theta, *load, *state, "torque")}
+        symbols["h"] = name("h", most=longest)
+        balance = Balance(terms, [symbols[text] for text in theta], loaded)  # type: ignore[arg-type]
+        x = Samples(*(symbols[text] for text in (*state, "torque")))
+        x = replace(x, load=KnownLoad(*(symbols[text] for text in load)))
+        hidden = {id: [f"{id}_{k}" for k in range(len(own))] for id, own in balance.start(x).items()}
+        memory: Any = {id: tuple(map(name, texts)) for id, texts in hidden.items()}
+        after = step(balance, replace(x, memory=memory), symbols["h"])
+    except Exception:  # a user's law may do anything that NumPy does
+        return None
+    constants = [*theta, *(text for form in forms for text in form.names), *load, "h"]
+    states = [*state, *(text for texts in hidden.values() for text in texts)]
+    results: Any = [after.time, after.position, after.velocity, *(one for own in after.memory.values() for one in own)]
+    return recurrence(["torque"], constants, states, results)

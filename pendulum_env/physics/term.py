@@ -14,11 +14,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, NamedTuple, Self
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.physics.symbols import name
+
+if TYPE_CHECKING:
+    from pendulum_env.physics.compiled import Recurrence
 
 Memory = tuple[Array, ...]  # state variables of a term: each a scalar per pendulum, or a series of N of them
 Kind = Literal["inertial", "potential", "dissipative", "actuation", "time-varying", "transmission", "sensor"]
@@ -238,6 +243,57 @@ class Term:
         return tuple(shape for shape in self.shapes if np.any(getattr(self, shape.name) != shape.usual))
 
 
+@dataclass(frozen=True)
+class Form:
+    """What terms have in common that only differ in values of shape parameters: their class, and which these are."""
+
+    kind: type[Term]
+    free: tuple[str, ...]
+
+    @classmethod
+    def of(cls, term: Term) -> Form:
+        """The form of a term."""
+        return cls(type(term), tuple(shape.name for shape in term.free))
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the shape parameters, among those of a model."""
+        return [f"{self.kind.id}.{text}" for text in self.free]
+
+    def values(self, term: Term) -> list[ArrayLike]:
+        """Values of the shape parameters in a term of this form."""
+        return [term.shape[text] for text in self.free]
+
+    def written(self) -> Term:
+        """The term in symbols."""
+        if {own.name for own in dataclasses.fields(self.kind)} != {shape.name for shape in self.kind.shapes}:
+            raise TypeError(f"{self.kind.id} has fields that are no shape parameters")
+        shapes: dict[str, Any] = {shape.name: shape.usual for shape in self.kind.shapes}
+        return self.kind(**shapes | {own: name(text) for own, text in zip(self.free, self.names, strict=True)})
+
+
+def upper(duration: ArrayLike) -> float:
+    """Bound of a duration [s] in whole milliseconds, so that programs that differ in it alone are the same."""
+    return float(np.ceil(1e3 * np.max(duration) - 1e-6) / 1e3)
+
+
+@lru_cache(maxsize=256)
+def _advance(form: Form, count: int, longest: float) -> Recurrence | None:
+    """How a term's state variables move on along a motion, compiled; None if that cannot be written down."""
+    from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
+
+    given, states = ("time", "position", "velocity", "torque", "at_rest"), [f"memory_{k}" for k in range(count)]
+    inputs: list[Any] = [name(text) for text in given]
+    memory: Any = tuple(name(text) for text in states)
+    period: Any = name("period", most=longest)
+    try:
+        moved: Any = form.written().advance(memory, Samples(*inputs[:4]), period)
+        after: Any = [np.where(inputs[4], old, new) for old, new in zip(memory, moved, strict=True)]
+    except Exception:  # a user's law may do anything that NumPy does
+        return None
+    return recurrence(given, [*form.names, "period"], states, after)
+
+
 def trace(variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:
     """State variables of V variants of one effect along one recording, see `traces`; for each variant, each (N,)."""
     return traces(variants, [x], [command], [period])[0]
@@ -288,15 +344,20 @@ def traces(
     shape = (len(variants), sum(stretches))
     first_samples = Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), held[0])
     memory = stacked.start(first_samples)
-    history = np.empty((len(memory), steps, *shape))
-    for k in range(steps):
-        history[:, k] = memory
-        if k < steps - 1:
+    constants = [*Form.of(stacked).values(stacked), period]
+    states, own = (np.array([np.broadcast_to(row, shape) for row in rows]) for rows in (memory, constants))
+    advance = _advance(Form.of(stacked), len(memory), upper(period))
+    if advance is not None:
+        inputs = np.stack([time[:-1], position[:-1], half, held[:-1], resting], axis=1)
+        history = advance(inputs, own, states)
+    else:
+        history = np.empty((steps, len(memory), *shape))
+        history[0] = states
+        for k in range(steps - 1):
             moved = stacked.advance(memory, Samples(time[k], position[k], half[k], held[k]), period)
-            if resting[k].any():
-                moved = tuple(np.where(resting[k], old, new) for old, new in zip(memory, moved, strict=True))
-            memory = moved
-    kept = np.moveaxis(history[:, steps - length :], 1, -1)  # (states, V, stretches, length)
+            memory = tuple(np.where(resting[k], old, new) for old, new in zip(memory, moved, strict=True))
+            history[k + 1] = memory
+    kept = np.moveaxis(history[steps - length :], 0, -1)  # (states, V, stretches, length)
     results = []
     for own, count in zip(np.split(kept, np.cumsum(stretches)[:-1], axis=2), counts, strict=True):
         series = own.reshape(len(memory), len(variants), -1)[:, :, :count]

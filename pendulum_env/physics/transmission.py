@@ -17,12 +17,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Self
+from functools import cache
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.physics.symbols import name
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
+
+if TYPE_CHECKING:
+    from pendulum_env.physics.compiled import Recurrence
 
 UNBOUNDED = 1e6  # [rad], [rad/s]; a link beyond has broken loose from any real motion
 SUBSTEP = 1e-3  # [s], longest step of the link's motion
@@ -73,28 +78,15 @@ class JointFlexibility(Term):
         return _swing(memory, x, duration, self.resonance**2, self.damping, self.gravity, 0.0)
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        # ql'' + c ql' + w^2 ql + g sin ql = w^2 q + c q' in central differences, all samples at once by Newton's
-        # method: each turn solves a banded triangular system.
-        from scipy.linalg import solve_banded  # here, as it takes longer than all else of this package
-
+        # ql'' + c ql' + w^2 ql + g sin ql = w^2 q + c q' in central differences
         stiffness = min(self.resonance, 1.5 / period) ** 2
         drive = stiffness * np.asarray(x.position) + self.damping * np.asarray(x.velocity)
-        ahead, behind = 1 / period**2 + 0.5 * self.damping / period, 1 / period**2 - 0.5 * self.damping / period
         first = Samples(x.time[0], x.position[0], x.velocity[0], x.torque[0])
         q0, v0 = _hang(first, stiffness, self.gravity, 0.0)
-        q = np.asarray(x.position) + (q0 - x.position[0])
-        q[:2] = q0, q0 + period * v0
-        for _ in range(12):
-            known = drive[1:-1] - self.gravity * np.sin(q[1:-1]) - stiffness * q[1:-1]
-            balance = known - (ahead * q[2:] - 2 * q[1:-1] / period**2 + behind * q[:-2])
-            bands = np.zeros((3, len(balance)))
-            bands[0] = ahead
-            bands[1, :-1] = -2 / period**2 + stiffness + self.gravity * np.cos(q[2:-1])
-            bands[2] = behind
-            change = solve_banded((2, 0), bands, balance)
-            q[2:] += change
-            if np.abs(change).max() < 1e-9:
-                break
+        constants = np.array([stiffness, self.damping, self.gravity, period])[:, None, None]
+        start = np.array([q0 + period * v0, q0])[:, None, None]
+        path = _central_differences()(drive[1:-1, None, None], constants, start)[:, 0, 0, 0]
+        q = np.r_[q0, path][: len(drive)]
         return q, np.gradient(q, period)
 
     @classmethod
@@ -158,6 +150,17 @@ class Backlash(Term):
         ]
 
 
+@cache
+def _central_differences() -> Recurrence:
+    """Motion of a link behind a spring, from its last two positions to the next."""
+    from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
+
+    given: list[Any] = ["stiffness", "damping", "gravity", "period"]
+    drive, w2, c, g, h, q, before = (name(text) for text in ("drive", *given, "position", "before"))
+    known = drive - g * np.sin(q) - w2 * q + 2 * q / h**2 - (1 / h**2 - 0.5 * c / h) * before
+    return recurrence(["drive"], given, ["position", "before"], [known / (1 / h**2 + 0.5 * c / h), q])
+
+
 def _link(id: str, pull: object, gravity: ArrayLike) -> tuple[Column, ...]:
     """Column of the link's inertia J: T - J q'' - mgl sin q, per unit of J."""
     return (
@@ -199,7 +202,7 @@ def _swing(
     position, velocity = memory
     steps = max(1, int(np.ceil(np.max(duration) / SUBSTEP - 1e-9)))
     h = duration / steps
-    stiffness = np.minimum(stiffness, h**-2)  # stiffer contacts would be unstable at this step
+    stiffness = np.minimum(stiffness, 1 / h**2)  # stiffer contacts would be unstable at this step
     damping = np.minimum(damping, 0.5 / h)
 
     def acceleration(elapsed: ArrayLike, position: ArrayLike, velocity: ArrayLike) -> ArrayLike:

@@ -10,8 +10,7 @@ from importlib import import_module
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
-from workbench.export.request import Exported, Request
-from workbench.export.symbols import ExportError
+from workbench.export.request import Exported, ExportError, Request
 
 FORMATS: dict[str, tuple[str, str]] = {  # ending of a file's name, and what it is
     "mjcf": (".xml", "a model for MuJoCo"),

@@ -17,8 +17,7 @@ from scipy.optimize import nnls
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.potential import HardStop
 from pendulum_env.recording.record import NEWTON_METRE
-from workbench.export.request import Request
-from workbench.export.symbols import ExportError
+from workbench.export.request import ExportError, Request
 
 G = 9.81  # [m/s^2]
 ROD = 4.0 / 3.0  # mass of a uniform rod over that of a point with the same inertia and weight

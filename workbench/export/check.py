@@ -16,8 +16,7 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
 from workbench.export.extra import needed
-from workbench.export.request import Exported
-from workbench.export.symbols import ExportError
+from workbench.export.request import Exported, ExportError
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ import numpy as np
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import Column, Model, Samples, Term
 from pendulum_env.physics.simulation import LONGEST_STEP, Balance, step
+from pendulum_env.physics.symbols import Operand, Symbol, labelled, name
 from pendulum_env.physics.term import Memory
-from workbench.export.symbols import ExportError, Operand, Symbol, labelled, name
+from workbench.export.request import ExportError
 
 RESERVED = frozenset(  # names that the exported programs and their languages have themselves
     """time position velocity torque commands state step start sign State STEP math abs max min
@@ -125,8 +126,6 @@ def written(model: Model, seconds: float = LONGEST_STEP) -> Dynamics:
         memory: dict[str, Any] = {id: tuple(name(text) for text in texts) for id, texts in names.items()}
         spelled: Any = _Spelled(balance)
         after = step(spelled, replace(Samples(*now), memory=memory), seconds)
-    except ExportError:
-        raise
     except Exception as error:  # a user's law may do anything that NumPy does
         raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
     states: list[Any] = [after.time, after.position, after.velocity]

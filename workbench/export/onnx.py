@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from pendulum_env.physics import Model
+from pendulum_env.physics.symbols import NAME, WHERE, Operand, Symbol, distinct
 from workbench.export.dynamics import Dynamics, written
 from workbench.export.extra import needed
 from workbench.export.heading import heading
 from workbench.export.request import Exported, Request, keep
-from workbench.export.source import distinct
-from workbench.export.symbols import NAME, WHERE, Operand, Symbol
 
 OPSET = 18
 DOUBLE = 11  # of onnx.TensorProto

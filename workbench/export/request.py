@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pendulum_env.mistake import Mistake
 from pendulum_env.physics.simulation import LONGEST_STEP
-from workbench.export.symbols import ExportError
+
+
+class ExportError(Mistake):
+    """A model that a format cannot hold; the message says what, in which format, and what to do."""
 
 
 @dataclass(frozen=True)

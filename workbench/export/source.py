@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from workbench.export.symbols import LOGICAL, NAME, WHERE, Operand, Symbol, in_order
+from pendulum_env.physics.symbols import LOGICAL, NAME, WHERE, Operand, Symbol, distinct
 
 WIDE = 64  # characters, from which a part of an expression is a variable of its own
 INFIX: dict[str, tuple[str, int]] = {  # and how tightly it binds
@@ -109,18 +109,3 @@ class Source:
 def _within(part: tuple[str, int], tight: int) -> str:
     text, own = part
     return text if own >= tight else f"({text})"
-
-
-def distinct(results: Sequence[Operand]) -> tuple[list[Symbol], dict[Symbol, Symbol]]:
-    """The symbols in order, each computed once, and for every symbol the one that stands for it."""
-    known: dict[object, Symbol] = {}
-    same: dict[Symbol, Symbol] = {}
-    order = []
-    for symbol in in_order(results):
-        inputs = tuple(same[x] if isinstance(x, Symbol) else x for x in symbol.inputs)
-        key = (symbol.op, inputs, symbol.label if symbol.op == NAME else "")
-        first = known.setdefault(key, symbol)
-        same[symbol] = first
-        if first is symbol:
-            order.append(symbol)
-    return order, same

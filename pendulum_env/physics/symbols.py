@@ -1,7 +1,8 @@
 """Numbers that remember how they were computed, so that a law for NumPy can be written down in another language.
 
 A term's law is a function of NumPy arrays. Called with a `Symbol` in their place it returns the expression it computes,
-and the simulator's own step returns the whole step: what is exported is what is simulated, also for effects of a user.
+and the simulator's own step returns the whole step: what is compiled and what is exported is what is simulated, also
+for effects of a user.
 """
 
 from __future__ import annotations
@@ -12,8 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
-
-from pendulum_env.mistake import Mistake
 
 UNARY = ("negative", "absolute", "sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "arctan", "sign")
 BINARY = ("add", "subtract", "multiply", "divide", "power", "maximum", "minimum")
@@ -31,17 +30,21 @@ UFUNCS = {name: name for name in (*UNARY, *BINARY, *COMPARISONS, *LOGICAL)} | {
 }
 
 
-class ExportError(Mistake):
-    """A model that a format cannot hold; the message says what, in which format, and what to do."""
-
-
 @dataclass(eq=False)
 class Symbol(NDArrayOperatorsMixin):
-    """One value: an operation on others, or a name; `label` is the name that a reader should see."""
+    """One value: an operation on others, or a name.
+
+    Attributes:
+        op: the operation.
+        inputs: what it is applied to.
+        label: name that a reader should see.
+        most: largest value of a time, which tells how many steps it takes.
+    """
 
     op: str
     inputs: tuple[Operand, ...] = ()
     label: str = ""
+    most: float | None = None
 
     __hash__ = object.__hash__
 
@@ -49,12 +52,12 @@ class Symbol(NDArrayOperatorsMixin):
         if ufunc.__name__ == "square":
             return inputs[0] * inputs[0]
         if method != "__call__" or ufunc.__name__ not in UFUNCS:
-            raise ExportError(f"a law of the model uses np.{ufunc.__name__}, which no exported form has: write it anew")
+            raise TypeError(f"np.{ufunc.__name__} has no written form")
         return operation(UFUNCS[ufunc.__name__], *inputs)
 
     def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
         if func not in FUNCTIONS:
-            raise ExportError(f"a law of the model uses np.{func.__name__}, which no exported form has: write it anew")
+            raise TypeError(f"np.{func.__name__} has no written form")
         return FUNCTIONS[func](*args, **kwargs)
 
     # Asked whether a branch is needed, and whether it is all there is: the expression holds every branch, and np.where
@@ -66,6 +69,16 @@ class Symbol(NDArrayOperatorsMixin):
     def all(self) -> bool:
         """Whether it is always true."""
         return False
+
+    @property
+    def largest(self) -> float:
+        """Largest value, where it is known."""
+        if self.most is None:
+            raise TypeError("a largest value has no written form")
+        return self.most
+
+    def __bool__(self) -> bool:
+        raise TypeError("a branch that depends on values has no written form: use np.where")
 
     @property
     def is_condition(self) -> bool:
@@ -82,22 +95,28 @@ FUNCTIONS: dict[Any, Any] = {
     np.ones_like: lambda x: np.float64(1.0),
     np.zeros_like: lambda x: np.float64(0.0),
     np.shape: lambda x: (),
+    np.max: lambda x: x.largest,
 }
 
 
-def name(text: str) -> Symbol:
-    """A value that is given."""
-    return Symbol(NAME, label=text)
+def name(text: str, most: float | None = None) -> Symbol:
+    """A value that is given, and the largest it may be."""
+    return Symbol(NAME, label=text, most=most)
 
 
 def operation(op: str, *inputs: Any) -> Operand:
     """An operation, unless it comes to nothing."""
     operands = tuple(x if isinstance(x, Symbol) else float(x) for x in inputs)
-    if op == "power" and operands[1] == 2.0 and not isinstance(operands[1], Symbol):
+    if op == "power" and not isinstance(operands[1], Symbol) and operands[1] == 2.0:
         return operation("multiply", operands[0], operands[0])
     if op == WHERE and not isinstance(operands[0], Symbol):
         return operands[1] if operands[0] else operands[2]
-    return _short(op, operands) if op in BINARY else Symbol(op, operands)
+    short = _short(op, operands) if op in BINARY else Symbol(op, operands)
+    if op == "multiply" and isinstance(short, Symbol):  # a part of a time
+        share, whole = operands
+        if isinstance(whole, Symbol) and whole.most is not None and not isinstance(share, Symbol) and share > 0:
+            short.most = share * whole.most
+    return short
 
 
 def _short(op: str, operands: tuple[Operand, ...]) -> Operand:
@@ -148,3 +167,18 @@ def in_order(results: Sequence[Operand]) -> Iterator[Symbol]:
         if symbol not in seen:
             seen.add(symbol)
             yield symbol
+
+
+def distinct(results: Sequence[Operand]) -> tuple[list[Symbol], dict[Symbol, Symbol]]:
+    """The symbols in order, each computed once, and for every symbol the one that stands for it."""
+    known: dict[object, Symbol] = {}
+    same: dict[Symbol, Symbol] = {}
+    order = []
+    for symbol in in_order(results):
+        inputs = tuple(same[x] if isinstance(x, Symbol) else x for x in symbol.inputs)
+        key = (symbol.op, inputs, symbol.label if symbol.op == NAME else "")
+        first = known.setdefault(key, symbol)
+        same[symbol] = first
+        if first is symbol:
+            order.append(symbol)
+    return order, same

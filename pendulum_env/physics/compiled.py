@@ -1,0 +1,209 @@
+"""Recurrences compiled for the processor: loops over a batch that NumPy steps through one small array at a time.
+
+Laws are written once, for NumPy. As `symbols` they are lines of a program, which LLVM compiles in some milliseconds.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import llvmlite.binding as llvm
+import numpy as np
+from llvmlite import ir
+
+from pendulum_env._typing import Array
+from pendulum_env.physics.symbols import COMPARISONS, LOGICAL, NAME, WHERE, Operand, Symbol, distinct
+
+DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
+CALLS = {  # by operation: LLVM's own functions, and those of the C library
+    "absolute": "llvm.fabs.f64",
+    "sqrt": "llvm.sqrt.f64",
+    "maximum": "llvm.maxnum.f64",
+    "minimum": "llvm.minnum.f64",
+    "sin": "llvm.sin.f64",
+    "cos": "llvm.cos.f64",
+    "exp": "llvm.exp.f64",
+    "log": "llvm.log.f64",
+    "power": "llvm.pow.f64",
+    "tan": "tan",
+    "tanh": "tanh",
+    "arctan": "atan",
+}
+LIBRARY = ("sin", "cos", "exp", "log", "pow", "tan", "tanh", "atan", "fmax", "fmin")
+ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
+SIGNS = {"less": "<", "less_equal": "<=", "greater": ">", "greater_equal": ">=", "equal": "==", "not_equal": "!="}
+
+
+@dataclass(frozen=True)
+class Recurrence:
+    """State variables of V B systems, from step to step.
+
+    Attributes:
+        program: takes the number of steps, how many of them lie between states that are kept, V, B, and the addresses
+            of inputs, constants, states and path.
+        engine: that keeps the program.
+    """
+
+    program: Callable[..., None]
+    engine: Any
+
+    def __call__(self, inputs: Array, constants: Array, states: Array, every: int = 1) -> Array:
+        """States at the start and after every so many steps (N / every + 1, S, V, B).
+
+        Args:
+            inputs: of each step (N, inputs, B), the same for all V.
+            constants: (constants, V, B).
+            states: at the start (S, V, B).
+            every: steps from one state that is kept to the next.
+        """
+        steps, lanes, variants = len(inputs), inputs.shape[2], states.shape[1]
+        path = np.empty((steps // every + 1, *states.shape))
+        path[0] = states
+        arrays = [np.ascontiguousarray(values, dtype=float) for values in (inputs, constants)]
+        now = np.array(states, dtype=float, order="C")
+        addresses = [values.ctypes.data for values in (*arrays, now, path)]
+        self.program(steps, every, variants, lanes, *addresses)
+        return path
+
+
+def recurrence(
+    inputs: Sequence[str], constants: Sequence[str], states: Sequence[str], after: Sequence[Operand]
+) -> Recurrence:
+    """Compile the states after a step, as expressions in the names of inputs, constants and the states before it."""
+    _prepare()
+    target = llvm.Target.from_default_triple()
+    machine = target.create_target_machine(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), opt=2)
+    module = llvm.parse_assembly(str(_program(inputs, constants, states, after)))
+    module.triple, module.data_layout = machine.triple, str(machine.target_data)
+    options = llvm.create_pipeline_tuning_options(speed_level=2)
+    options.loop_vectorization = True
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+    engine = llvm.create_mcjit_compiler(module, machine)
+    engine.finalize_object()
+    call = ctypes.CFUNCTYPE(None, *4 * [ctypes.c_int64], *4 * [ctypes.c_void_p])
+    return Recurrence(call(engine.get_function_address("run")), engine)
+
+
+@cache
+def _prepare() -> None:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    library = ctypes.CDLL(ctypes.util.find_library("m") or ctypes.util.find_library("msvcrt"))
+    for name in LIBRARY:
+        llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
+
+
+def _program(
+    inputs: Sequence[str], constants: Sequence[str], states: Sequence[str], after: Sequence[Operand]
+) -> ir.Module:
+    """Three loops: over steps, over variants, and over the lanes of a batch, which LLVM takes several at a time."""
+    module = ir.Module()
+    program = ir.Function(module, ir.FunctionType(ir.VoidType(), 4 * [WHOLE] + 4 * [POINTER]), "run")
+    steps, every, variants, lanes, *arrays = program.args
+    for array in arrays:
+        array.add_attribute("noalias")
+    given, own, now, path = arrays
+    builder = ir.IRBuilder(program.append_basic_block())
+    each = builder.mul(variants, lanes)  # values of a state or constant
+    size = builder.mul(each, WHOLE(len(states)))
+    with _loop(builder, steps) as step:
+        first = builder.mul(builder.mul(step, WHOLE(len(inputs))), lanes)
+        with _loop(builder, variants) as variant:
+            begin = builder.mul(variant, lanes)
+            with _loop(builder, lanes) as lane:
+
+                def place(array: Any, base: Any, k: int, stride: Any) -> Any:
+                    index = builder.add(builder.add(base, builder.mul(WHOLE(k), stride)), lane)
+                    return builder.gep(array, [index], source_etype=DOUBLE)
+
+                values = {
+                    name: builder.load(place(given, first, k, lanes), typ=DOUBLE) for k, name in enumerate(inputs)
+                }
+                values |= {
+                    name: builder.load(place(own, begin, k, each), typ=DOUBLE) for k, name in enumerate(constants)
+                }
+                values |= {name: builder.load(place(now, begin, k, each), typ=DOUBLE) for k, name in enumerate(states)}
+                for k, result in enumerate(_Written(module, builder, values).all(after)):
+                    builder.store(result, place(now, begin, k, each))
+        done = builder.add(step, WHOLE(1))
+        with builder.if_then(builder.icmp_signed("==", builder.srem(done, every), WHOLE(0))):
+            row = builder.mul(builder.sdiv(done, every), size)
+            copy = module.declare_intrinsic("llvm.memcpy", [POINTER, POINTER, WHOLE])
+            kept = builder.gep(path, [row], source_etype=DOUBLE)
+            builder.call(copy, [kept, now, builder.mul(size, WHOLE(8)), ir.IntType(1)(0)])
+    builder.ret_void()
+    return module
+
+
+@contextmanager
+def _loop(builder: ir.IRBuilder, count: Any) -> Iterator[Any]:
+    """Count from 0."""
+    before = builder.block
+    body, after = builder.append_basic_block(), builder.append_basic_block()
+    builder.cbranch(builder.icmp_signed(">", count, WHOLE(0)), body, after)
+    builder.position_at_end(body)
+    index = builder.phi(WHOLE)
+    index.add_incoming(WHOLE(0), before)
+    yield index
+    following = builder.add(index, WHOLE(1))
+    index.add_incoming(following, builder.block)
+    builder.cbranch(builder.icmp_signed("<", following, count), body, after)
+    builder.position_at_end(after)
+
+
+@dataclass(frozen=True)
+class _Written:
+    """Expressions as instructions, in the values that their names have."""
+
+    module: ir.Module
+    builder: ir.IRBuilder
+    given: Mapping[str, Any]
+
+    def all(self, results: Sequence[Operand]) -> list[Any]:
+        order, same = distinct(results)
+        values: dict[Symbol, Any] = {}
+
+        def of(operand: Operand) -> Any:
+            return values[same[operand]] if isinstance(operand, Symbol) else DOUBLE(operand)
+
+        for symbol in order:
+            values[symbol] = self._value(symbol, [of(x) for x in symbol.inputs])
+        return [self._number(of(result)) for result in results]
+
+    def _value(self, symbol: Symbol, inputs: list[Any]) -> Any:
+        write, op = self.builder, symbol.op
+        if op == NAME:
+            return self.given[symbol.label]
+        if op in LOGICAL:
+            return {"logical_and": write.and_, "logical_or": write.or_}[op](*map(self._truth, inputs))
+        if op == WHERE:
+            return write.select(self._truth(inputs[0]), self._number(inputs[1]), self._number(inputs[2]))
+        numbers = [self._number(x) for x in inputs]
+        if op in COMPARISONS:
+            compare = write.fcmp_unordered if op == "not_equal" else write.fcmp_ordered
+            return compare(SIGNS[op], *numbers)
+        if op in ARITHMETIC:
+            return getattr(write, ARITHMETIC[op])(*numbers)
+        if op == "negative":
+            return write.fneg(*numbers)
+        if op == "sign":
+            up, down = (write.fcmp_ordered(sign, numbers[0], DOUBLE(0.0)) for sign in "><")
+            return write.select(up, DOUBLE(1.0), write.select(down, DOUBLE(-1.0), DOUBLE(0.0)))
+        return write.call(self._function(CALLS[op], len(numbers)), numbers)
+
+    def _function(self, name: str, count: int) -> Any:
+        known = self.module.globals.get(name)
+        return known or ir.Function(self.module, ir.FunctionType(DOUBLE, count * [DOUBLE]), name)
+
+    def _number(self, value: Any) -> Any:
+        return value if value.type == DOUBLE else self.builder.uitofp(value, DOUBLE)
+
+    def _truth(self, value: Any) -> Any:
+        return self.builder.fcmp_unordered("!=", value, DOUBLE(0.0)) if value.type == DOUBLE else value

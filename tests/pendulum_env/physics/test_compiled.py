@@ -1,0 +1,134 @@
+"""Compiled programs: as NumPy computes them, for any expression, every effect, and laws that cannot be written down."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pendulum_env.physics import Column, KnownLoad, Samples, Term, effects, simulate
+from pendulum_env.physics.compiled import recurrence
+from pendulum_env.physics.simulation import Balance, step
+from pendulum_env.physics.symbols import name
+from pendulum_env.physics.term import UNLOADED, traces
+from pendulum_env.plant import hide, paper_plant
+
+H, LANES = np.array([1e-3, 0.7e-3, 0.9e-3]), 3
+UNARY = (np.negative, np.abs, np.sin, np.cos, np.tanh, np.arctan, np.sign, lambda x: np.exp(np.minimum(x, 5.0)))
+BINARY = (
+    np.add,
+    np.subtract,
+    np.multiply,
+    np.maximum,
+    np.minimum,
+    lambda x, y: x / (1.0 + y**2),
+    lambda x, y: np.abs(x) ** np.clip(y, 0.0, 3.0),
+    lambda x, y: np.where((x < y) & (x != 0) | (y >= 1), x, y),
+    lambda x, y: x * (x > y),
+)
+numbers = st.floats(-20.0, 20.0)
+expressions = st.recursive(
+    st.one_of(
+        st.sampled_from("xy").map(lambda text: lambda v: v[text]), numbers.map(lambda c: lambda v: np.float64(c))
+    ),
+    lambda inner: st.one_of(
+        st.tuples(st.sampled_from(UNARY), inner).map(lambda p: lambda v: p[0](p[1](v))),
+        st.tuples(st.sampled_from(BINARY), inner, inner).map(lambda p: lambda v: p[0](p[1](v), p[2](v))),
+    ),
+    max_leaves=12,
+)
+
+
+@given(expressions, st.lists(st.tuples(numbers, numbers), min_size=1, max_size=9))
+def test_an_expression_has_the_value_that_numpy_gives_it(expression, values):
+    x, y = np.array(values).T
+    result = expression({"x": name("x"), "y": name("y")})
+    program = recurrence(["x"], [], ["y"], [result])
+    path = program(x[None, None], np.empty((0, 1, len(x))), y[None, None])
+    np.testing.assert_allclose(path[1, 0, 0], expression({"x": x, "y": y}) + 0.0 * x, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("values", [[np.inf, -np.inf, 0.0, -0.0], [1e300, -1e300, 1e-300, 5.0]])
+def test_values_beyond_all_bounds_are_held_at_them(values):
+    x = np.array(values)
+    program = recurrence(["x"], [], ["y"], [np.fmin(np.fmax(name("x") * name("x") - name("x"), -7.0), 7.0)])
+    path = program(x[None, None], np.empty((0, 1, len(x))), np.zeros((1, 1, len(x))))
+    with np.errstate(all="ignore"):
+        np.testing.assert_array_equal(path[1, 0, 0], np.fmin(np.fmax(x * x - x, -7.0), 7.0))
+
+
+def test_a_recurrence_keeps_every_so_many_states_of_each_variant():
+    x, growth = np.arange(1.0, 7.0), np.array([[1.0], [0.5]])
+    program = recurrence(["x"], ["a"], ["y", "before"], [name("a") * name("y") + name("x"), name("y")])
+    path = program(x[:, None, None], growth[None], np.zeros((2, 2, 1)), every=3)
+    expected = [[0.0, 0.0]]
+    for _ in x:
+        expected.append([a * y + x[len(expected) - 1] for a, y in zip((1.0, 0.5), expected[-1], strict=True)])
+    assert path.shape == (3, 2, 2, 1)
+    np.testing.assert_allclose(path[:, 0, :, 0], expected[::3], rtol=1e-15)
+    np.testing.assert_allclose(path[1:, 1, :, 0], expected[2::3], rtol=1e-15)
+
+
+def stepped(model, torque, load=UNLOADED) -> np.ndarray:
+    """Position of three pendulums by the simulator's own step, one NumPy operation after the other."""
+    balance = Balance(model.terms, model.theta, bool(load))
+    q, v = np.array([0.3, -1.0, 2.0]), np.array([0.0, 1.0, -2.0])
+    x = Samples(np.zeros(LANES), q, v, torque[0], load=load)
+    x = replace(x, memory=balance.start(x))
+    path = [q]
+    for command in torque:
+        x = step(balance, replace(x, torque=command), H)
+        path.append(x.position)
+    return np.array(path)
+
+
+@pytest.mark.parametrize("load", [UNLOADED, KnownLoad(0.02, 0.5)], ids=["", "loaded"])
+@pytest.mark.parametrize("id", [id for id in effects() if id != "dead_time"])
+def test_every_effect_moves_as_its_own_step_says(id, load):
+    model = hide(paper_plant(), id)
+    torque = 4.0 * np.random.default_rng(0).standard_normal((400, LANES)).cumsum(axis=0) / 8
+    path = simulate(model.terms, model.theta, H, torque, [0.3, -1.0, 2.0], [0.0, 1.0, -2.0], load=load)
+    np.testing.assert_allclose(path.position, stepped(model, torque, load), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("period", [1e-3, 5e-3])
+@pytest.mark.parametrize("id", [id for id, effect in effects().items() if effect.advance is not Term.advance])
+def test_states_along_a_motion_are_those_that_each_advance_gives(id, period):
+    rng = np.random.default_rng(1)
+    time = period * np.arange(300)
+    position = np.sin(5 * time) + 0.2 * np.sin(23 * time)
+    x = Samples(time, position, np.gradient(position, period), rng.standard_normal(300))
+    grid = list(effects()[id].grid(x, np.zeros(300)))
+    variants = [grid[0], grid[len(grid) // 2], grid[-1]]
+    for variant, memory in zip(variants, traces(variants, [x], [x.torque], [period])[0], strict=True):
+        own = [variant.start(Samples(time[0], position[0], x.velocity[0], x.torque[0]))]
+        for k in range(299):
+            speed = 0.5 * (x.velocity[k] + x.velocity[k + 1])
+            own.append(variant.advance(own[-1], Samples(time[k], position[k], speed, x.torque[k]), period))
+        np.testing.assert_allclose(memory, np.array(own, dtype=float).T, rtol=1e-9, atol=1e-9)
+
+
+def test_a_law_that_cannot_be_written_down_is_simulated_all_the_same():
+    @dataclass(frozen=True)
+    class Table(Term):
+        id, law, kind = "table", "t(q)", "potential"
+
+        @property
+        def columns(self):
+            return (Column("table", "N m", force=lambda x: np.interp(x.position, [-1.0, 1.0], [-1.0, 1.0])),)
+
+    @dataclass(frozen=True)
+    class Clipped(Table):
+        @property
+        def columns(self):
+            return (Column("table", "N m", force=lambda x: np.clip(x.position, -1.0, 1.0)),)
+
+    torque = np.sin(np.arange(300) / 20)
+    tabled, clipped = (paper_plant().add(kind(), [0.7]).simulate(1e-3, torque, 0.5, 0.0) for kind in (Table, Clipped))
+    np.testing.assert_allclose(tabled.position, clipped.position, rtol=0, atol=1e-12)
+
+
+def test_a_law_that_branches_on_values_is_no_formula():
+    with pytest.raises(TypeError, match="branch"):
+        bool(name("x") > 0)
