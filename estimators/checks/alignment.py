@@ -141,8 +141,8 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
 
     Args:
         recordings: one or more.
-        beside: effects that the joint has, with their shape parameters set; those that are functions of the motion
-            alone are fitted along.
+        beside: effects that the joint has, with their shape parameters set; those that depend on the motion alone,
+            and on what it was before, are fitted along.
 
     A law is reported if its delay or lag is `SURE` standard errors (jackknife over stretches of time) from none, if it
     surely predicts seconds better to which it was not fitted, as an effect has to, and if that holds under every more

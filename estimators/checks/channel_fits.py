@@ -114,7 +114,7 @@ class ChannelFits:
             clear.append(own)
         rows = np.flatnonzero(np.concatenate(clear))
         fast = float(np.percentile(np.abs(data.samples.velocity), 95))
-        known = [term for term in beside if not (term.remembers or depends_on_torque(term))]
+        known = [term for term in beside if not depends_on_torque(term)]
         laws = (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in FRICTION), *known)
         phi = np.column_stack([data.columns([law])[0][0] for law in laws])
         phi = phi[rows] * data.weights[rows, None]

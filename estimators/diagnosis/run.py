@@ -138,8 +138,9 @@ def diagnose(
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
 
-    Torque that is logged late or filtered is corrected first: no effect acts before its cause. Recordings that disagree
-    with the others are named and not fitted: no effect of one plant explains two plants. Known loads are no part of the
+    Torque that is logged late or filtered is corrected first: no effect acts before its cause. Where it is not late
+    beside the effects that are found, it is left as it is, and they are looked for anew. Recordings that disagree with
+    the others are named and not fitted: no effect of one plant explains two plants. Known loads are no part of the
     model; where a current was logged, they tell the torque constant, and without them all is per ampere.
 
     Args:
@@ -182,6 +183,11 @@ def diagnose(
         by_reference,
     )
     found = _of_one_plant(given, setting)
+    if given.aligned.has_moved:  # what an effect does may look like torque that is logged late
+        beside = [term for term in found.model.terms if term.id in found.selected]
+        again = Prepared.timed(given.calibrated, beside)
+        if not again.aligned.has_moved:
+            given, found = again, _of_one_plant(again, setting)
     progress("done", 1.0)
     return given.told(found)
 
@@ -201,11 +207,14 @@ class Prepared:
         """Calibrate and time the torque of recordings."""
         progress("reading the motion", 0.0)
         calibrated = Calibrated.of(recordings, holdout)
-        evidence = gather(calibrated.recordings, calibrated.holdout)
         progress("timing the torque", 0.0)
-        aligned = Aligned.of(calibrated.recordings, calibrated.holdout)
-        if aligned.has_moved:
-            evidence = gather(aligned.recordings, aligned.holdout)
+        return cls.timed(calibrated)
+
+    @classmethod
+    def timed(cls, calibrated: Calibrated, beside: Sequence[Term] = ()) -> Prepared:
+        """Time the torque, beside effects that the joint has."""
+        aligned = Aligned.of(calibrated.recordings, calibrated.holdout, beside)
+        evidence = gather(aligned.recordings, aligned.holdout)
         return cls(list(aligned.recordings), list(aligned.holdout), evidence, calibrated, aligned)
 
     @property
