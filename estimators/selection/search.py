@@ -507,7 +507,7 @@ class Search:
         while True:
             named = [term for term in terms[len(base) :] if term.id != law]
             withouts = [self.settle(tuple(t for t in terms if t is not term)) for term in named]
-            idle = [without for without in withouts if not self.is_sure(terms, without)]
+            idle = [without for without in withouts if not self._is_needed(terms, without)]
             if not idle:
                 return terms
             terms = min(idle, key=self._promise)
