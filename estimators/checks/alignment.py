@@ -210,6 +210,11 @@ class Aligned:
         """Whether any torque was corrected."""
         return any(one.is_late for one in self.alignments)
 
+    def agrees(self, other: Aligned) -> bool:
+        """Whether torque is corrected alike in another's recordings, as far as both know."""
+        pairs = list(zip(self.alignments, other.alignments, strict=True))
+        return all(one.is_late == two.is_late and one.agrees(two) for one, two in pairs)
+
     def texts(self, is_late: bool) -> tuple[str, ...]:
         """What was found of torque that is logged late, or of torque that acts late; with names where they differ."""
         every = [*self.recordings, *self.holdout]

@@ -138,8 +138,8 @@ def diagnose(
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
 
-    Torque that is logged late or filtered is corrected first: no effect acts before its cause. Where it is not late
-    beside the effects that are found, it is left as it is, and they are looked for anew. Recordings that disagree with
+    Torque that is logged late or filtered is corrected first: no effect acts before its cause. Where that is otherwise
+    beside the effects that are found, it is corrected so, and they are looked for anew. Recordings that disagree with
     the others are named and not fitted: no effect of one plant explains two plants. Known loads are no part of the
     model; where a current was logged, they tell the torque constant, and without them all is per ampere.
 
@@ -186,7 +186,7 @@ def diagnose(
     if given.aligned.has_moved:  # what an effect does may look like torque that is logged late
         beside = [term for term in found.model.terms if term.id in found.selected]
         again = Prepared.timed(given.calibrated, beside)
-        if not again.aligned.has_moved:
+        if not again.aligned.agrees(given.aligned):
             given, found = again, _of_one_plant(again, setting)
     progress("done", 1.0)
     return given.told(found)

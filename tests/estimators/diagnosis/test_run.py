@@ -2,14 +2,14 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import Diagnosis, IdentificationError, add, diagnose, identify
+from estimators import Diagnosis, IdentificationError, add, align, diagnose, identify
 from estimators.arguments import chosen_recordings
 from estimators.diagnosis.run import gather
 from estimators.selection.data import fit_terms
@@ -218,6 +218,22 @@ def test_torque_that_is_logged_a_sample_late_is_corrected_and_becomes_no_effect(
     assert found.json()["alignments"][0]["delay"]["value"] == found.alignments[0].delay
     assert any("ms late" in doubt.text for doubt in identify([late], effects_of(name)).doubts)
     assert not any("late" in doubt.text for doubt in identify([good], effects_of(name)).doubts)
+
+
+def test_friction_with_a_state_that_looks_like_late_torque_is_told_from_it():
+    plant = Plant(0.063, 2.43, 0.458, 1.055, {"presliding": {"dahl_sigma": 79.4}})
+    experiments = [Experiment(seed=seed, seconds=10.0, counts=65_536) for seed in (1, 2)]
+    runs = [
+        Recording(f"run {k}", r.time, r.position, r.torque)
+        for k, r in enumerate(simulate([(plant, e) for e in experiments]))
+    ]
+    assert align(runs[:1]).is_late  # alone, beside what a joint usually has
+    found = diagnose(runs[:1], runs[1:])
+    assert found.selected == ("presliding",)
+    assert not any(one.is_found for one in found.alignments)
+    assert not any("late" in text for text in found.advice)
+    late = [replace(r, time=r.time[8:], position=r.position[8:], torque=r.torque[:-8]) for r in runs]
+    assert [one.delay for one in diagnose(late[:1], late[1:]).alignments] == pytest.approx([0.008] * 2, abs=5e-4)
 
 
 def effects_of(name: str) -> tuple[Term, ...]:
