@@ -21,7 +21,8 @@ import numpy as np
 from benchmarks.excitation import OPEN_LOOP
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, effect_share, random_case, simulate
 from estimators.online.watch import Verdict, Watch
-from estimators.signals.measurements import Smoothing
+from estimators.signals.measurements import Smoothing, choose_smoothing
+from pendulum_env.recording import read_recording
 from workbench.terminal import Terminal
 
 CHANGE, AFTER = 10.0, 10.0  # [s]
@@ -140,14 +141,38 @@ def nulls(seconds: float, n: int, seed: int, terminal: Terminal) -> None:
     terminal.table(("rate [Hz]", "counts", "hours", "alarms", f"us a sample, {n} at once"), rows)
 
 
+def played(files: Sequence[str], seconds: float, terminal: Terminal) -> None:
+    """Recordings of machines that do not change, played back again and again."""
+    rows = []
+    for file in files:
+        recording = read_recording(file)
+        watch = Watch(recording.rate, smoothing=choose_smoothing(recording))
+        time, motion = recording.time - recording.time[0], recording.position
+        torque, length = np.r_[0.0, recording.torque[:-1]], time[-1] + 1.0  # a gap before it begins anew
+        turns = max(1, round(seconds / length))
+        for k in range(turns * len(time)):
+            turn, row = divmod(k, len(time))
+            (verdict,) = watch.take(time[row : row + 1] + turn * length, motion[row : row + 1], torque[row : row + 1])
+        kind = "not in motion for long enough" if verdict.error is None else verdict.kind
+        rows.append((recording.name, f"{turns * len(time) / recording.rate:.0f}", str(verdict.alarms), kind))
+    terminal.heading("Recordings played back")
+    terminal.table(("recording", "seconds", "alarms", "said in the end"), rows, left=("said in the end",))
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.watching", description=__doc__.partition("\n")[0])
     parser.add_argument("--n", type=int, default=40, help="plants for each effect (default 40)")
     parser.add_argument("--nulls", type=int, default=32, help="plants that do not change, for each sensor (default 32)")
-    parser.add_argument("--seconds", type=float, default=120.0, help="that each of those runs for (default 120)")
+    parser.add_argument(
+        "--seconds", type=float, default=120.0, help="that each of those runs for, or is played (default 120)"
+    )
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--recordings", nargs="+", help="of machines that do not change, to play back instead")
     args = parser.parse_args(argv)
     terminal = Terminal()
+    if args.recordings:
+        played(args.recordings, args.seconds, terminal)
+        return 0
     nulls(args.seconds, args.nulls, args.seed, terminal)
     detection(args.n, args.seed, terminal)
     return 0
