@@ -733,3 +733,17 @@ def test_a_spring_is_not_taken_for_degrees(write: Write, bent: float) -> None:
     assert np.ptp(q) > 2 * np.pi  # less is no question
     (note,) = read_recording(write({"time": time, "position": q, "torque": torque})).notes
     assert "on which a spring acts; if it is degrees, name the column position_deg" in note
+
+
+@pytest.mark.parametrize(("drift", "asymmetry"), [(0.03, 0.0), (0.06, 0.0), (0.0, 0.4), (0.03, 0.4)])
+def test_a_wheel_that_runs_off_under_a_torque_that_drifts_is_not_taken_for_degrees(
+    write: Write, drift: float, asymmetry: float
+) -> None:
+    time, q, v = np.arange(4000) / 200.0, np.zeros(4000), 0.0
+    torque = np.sin(2 * time) + 0.7 * np.sin(0.7 * time) - 0.6
+    for k in range(3999):  # semi-implicit Euler of a wheel of 0.5 kg m^2, which no gravity acts on
+        v += (torque[k] - drift * time[k] - (0.3 + asymmetry * (v > 0)) * v) / 0.5 / 200.0
+        q[k + 1] = q[k] + v / 200.0
+    assert q.min() < -30.0
+    recording = read_recording(write({"time": time, "position": q, "torque": torque}))
+    assert np.ptp(recording.position) == pytest.approx(np.ptp(q))
