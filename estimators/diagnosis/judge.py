@@ -55,6 +55,7 @@ def _judge_selected(search: Search, final: Terms, before: Step, after: Step) -> 
     The score is the probability of the effect, or of one of its group, among all that the library has, times the share
     that it explains of what the others leave: what is left may be of a law that the library lacks, and so may it be.
     """
+    final = (*final, search.unnamed) if search.unnamed is not None else final  # beside it, what it hides shows
     term = next(term for term in final if term.id == after.added)
     # windows, in which a link is carried along, know little of it: there motion has decided
     odds = {term.id: 1.0} if is_hidden(term) else search.alternatives(final, term)

@@ -140,13 +140,12 @@ class Search:
         return self.gain(after, before).chance <= self.criterion.chance
 
     def left(self, terms: Terms) -> tuple[Left, Left]:
-        """What a model leaves of the training data, and of those that are held out, with the same parameters."""
+        """What a model leaves of the training data, and of those that are held out, see `unseen`."""
         if terms not in self._left:
             if any(wanders(term) for term in terms):
                 residuals = [screen.residual(_wandering_in(part, terms)) for part, screen in self._parts]
             else:
-                theta = self.screen.solve(terms)
-                residuals = [screen.balance(terms).error(theta) for _, screen in self._parts]
+                residuals = [self.screen.residual(terms), self.unseen(terms)]
             first, second = (
                 Left(
                     float(np.mean(residual**2)) + screen.hidden_noise(terms),
@@ -311,7 +310,7 @@ class Search:
             models = [terms, *rivals]
             odds = self.bootstrap.probabilities([self.density(model) for model in models])
             likely = [rival for rival, share in zip(rivals, odds[1:], strict=True) if share > self.criterion.rival]
-            refuted = [rival for rival in likely if not self._lowers_errors(rival, others)]
+            refuted = [rival for rival in likely if not self._lowers_errors(named(rival), named(others))]
             if not refuted:
                 return dict(zip((term.id, *(rival[-1].id for rival in rivals)), odds.tolist(), strict=True))
             rivals = [rival for rival in rivals if rival not in refuted]
@@ -345,7 +344,10 @@ class Search:
                     other = self.grow(self.settle(first), start)
                     if self.is_sure(other, best) and self.are_confirmed(self.ladder(start, other)):
                         best = other
-        return self.confirmed(start, self.owned(start, self.pruned(start, best)))
+        final = self.owned(start, best)
+        if self.unnamed is None:
+            final = self.owned(start, self.pruned(start, best))
+        return self.confirmed(start, final)
 
     def pruned(self, base: Terms, terms: Terms) -> Terms:
         """The terms without effects that explain less than what no effect does: they may be a part of that."""
@@ -464,7 +466,7 @@ class Search:
         return trial.terms
 
     def owned(self, base: Terms, terms: Terms) -> Terms:
-        """The terms without effects that only imitate a law without a name.
+        """The terms without effects that only imitate a law without a name, and with those that it had hidden.
 
         They do where that law, beside those that keep their place, surely predicts better and explains most of what
         they leave; and where a simpler law leaves only noise as well.
@@ -473,7 +475,7 @@ class Search:
         unsettled = not self.fits(terms)
         if len(terms) == len(base) and not unsettled:
             return terms
-        leads: list[tuple[float, Term, Terms]] = []
+        leads: list[tuple[float, Term, Terms]] = []  # and the terms with the law
         for law, left in self._with_foils(base, terms):
             # a law of time is fitted to each recording anew, and so have its rivals to be
             density = self._fitted_anew if wanders(law) else self.density
@@ -487,11 +489,21 @@ class Search:
                 level = self.bootstrap.probabilities([density(left), density(terms)])[0] > self.criterion.rival
                 takes_over = simpler and level and self.fits(left)
             if takes_over:
-                leads.append((lead.total, law, tuple(term for term in left if term is not law)))
+                leads.append((lead.total, law, left))
         if not leads:
             return terms
-        _, self.unnamed, others = max(leads, key=lambda entry: entry[0])
-        return others
+        _, self.unnamed, left = max(leads, key=lambda entry: entry[0])
+        return named(self._grown_beside(base, left))
+
+    def _grown_beside(self, base: Terms, terms: Terms) -> Terms:
+        """The terms, one of them a law without a name, with the effects that explain most of what they leave."""
+        while len(terms) - len(base) <= self.criterion.most and not self.fits(terms):
+            needed = (longer for longer in self.candidates(terms)[:TRIED] if self._is_needed(longer, terms))
+            longer = next(needed, None)
+            if longer is None:
+                break
+            terms = self.settle(longer)
+        return terms
 
     def _with_foils(self, base: Terms, terms: Terms) -> Iterator[tuple[Term, Terms]]:
         """Each law without a name, and the terms with it: instead of all effects, or beside those that it leaves."""
@@ -505,8 +517,8 @@ class Search:
     def _beside(self, base: Terms, terms: Terms, law: str) -> Terms:
         """The terms without the effects that are of no use beside the law of an id, which has no name."""
         while True:
-            named = [term for term in terms[len(base) :] if term.id != law]
-            withouts = [self.settle(tuple(t for t in terms if t is not term)) for term in named]
+            effects = [term for term in terms[len(base) :] if term.id != law]
+            withouts = [self.settle(tuple(t for t in terms if t is not term)) for term in effects]
             idle = [without for without in withouts if not self._is_needed(terms, without)]
             if not idle:
                 return terms
@@ -601,6 +613,11 @@ def held_out_cost(step: Step) -> float:
     """Product of both held-out errors [N m rad]: a model is better where one falls by more than the other rises."""
     errors = step.errors["holdout"]
     return errors.torque_rms * errors.position_rms
+
+
+def named(terms: Terms) -> Terms:
+    """The terms without laws that have no name."""
+    return tuple(term for term in terms if type(term) not in FOILS)
 
 
 def ids(terms: Sequence[Term]) -> frozenset[str]:
