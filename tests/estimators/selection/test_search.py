@@ -37,6 +37,21 @@ def test_a_torque_that_wanders_is_given_no_name():
     assert searched(Plant(effects=walk), train, test)[1] == []
 
 
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        {"random_walk_torque": {"walk_rms": 0.4}, "cogging": {"cog_n": 9.0, "cog_s": 0.2}},
+        {"friction_spot": {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}, "torque_offset": {"offset": 0.2}},
+    ],
+    ids=" and ".join,
+)
+def test_what_a_law_without_a_name_hides_is_found_beside_it(hidden):
+    train, test = (Experiment(rate=200.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
+    search, found, _ = searched(Plant(effects=hidden), train, test)
+    assert found == list(hidden)[1:]
+    assert search.unnamed is not None
+
+
 def test_a_motor_whose_gain_fades_is_given_no_name():
     """A battery that empties: the torque at the joint falls short of what is recorded, by more and more."""
     experiments = [Experiment(rate=200.0, seconds=8.0, seed=seed, excitation="multisine") for seed in (2, 3)]
