@@ -140,12 +140,13 @@ class Search:
         return self.gain(after, before).chance <= self.criterion.chance
 
     def left(self, terms: Terms) -> tuple[Left, Left]:
-        """What a model leaves of the training data, and of those that are held out, see `unseen`."""
+        """What a model leaves of the training data, and of those that are held out, with the same parameters."""
         if terms not in self._left:
             if any(wanders(term) for term in terms):
                 residuals = [screen.residual(_wandering_in(part, terms)) for part, screen in self._parts]
             else:
-                residuals = [self.screen.residual(terms), self.unseen(terms)]
+                theta = self.screen.solve(terms)
+                residuals = [screen.balance(terms).error(theta) for _, screen in self._parts]
             first, second = (
                 Left(
                     float(np.mean(residual**2)) + screen.hidden_noise(terms),
