@@ -345,10 +345,7 @@ class Search:
                     other = self.grow(self.settle(first), start)
                     if self.is_sure(other, best) and self.are_confirmed(self.ladder(start, other)):
                         best = other
-        final = self.owned(start, best)
-        if self.unnamed is None:
-            final = self.owned(start, self.pruned(start, best))
-        return self.confirmed(start, final)
+        return self.confirmed(start, self.owned(start, self.pruned(start, best)))
 
     def pruned(self, base: Terms, terms: Terms) -> Terms:
         """The terms without effects that explain less than what no effect does: they may be a part of that."""
@@ -497,11 +494,17 @@ class Search:
         return named(self._grown_beside(base, left))
 
     def _grown_beside(self, base: Terms, terms: Terms) -> Terms:
-        """The terms, one of them a law without a name, with the effects that explain most of what they leave."""
+        """The terms, one of them a law without a name, with the effects that explain most of what they leave.
+
+        Others without a name compete: where one of them predicts surely better, no effect is named.
+        """
         while len(terms) - len(base) <= self.criterion.most and not self.fits(terms):
             needed = (longer for longer in self.candidates(terms)[:TRIED] if self._is_needed(longer, terms))
             longer = next(needed, None)
             if longer is None:
+                break
+            others = [self.best(terms, foil) for foil in FOILS if foil not in map(type, terms)]
+            if any(trial is not None and self.is_sure(trial.terms, longer) for trial in others):
                 break
             terms = self.settle(longer)
         return terms
