@@ -213,7 +213,10 @@ class Aligned:
     def agrees(self, other: Aligned) -> bool:
         """Whether torque is corrected alike in another's recordings, as far as both know."""
         pairs = list(zip(self.alignments, other.alignments, strict=True))
-        return all(one.is_late == two.is_late and one.agrees(two) for one, two in pairs)
+        return all(
+            np.isinf(one.delay_std + two.delay_std) or (one.is_late == two.is_late and one.agrees(two))
+            for one, two in pairs
+        )
 
     def texts(self, is_late: bool) -> tuple[str, ...]:
         """What was found of torque that is logged late, or of torque that acts late; with names where they differ."""

@@ -26,6 +26,8 @@ class _Gained(TypedDict, total=False):
 def judge(search: Search, final: Terms, steps: Sequence[Step]) -> tuple[list[Candidate], list[tuple[str, ...]]]:
     """Verdict on every effect of the library, and groups that these data cannot tell apart, a selected one first.
 
+    Those in the model are judged beside the law without a name, if there is one; those left out, without it.
+
     Args:
         search: with the data.
         final: terms of the final model, as they were searched for.

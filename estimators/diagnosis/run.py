@@ -184,7 +184,7 @@ def diagnose(
     )
     found = _of_one_plant(given, setting)
     if given.aligned.has_moved:  # what an effect does may look like torque that is logged late
-        beside = [term for term in found.model.terms if term.id in found.selected]
+        beside = [term for term in found.model.terms if term.id not in ids(BASE)]
         again = Prepared.timed(given.calibrated, beside)
         if not again.aligned.agrees(given.aligned):
             given, found = again, _of_one_plant(again, setting)

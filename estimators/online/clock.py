@@ -24,12 +24,10 @@ class Clock:
         Raises:
             ValueError: if more than a tenth of a period is missing or too much.
         """
-        passed, self._time = time - self._time, time
-        if 0.9 < passed * self._rate < 1.1:
-            self._came = True
-            return False
-        if passed == math.inf or passed != passed:
-            return False
-        if self._came and passed * self._rate > LONG:
-            return True
-        raise ValueError(f"samples come every {passed:.4g} s, not at {self._rate:g} Hz: pass rate=")
+        passed = time - self._time
+        on_time, follows = 0.9 < passed * self._rate < 1.1, math.isfinite(passed)
+        gap = follows and not on_time
+        if gap and not (self._came and passed * self._rate > LONG):
+            raise ValueError(f"samples come every {passed:.4g} s, not at {self._rate:g} Hz: pass rate=")
+        self._time, self._came = time, self._came or on_time
+        return gap

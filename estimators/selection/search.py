@@ -473,7 +473,7 @@ class Search:
         unsettled = not self.fits(terms)
         if len(terms) == len(base) and not unsettled:
             return terms
-        leads: list[tuple[float, Term, Terms]] = []  # and the terms with the law
+        leads: list[tuple[float, Terms]] = []  # and the terms with the law
         for law, left in self._with_foils(base, terms):
             # a law of time is fitted to each recording anew, and so have its rivals to be
             density = self._fitted_anew if wanders(law) else self.density
@@ -487,16 +487,18 @@ class Search:
                 level = self.bootstrap.probabilities([density(left), density(terms)])[0] > self.criterion.rival
                 takes_over = simpler and level and self.fits(left)
             if takes_over:
-                leads.append((lead.total, law, left))
+                leads.append((lead.total, left))
         if not leads:
             return terms
-        _, self.unnamed, left = max(leads, key=lambda entry: entry[0])
-        return named(self._grown_beside(base, left))
+        *_, left = max(leads, key=lambda entry: entry[0])
+        grown = self._grown_beside(base, left)
+        self.unnamed = next(term for term in grown if type(term) in FOILS)
+        return named(grown)
 
     def _grown_beside(self, base: Terms, terms: Terms) -> Terms:
         """The terms, one of them a law without a name, with the effects that explain most of what they leave.
 
-        Others without a name compete: where one of them predicts surely better, no effect is named.
+        Others without a name compete: where one of them predicts surely better, no further effect is named.
         """
         while len(terms) - len(base) <= self.criterion.most and not self.fits(terms):
             needed = (longer for longer in self.candidates(terms)[:TRIED] if self._is_needed(longer, terms))

@@ -20,6 +20,7 @@ from llvmlite import ir
 from pendulum_env._typing import Array
 from pendulum_env.physics.symbols import COMPARISONS, LOGICAL, NAME, WHERE, Operand, Symbol, distinct
 
+KEPT = 256  # programs
 DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
 CALLS = {  # by operation: LLVM's own functions, and those of the C library
     "absolute": "llvm.fabs.f64",
@@ -72,10 +73,39 @@ class Recurrence:
         return path
 
 
+_known: dict[object, Recurrence] = {}
+
+
 def recurrence(
     inputs: Sequence[str], constants: Sequence[str], states: Sequence[str], after: Sequence[Operand]
 ) -> Recurrence:
-    """Compile the states after a step, as expressions in the names of inputs, constants and the states before it."""
+    """Compile the states after a step, as expressions in the names of inputs, constants and the states before it.
+
+    The same expressions are compiled once.
+    """
+    key = tuple(inputs), tuple(constants), tuple(states), _spelled(after)
+    if key not in _known:
+        if len(_known) >= KEPT:
+            _known.clear()
+        _known[key] = _compile(inputs, constants, states, after)
+    return _known[key]
+
+
+def _spelled(results: Sequence[Operand]) -> tuple[object, ...]:
+    """What two expressions that are the same have in common."""
+    order, same = distinct(results)
+    place = {symbol: k for k, symbol in enumerate(order)}
+
+    def of(operand: Operand) -> tuple[str, float]:
+        return ("of", place[same[operand]]) if isinstance(operand, Symbol) else ("is", operand)
+
+    lines = ((symbol.op, symbol.label if symbol.op == NAME else "", *map(of, symbol.inputs)) for symbol in order)
+    return (*lines, *map(of, results))
+
+
+def _compile(
+    inputs: Sequence[str], constants: Sequence[str], states: Sequence[str], after: Sequence[Operand]
+) -> Recurrence:
     _prepare()
     target = llvm.Target.from_default_triple()
     machine = target.create_target_machine(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), opt=2)

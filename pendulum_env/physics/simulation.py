@@ -12,14 +12,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.symbols import name
-from pendulum_env.physics.term import LOAD, UNLOADED, Form, KnownLoad, Law, Memory, Samples, Term, one, upper, zero
+from pendulum_env.physics.symbols import may, name
+from pendulum_env.physics.term import LOAD, UNLOADED, KnownLoad, Law, Memory, Samples, Term, one, upper, written, zero
 
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
@@ -103,7 +102,7 @@ def _steady(parts: list[tuple[ArrayLike, Law]]) -> bool:
 def _directed(net: ArrayLike, dry: ArrayLike, direction: Array) -> ArrayLike:
     """Torque that accelerates: friction opposes the direction of motion, or holds a joint at rest if it can."""
     moving = net - dry * direction
-    if direction.all():
+    if not may(direction == 0):
         return moving
     at_rest = np.sign(net) * np.maximum(np.abs(net) - np.maximum(dry, 0.0), 0.0)
     return np.where(direction == 0, at_rest, moving)
@@ -117,13 +116,13 @@ def substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int:
 def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
     """Advance time, position, velocity and memory by `duration` [s] under constant commanded torque; all (B,).
 
-    An export runs it on symbols in the place of arrays, which NumPy's operators and functions take, but neither
-    `np.asarray` nor a branch that no `.all()` or `.any()` guards.
+    Compiled simulations and exports run it on symbols in the place of arrays, which NumPy's operators and functions
+    take, but neither `np.asarray` nor a branch that `may` does not guard.
     """
     q, v, h = x.position, x.velocity, duration
     direction = np.sign(v)
     start = _directed(balance.net(x), balance.dry(x), direction)
-    if not direction.all():
+    if may(direction == 0):
         direction = np.where(direction == 0, np.sign(start), direction)
     inertia = balance.mass(x)
     middle_v = v + 0.5 * h * start / inertia
@@ -132,12 +131,12 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
     middle = Samples(x.time + 0.5 * h, q + 0.5 * h * v, middle_v, x.torque, half_way, x.load)
     inertia = balance.mass(middle)
     a = (balance.net(middle) - balance.dry(middle) * direction) / inertia
-    if not direction.all():
+    if may(direction == 0):
         a = np.where(direction == 0, 0.0, a)
     new_q, new_v = q + h * (v + 0.5 * h * a), v + h * a
 
     stops = new_v * direction < 0
-    if stops.any():
+    if may(stops):
         # v + a t = 0 inside the step: stop there, then stick or leave with what is left of the step
         elapsed = np.where(stops, np.clip(-v / np.where(stops, a, 1.0), 0.0, h), h)
         stop_q = q + v * elapsed + 0.5 * a * elapsed**2
@@ -283,39 +282,42 @@ def _run(balance: Balance, x: Samples, commands: Array, h: ArrayLike, every: int
 def _compiled_run(
     terms: Sequence[Term], balance: Balance, x: Samples, commands: Array, h: ArrayLike, every: int
 ) -> Array | None:
-    """The same by the compiled step; None if the laws of the terms cannot be written down."""
-    forms = [Form.of(term) for term in terms]
-    program = _compiled_step(tuple(forms), balance.loaded, upper(h))
-    if program is None:
-        return None
+    """The same by a compiled step; None if the laws of the terms are no formulas, or the batch has more dimensions."""
     batch = x.position.shape
-    shapes = [value for form, term in zip(forms, terms, strict=True) for value in form.values(term)]
+    found = _compiled_step(terms, balance.loaded, h) if len(batch) == 1 else None
+    if found is None:
+        return None
+    program, shapes = found
     constants = [*balance.theta, *shapes, *(x.load if balance.loaded else ()), h]
     own = np.array([np.broadcast_to(value, batch) for value in constants])
     inputs = np.broadcast_to(commands, (len(commands), *batch))
     return program(inputs[:, None], own[:, None], _state(x)[:, None], every)[:, :, 0]
 
 
-@lru_cache(maxsize=256)
-def _compiled_step(forms: tuple[Form, ...], loaded: bool, longest: float) -> Recurrence | None:
-    """A step of a model, compiled; None if a law of it cannot be written down."""
+def _compiled_step(terms: Sequence[Term], loaded: bool, h: ArrayLike) -> tuple[Recurrence, list[ArrayLike]] | None:
+    """A step of a model, compiled, with the values of its shape parameters; None if a law of it is no formula.
+
+    It is written down each time, as a law may depend on more than the terms hold; what is the same is compiled once.
+    """
     from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
 
     try:
-        terms = [form.written() for form in forms]
-        theta = [f"theta_{k}" for k in range(sum(len(term.columns) for term in terms))]
+        each = [written(term, place) for place, term in enumerate(terms)]
+        theta = [f"theta_{k}" for k in range(sum(len(term.columns) for term, _ in each))]
         load, state = ["load_inertia", "load_gravity"] if loaded else [], ["time", "position", "velocity"]
         symbols: dict[str, Any] = {text: name(text) for text in (*theta, *load, *state, "torque")}
-        symbols["h"] = name("h", most=longest)
-        balance = Balance(terms, [symbols[text] for text in theta], loaded)  # type: ignore[arg-type]
+        symbols["h"] = name("h", most=upper(h))
+        balance = Balance([term for term, _ in each], [symbols[text] for text in theta], loaded)  # type: ignore[arg-type]
         x = Samples(*(symbols[text] for text in (*state, "torque")))
         x = replace(x, load=KnownLoad(*(symbols[text] for text in load)))
-        hidden = {id: [f"{id}_{k}" for k in range(len(own))] for id, own in balance.start(x).items()}
+        hidden = {id: [f"memory.{id}.{k}" for k in range(len(own))] for id, own in balance.start(x).items()}
         memory: Any = {id: tuple(map(name, texts)) for id, texts in hidden.items()}
         after = step(balance, replace(x, memory=memory), symbols["h"])
+        constants = [*theta, *(text for _, values in each for text in values), *load, "h"]
+        states = [*state, *(text for texts in hidden.values() for text in texts)]
+        results: Any = [after.time, after.position, after.velocity]
+        results += [one for own in after.memory.values() for one in own]
+        program = recurrence(["torque"], constants, states, results)
     except Exception:  # a user's law may do anything that NumPy does
         return None
-    constants = [*theta, *(text for form in forms for text in form.names), *load, "h"]
-    states = [*state, *(text for texts in hidden.values() for text in texts)]
-    results: Any = [after.time, after.position, after.velocity, *(one for own in after.memory.values() for one in own)]
-    return recurrence(["torque"], constants, states, results)
+    return program, [value for _, values in each for value in values.values()]

@@ -49,9 +49,11 @@ class Symbol(NDArrayOperatorsMixin):
     __hash__ = object.__hash__
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        if method != "__call__" or options:  # where= and out= say more than the expression would
+            raise TypeError(f"np.{ufunc.__name__} with {', '.join(options) or method} has no written form")
         if ufunc.__name__ == "square":
             return inputs[0] * inputs[0]
-        if method != "__call__" or ufunc.__name__ not in UFUNCS:
+        if ufunc.__name__ not in UFUNCS:
             raise TypeError(f"np.{ufunc.__name__} has no written form")
         return operation(UFUNCS[ufunc.__name__], *inputs)
 
@@ -59,16 +61,6 @@ class Symbol(NDArrayOperatorsMixin):
         if func not in FUNCTIONS:
             raise TypeError(f"np.{func.__name__} has no written form")
         return FUNCTIONS[func](*args, **kwargs)
-
-    # Asked whether a branch is needed, and whether it is all there is: the expression holds every branch, and np.where
-    # takes what applies.
-    def any(self) -> bool:
-        """Whether it may be true."""
-        return True
-
-    def all(self) -> bool:
-        """Whether it is always true."""
-        return False
 
     @property
     def largest(self) -> float:
@@ -90,13 +82,19 @@ Operand = Symbol | float
 FUNCTIONS: dict[Any, Any] = {
     np.where: lambda condition, then, other: operation(WHERE, condition, then, other),
     np.clip: lambda x, low, high: np.minimum(np.maximum(x, low), high),
-    np.any: lambda x: x.any(),
-    np.all: lambda x: x.all(),
     np.ones_like: lambda x: np.float64(1.0),
     np.zeros_like: lambda x: np.float64(0.0),
-    np.shape: lambda x: (),
-    np.max: lambda x: x.largest,
 }
+
+
+def may(condition: Any) -> bool:
+    """Whether a condition may be true of any: an expression holds every branch, and `np.where` takes what applies."""
+    return isinstance(condition, Symbol) or bool(np.any(condition))
+
+
+def longest(duration: Any) -> float:
+    """The longest of some durations, or a bound of it."""
+    return duration.largest if isinstance(duration, Symbol) else float(np.max(duration))
 
 
 def name(text: str, most: float | None = None) -> Symbol:
@@ -107,6 +105,8 @@ def name(text: str, most: float | None = None) -> Symbol:
 def operation(op: str, *inputs: Any) -> Operand:
     """An operation, unless it comes to nothing."""
     operands = tuple(x if isinstance(x, Symbol) else float(x) for x in inputs)
+    if op == "add" and all(map(_is_condition, operands)):  # of truth values, as of NumPy's
+        return Symbol("logical_or", operands)
     if op == "power" and not isinstance(operands[1], Symbol) and operands[1] == 2.0:
         return operation("multiply", operands[0], operands[0])
     if op == WHERE and not isinstance(operands[0], Symbol):

@@ -14,13 +14,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.symbols import name
+from pendulum_env.physics.symbols import may, name
 
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
@@ -36,7 +35,7 @@ class KnownLoad(NamedTuple):
     gravity: ArrayLike = 0.0  # [N m], torque that holds it out level
 
     def __bool__(self) -> bool:
-        return bool(np.any(self.inertia) or np.any(self.gravity))
+        return may(self.inertia) or may(self.gravity)
 
 
 UNLOADED = KnownLoad()
@@ -243,33 +242,18 @@ class Term:
         return tuple(shape for shape in self.shapes if np.any(getattr(self, shape.name) != shape.usual))
 
 
-@dataclass(frozen=True)
-class Form:
-    """What terms have in common that only differ in values of shape parameters: their class, and which these are."""
+def written(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
+    """A term in symbols, with the values of its shape parameters by symbol; those at their usual value are no symbols.
 
-    kind: type[Term]
-    free: tuple[str, ...]
-
-    @classmethod
-    def of(cls, term: Term) -> Form:
-        """The form of a term."""
-        return cls(type(term), tuple(shape.name for shape in term.free))
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the shape parameters, among those of a model."""
-        return [f"{self.kind.id}.{text}" for text in self.free]
-
-    def values(self, term: Term) -> list[ArrayLike]:
-        """Values of the shape parameters in a term of this form."""
-        return [term.shape[text] for text in self.free]
-
-    def written(self) -> Term:
-        """The term in symbols."""
-        if {own.name for own in dataclasses.fields(self.kind)} != {shape.name for shape in self.kind.shapes}:
-            raise TypeError(f"{self.kind.id} has fields that are no shape parameters")
-        shapes: dict[str, Any] = {shape.name: shape.usual for shape in self.kind.shapes}
-        return self.kind(**shapes | {own: name(text) for own, text in zip(self.free, self.names, strict=True)})
+    Raises:
+        TypeError: if it holds more than shape parameters.
+    """
+    shapes = {shape.name: shape.usual for shape in term.shapes}
+    if vars(term).keys() != shapes.keys():
+        raise TypeError(f"{term.id} holds more than shape parameters")
+    values: dict[str, ArrayLike] = {f"{place}.{shape.name}": term.shape[shape.name] for shape in term.free}
+    symbols: dict[str, Any] = {shape.name: name(f"{place}.{shape.name}") for shape in term.free}
+    return type(term)(**shapes | symbols), values
 
 
 def upper(duration: ArrayLike) -> float:
@@ -277,21 +261,21 @@ def upper(duration: ArrayLike) -> float:
     return float(np.ceil(1e3 * np.max(duration) - 1e-6) / 1e3)
 
 
-@lru_cache(maxsize=256)
-def _advance(form: Form, count: int, longest: float) -> Recurrence | None:
-    """How a term's state variables move on along a motion, compiled; None if that cannot be written down."""
+def _advance(term: Term, count: int, period: Array) -> tuple[Recurrence, list[ArrayLike]] | None:
+    """How a term's state variables move on along a motion, compiled, with its constants; None if it is no formula."""
     from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
 
     given, states = ("time", "position", "velocity", "torque", "at_rest"), [f"memory_{k}" for k in range(count)]
     inputs: list[Any] = [name(text) for text in given]
     memory: Any = tuple(name(text) for text in states)
-    period: Any = name("period", most=longest)
+    duration: Any = name("period", most=upper(period))
     try:
-        moved: Any = form.written().advance(memory, Samples(*inputs[:4]), period)
+        symbolic, values = written(term)
+        moved: Any = symbolic.advance(memory, Samples(*inputs[:4]), duration)
         after: Any = [np.where(inputs[4], old, new) for old, new in zip(memory, moved, strict=True)]
+        return recurrence(given, [*values, "period"], states, after), [*values.values(), period]
     except Exception:  # a user's law may do anything that NumPy does
         return None
-    return recurrence(given, [*form.names, "period"], states, after)
 
 
 def trace(variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:
@@ -344,12 +328,12 @@ def traces(
     shape = (len(variants), sum(stretches))
     first_samples = Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), held[0])
     memory = stacked.start(first_samples)
-    constants = [*Form.of(stacked).values(stacked), period]
-    states, own = (np.array([np.broadcast_to(row, shape) for row in rows]) for rows in (memory, constants))
-    advance = _advance(Form.of(stacked), len(memory), upper(period))
+    states = np.array([np.broadcast_to(row, shape) for row in memory])
+    advance = _advance(stacked, len(memory), period)
     if advance is not None:
+        program, constants = advance
         inputs = np.stack([time[:-1], position[:-1], half, held[:-1], resting], axis=1)
-        history = advance(inputs, own, states)
+        history = program(inputs, np.array([np.broadcast_to(row, shape) for row in constants]), states)
     else:
         history = np.empty((steps, len(memory), *shape))
         history[0] = states

@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendulum_env.physics import Column, KnownLoad, Samples, Term, effects, simulate
+from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, effects, simulate
 from pendulum_env.physics.compiled import recurrence
-from pendulum_env.physics.simulation import Balance, step
+from pendulum_env.physics.potential import Cogging
+from pendulum_env.physics.simulation import Balance, _compiled_step, step
 from pendulum_env.physics.symbols import name
-from pendulum_env.physics.term import UNLOADED, traces
+from pendulum_env.physics.term import UNLOADED, _advance, traces
 from pendulum_env.plant import hide, paper_plant
 
 H, LANES = np.array([1e-3, 0.7e-3, 0.9e-3]), 3
@@ -88,6 +89,7 @@ def stepped(model, torque, load=UNLOADED) -> np.ndarray:
 def test_every_effect_moves_as_its_own_step_says(id, load):
     model = hide(paper_plant(), id)
     torque = 4.0 * np.random.default_rng(0).standard_normal((400, LANES)).cumsum(axis=0) / 8
+    assert _compiled_step(model.terms, bool(load), H) is not None
     path = simulate(model.terms, model.theta, H, torque, [0.3, -1.0, 2.0], [0.0, 1.0, -2.0], load=load)
     np.testing.assert_allclose(path.position, stepped(model, torque, load), rtol=0, atol=1e-10)
 
@@ -101,6 +103,7 @@ def test_states_along_a_motion_are_those_that_each_advance_gives(id, period):
     x = Samples(time, position, np.gradient(position, period), rng.standard_normal(300))
     grid = list(effects()[id].grid(x, np.zeros(300)))
     variants = [grid[0], grid[len(grid) // 2], grid[-1]]
+    assert _advance(grid[0], len(grid[0].start(x)), np.array(period)) is not None
     for variant, memory in zip(variants, traces(variants, [x], [x.torque], [period])[0], strict=True):
         own = [variant.start(Samples(time[0], position[0], x.velocity[0], x.torque[0]))]
         for k in range(299):
@@ -124,11 +127,68 @@ def test_a_law_that_cannot_be_written_down_is_simulated_all_the_same():
         def columns(self):
             return (Column("table", "N m", force=lambda x: np.clip(x.position, -1.0, 1.0)),)
 
+    assert _compiled_step([Table()], False, 1e-3) is None
     torque = np.sin(np.arange(300) / 20)
     tabled, clipped = (paper_plant().add(kind(), [0.7]).simulate(1e-3, torque, 0.5, 0.0) for kind in (Table, Clipped))
     np.testing.assert_allclose(tabled.position, clipped.position, rtol=0, atol=1e-12)
 
 
-def test_a_law_that_branches_on_values_is_no_formula():
-    with pytest.raises(TypeError, match="branch"):
-        bool(name("x") > 0)
+def added_in_place(x):
+    y = x + 0.0
+    y += 1.0
+    return y
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda x: 1.0 if x > 0 else 0.0,
+        lambda x: max(x, 0.0),
+        lambda x: x > 0 and x < 1,
+        lambda x: float(x),
+        lambda x: len(x),
+        lambda x: x[0],
+        lambda x: x % 2,
+        lambda x: np.divide(1.0, x, out=np.zeros_like(x), where=x != 0),
+        lambda x: np.hypot(x, 1.0),
+        lambda x: np.interp(x, [0.0, 1.0], [0.0, 1.0]),
+        lambda x: np.clip(x, None, 1.0),
+        lambda x: np.where(x > 0),
+        lambda x: x.max(),
+        lambda x: np.max(x),
+        lambda x: 1.0 if np.any(x > 0) else 0.0,
+        lambda x: 1.0 if (x > 0).all() else 0.0,
+        lambda x: np.zeros(np.shape(x)),
+        added_in_place,
+    ],
+)
+def test_a_law_that_is_no_expression_is_never_taken_for_one(law):
+    with pytest.raises((TypeError, AttributeError)):
+        law(name("x"))
+
+
+def test_what_a_law_reads_besides_its_shapes_is_read_anew(monkeypatch):
+    @dataclass(frozen=True)
+    class Warm(Term):
+        id, law, kind = "warm", "g(t) q'", "dissipative"
+        share = 1.0
+
+        @property
+        def columns(self):
+            return (Column("warm", "N m s/rad", force=lambda x: self.share * x.velocity),)
+
+    torque = np.sin(np.arange(300) / 20)
+    cold, warm = (paper_plant().add(Warm(), [k]).simulate(1e-3, torque, 0.5, 0.0).position for k in (0.2, 0.4))
+    assert np.abs(cold - warm).max() > 1e-4
+    monkeypatch.setattr(Warm, "share", 2.0)
+    np.testing.assert_allclose(paper_plant().add(Warm(), [0.2]).simulate(1e-3, torque, 0.5, 0.0).position, warm)
+
+
+def test_two_terms_of_a_class_have_their_own_shapes():
+    torque = 3 * np.sin(np.arange(400) / 30)
+    terms, theta = [*BASE, Cogging(3.0), Cogging(17.0)], [0.09, 2.0, 0.3, 0.5, 0.3, 0.1, 0.2, 0.4]
+    path = simulate(terms, np.array(theta), 1e-3, torque, 0.2, 0.0).position
+    swapped = simulate(
+        [*BASE, Cogging(17.0), Cogging(3.0)], np.array(theta[:4] + theta[6:] + theta[4:6]), 1e-3, torque, 0.2, 0.0
+    )
+    np.testing.assert_allclose(path, swapped.position, rtol=0, atol=1e-10)
