@@ -521,7 +521,7 @@ class Search:
                     yield next(term for term in left if term.id == foil.id), left
 
     def _beside(self, base: Terms, terms: Terms, law: str) -> Terms:
-        """The terms without the effects that are of no use beside the law of an id, which has no name."""
+        """The terms without the effects that are not needed beside the law of an id, which has no name."""
         while True:
             effects = [term for term in terms[len(base) :] if term.id != law]
             withouts = [self.settle(tuple(t for t in terms if t is not term)) for term in effects]

@@ -84,11 +84,12 @@ def recurrence(
     The same expressions are compiled once.
     """
     key = tuple(inputs), tuple(constants), tuple(states), _spelled(after)
-    if key not in _known:
+    found = _known.get(key)
+    if found is None:
         if len(_known) >= KEPT:
             _known.clear()
-        _known[key] = _compile(inputs, constants, states, after)
-    return _known[key]
+        found = _known[key] = _compile(inputs, constants, states, after)
+    return found
 
 
 def _spelled(results: Sequence[Operand]) -> tuple[object, ...]:

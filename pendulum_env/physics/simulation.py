@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.symbols import may, name
+from pendulum_env.physics.symbols import longest, may, name
 from pendulum_env.physics.term import LOAD, UNLOADED, KnownLoad, Law, Memory, Samples, Term, one, upper, written, zero
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _directed(net: ArrayLike, dry: ArrayLike, direction: Array) -> ArrayLike:
 
 def substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int:
     """Integration steps that a period takes."""
-    return max(1, int(np.ceil(np.max(period) / longest_step - 1e-9)))
+    return max(1, int(np.ceil(longest(period) / longest_step - 1e-9)))
 
 
 def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
@@ -219,7 +219,7 @@ def simulate(
         memory: initial state variables of terms with memory, where they are known; else those of long rest.
         longest_step: longest integration step [s].
         load: known load, scalars or (B,).
-        observe: called with all that is known at the start of every period and at the end of the last one.
+        observe: called, after the run, with all that is known at the start of every period and at the end of the last.
     """
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque

@@ -89,7 +89,7 @@ FUNCTIONS: dict[Any, Any] = {
 
 def may(condition: Any) -> bool:
     """Whether a condition may be true of any: an expression holds every branch, and `np.where` takes what applies."""
-    return isinstance(condition, Symbol) or bool(np.any(condition))
+    return isinstance(condition, Symbol) or bool(condition.any() if isinstance(condition, np.ndarray) else condition)
 
 
 def longest(duration: Any) -> float:

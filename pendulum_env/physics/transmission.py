@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.symbols import longest, name
+from pendulum_env.physics.simulation import substeps
+from pendulum_env.physics.symbols import name
 from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric
 
 if TYPE_CHECKING:
@@ -200,7 +201,7 @@ def _swing(
 ) -> Memory:
     """Motion of the link while the motor moves on at constant speed: velocity Verlet in short steps."""
     position, velocity = memory
-    steps = max(1, int(np.ceil(longest(duration) / SUBSTEP - 1e-9)))
+    steps = substeps(duration, SUBSTEP)
     h = duration / steps
     stiffness = np.minimum(stiffness, 1 / h**2)  # stiffer contacts would be unstable at this step
     damping = np.minimum(damping, 0.5 / h)
