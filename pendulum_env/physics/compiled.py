@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,8 +28,6 @@ CALLS = {  # by operation: LLVM's own functions, and those of the C library
     "sqrt": "llvm.sqrt.f64",
     "maximum": "llvm.maxnum.f64",
     "minimum": "llvm.minnum.f64",
-    "sin": "llvm.sin.f64",
-    "cos": "llvm.cos.f64",
     "exp": "llvm.exp.f64",
     "log": "llvm.log.f64",
     "power": "llvm.pow.f64",
@@ -36,7 +35,9 @@ CALLS = {  # by operation: LLVM's own functions, and those of the C library
     "tanh": "tanh",
     "arctan": "atan",
 }
-LIBRARY = ("sin", "cos", "exp", "log", "pow", "tan", "tanh", "atan", "fmax", "fmin")
+LIBRARY = ("exp", "log", "pow", "tan", "tanh", "atan", "fmax", "fmin")
+PI = (3.141592651605606, 1.9841871479187034e-09, 1.1442377452219664e-17)  # parts, the first two of 27 bits each
+ODD = [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(12)]  # of the sine's series, to the last bit up to pi / 2
 ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
 SIGNS = {"less": "<", "less_equal": "<=", "greater": ">", "greater_equal": ">=", "equal": "==", "not_equal": "!="}
 
@@ -224,10 +225,29 @@ class _Written:
             return getattr(write, ARITHMETIC[op])(*numbers)
         if op == "negative":
             return write.fneg(*numbers)
+        if op in ("sin", "cos"):
+            return self._sine(numbers[0], 0.0 if op == "sin" else 0.5)
         if op == "sign":
             up, down = (write.fcmp_ordered(sign, numbers[0], DOUBLE(0.0)) for sign in "><")
             return write.select(up, DOUBLE(1.0), write.select(down, DOUBLE(-1.0), DOUBLE(0.0)))
         return write.call(self._function(CALLS[op], len(numbers)), numbers)
+
+    def _sine(self, x: Any, shift: float) -> Any:
+        """sin(x + shift pi) by its series about the nearest multiple of pi: unlike the C library's it fills all lanes."""
+        write, whole = self.builder, self._function("llvm.rint.f64", 1)
+        turns = write.call(whole, [write.fadd(write.fmul(x, DOUBLE(1 / math.pi)), DOUBLE(shift))])
+        rest = x
+        for part in PI:
+            rest = write.fsub(rest, write.fmul(write.fsub(turns, DOUBLE(shift)), DOUBLE(part)))
+        square, series = write.fmul(rest, rest), DOUBLE(ODD[-1])
+        for factor in reversed(ODD[:-1]):
+            series = write.fadd(write.fmul(series, square), DOUBLE(factor))
+        half = write.fmul(turns, DOUBLE(0.5))
+        is_odd = write.fcmp_ordered("!=", half, write.call(whole, [half]))
+        value = write.fmul(rest, series)
+        for bound, limit in (("maximum", -1.0), ("minimum", 1.0)):  # where an angle has no digits of a turn left
+            value = write.call(self._function(CALLS[bound], 2), [value, DOUBLE(limit)])
+        return write.select(is_odd, write.fneg(value), value)
 
     def _function(self, name: str, count: int) -> Any:
         known = self.module.globals.get(name)
