@@ -40,6 +40,7 @@ CLOSER = 0.5  # share of the windows' length at a second look,
 SHORTEST = 0.25  # and the least, where longer windows are too few
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 PLENTY = 40  # stretches of motion, below which little can be told
+REPEATED = 2  # turns that miss torque, below which that may be an accident, of which nothing can be learnt
 HOLDOUT_SHARE = 0.3  # end of each recording that is held out when no recording is,
 MOTION = 0.5  # unless less than this share of the motion comes before
 
@@ -307,6 +308,12 @@ def _examine(
         found = refine(closer, closer.find(setting.base))
         if len(found) > 1 and held_out_cost(found[-1]) < held_out_cost(rough[-1]):
             search, rough, window_share = closer, found, CLOSER
+    knocks = with_knocks(search, rough[-1].model.terms)
+    if knocks is not None:
+        again = setting.search(knocks)
+        found = refine(again, again.find(setting.base))
+        if len(found) > 1 and again.is_confirmed(found[-1], again.with_errors(None, rough[-1].model)):
+            search, rough = again, found
     setting.progress("sharpening", 0.93)
     steps = relink(search, sharpen(search, rough))
     if followed is not None:
@@ -347,6 +354,15 @@ def _examine(
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
         window_share=window_share,
     )
+
+
+def with_knocks(search: Search, terms: Sequence[Term]) -> tuple[Evidence, Evidence] | None:
+    """The evidence with what happens where the joint turns round and is no friction; None if that is not repeated."""
+    fit = fit_terms(search.train, terms, search.screen)[1]
+    count = sum(len(term.columns) for term in terms)
+    known = terms, fit.theta[:count], fit.covariance[:count, :count]
+    train, holdout = (replace(part, data=part.data.with_knocks(*known)) for part in (search.train, search.holdout))
+    return (train, holdout) if train.data.turns >= REPEATED else None
 
 
 def _of_little(fitted: Evidence) -> list[str]:

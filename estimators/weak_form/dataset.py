@@ -22,6 +22,7 @@ TRIFLE = 0.01  # share of the torque; encoder noise below it hides nothing worth
 LEAST_WINDOWS = 10  # below which errors mean nothing
 FEWEST = 100  # windows that a length has to leave clear of stick,
 CLEAR = 0.3  # or share of the recording
+SURELY = 5.0  # standard errors, from which a turn misses more torque than friction can be
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,46 @@ class Dataset:
 
         return replace(self, windows=tuple(pushed(w) for w in self.windows))
 
+    def with_knocks(self, terms: Sequence[Term], theta: Array, covariance: Array) -> Dataset:
+        """The data with those windows in which the joint turns round that miss more torque than dry friction can be.
+
+        Nobody knows the friction of a joint that turns round, but it lies between what it is in motion one way and the
+        other. What misses surely more than the difference is no friction: a stop is met nowhere but where the joint
+        turns.
+
+        Args:
+            terms: of a model that explains the rest.
+            theta: its linear parameters (P,).
+            covariance: of these (P, P).
+        """
+        turned = replace(self, windows=tuple(replace(w, centers=w.turning) for w in self.windows))
+        equations, noise = turned.equations(terms), [w.noise(float(theta[0])) for w in self.windows]
+        counts = [len(w.turning) for w in self.windows]
+        dry = turned.dry(terms)
+        most = 2 * (np.abs(dry @ theta) + SURELY * deviations(dry, covariance))
+        doubt = np.hypot(np.repeat(noise, counts), deviations(equations.phi, covariance))
+        knocked = np.abs(equations.y - equations.phi @ theta) > most + SURELY * doubt
+        parts = zip(self.windows, np.split(knocked, np.cumsum(counts)[:-1]), strict=True)
+        return dataset([replace(w, centers=np.sort(np.r_[w.centers, w.turning[own]])) for w, own in parts])
+
+    @property
+    def turns(self) -> int:
+        """Times that the joint turns round in its windows."""
+        turning = [w.centers[np.isin(w.centers, w.turning)] for w in self.windows]
+        return sum(
+            1 + int(np.count_nonzero(np.diff(own) > len(w.kernel) // 2)) if len(own) else 0
+            for w, own in zip(self.windows, turning, strict=True)
+        )
+
+    def dry(self, terms: Sequence[Term]) -> Array:
+        """Dry friction in every window, whichever way the joint turns, by the linear parameters of the terms (R, P)."""
+        rows = []
+        for i, w in enumerate(self.windows):
+            known = {id: samples[i] for id, samples in self.watched.items()}
+            traced = [(term, known.get(term.id) or w.trace([term])[0]) for term in terms]
+            rows.append(np.column_stack([w.average(c.dry(x)) for term, x in traced for c in term.columns]))
+        return np.concatenate(rows)
+
     def torque(self) -> Array:
         """Windowed measured torque, (R,) [N m]."""
         return np.concatenate([w.torque() for w in self.windows])
@@ -145,6 +186,11 @@ class Dataset:
         counts = np.array([len(w.centers) for w in self.windows])
         levels = np.array([w.noise(inertia) for w in self.windows])
         return max(self.precision(), float(np.sqrt(np.sum(counts * levels**2) / max(1, counts.sum()))))
+
+
+def deviations(rows: Array, covariance: Array) -> Array:
+    """Standard errors (R,) of sums of parameters, each with its factors (R, P)."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("rp,pq,rq->r", rows, covariance, rows), 0.0)))
 
 
 def _numbers(windows: Sequence[Windows], length: float) -> Index:

@@ -46,6 +46,7 @@ class Windows:
             less noisy, (N,) [rad/s^2]; only its averages are meaningful.
         kernel: window w, (2 m + 1,), summing to one.
         centers: sample index of each window that is clear of stick, (R,).
+        turning: of each other one in which the joint moves most of the time: it turns round there.
         moving: samples whose velocity has a sign, (N,).
         torque_noise: standard deviation of a window's torque from white noise [N m].
         acceleration_noise: the same for its acceleration [rad/s^2].
@@ -59,6 +60,7 @@ class Windows:
     acceleration: Array
     kernel: Array
     centers: Index
+    turning: Index
     moving: Mask
     torque_noise: float
     acceleration_noise: float
@@ -225,12 +227,14 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     halted = ~moving
     halted[1:] |= np.sign(v[1:]) != np.sign(v[:-1])
     guard = m + 1 + smoothing // 3  # the smoothed velocity may cross zero a little off the true one
-    near = binary_dilation(halted, iterations=guard)
+    near, outside = binary_dilation(halted, iterations=guard), np.zeros(len(v), dtype=bool)
     for begin, end in pairwise((*recording.starts, len(recording))):
         lead_in = round(min(LEAD_IN * recording.rate, 0.1 * (end - begin)))
-        near[begin : begin + guard + 1 + lead_in] = near[end - guard - 1 : end] = True
+        outside[begin : begin + guard + 1 + lead_in] = outside[end - guard - 1 : end] = True
     first, stop = (round(share * len(v)) for share in part)
     candidates = np.arange(first + m, stop - m, m)
+    candidates = candidates[~outside[candidates]]
+    mostly = np.convolve(moving, window, "same") > 0.5
     held = np.convolve(window, [0.5, 0.5])
     return Windows(
         recording=recording,
@@ -238,6 +242,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
         acceleration=motion.acceleration,
         kernel=window,
         centers=candidates[~near[candidates]],
+        turning=candidates[(near & mostly)[candidates]],
         moving=moving,
         torque_noise=white_noise(recording.torque) * float(np.linalg.norm(held)),
         acceleration_noise=motion.acceleration_noise,
