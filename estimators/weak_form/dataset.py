@@ -134,7 +134,9 @@ class Dataset:
             covariance: of these (P, P).
         """
         turned = replace(self, windows=tuple(replace(w, centers=w.turning) for w in self.windows))
-        equations, noise = turned.equations(terms), [w.noise(float(theta[0])) for w in self.windows]
+        columns = [column.name for term in terms for column in term.columns]
+        inertia = abs(float(theta[columns.index("inertia")])) if "inertia" in columns else 0.0
+        equations, noise = turned.equations(terms), [w.noise(inertia) for w in self.windows]
         counts = [len(w.turning) for w in self.windows]
         dry = turned.dry(terms)
         most = 2 * (np.abs(dry @ theta) + SURELY * deviations(dry, covariance))

@@ -10,7 +10,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import solve
 from estimators.selection.data import Evidence, fit_terms
 from estimators.signals.differentiation import white_noise
-from estimators.weak_form.dataset import choose_half_width, dataset, prepare
+from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, prepare
 from estimators.weak_form.windows import bump, cut
 from pendulum_env.physics import BASE, Inertia, Viscous, effect
 from pendulum_env.recording import Recording
@@ -230,3 +230,43 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
         )
         assert without[1] > 10  # what goes on from window to window is
     assert np.abs(np.mean(told)) < 2 and np.max(np.abs(told)) < 4.5
+
+
+WALLS = (-4.17, 5.0)  # [rad]
+
+
+@pytest.fixture(scope="module")
+def bouncing() -> Recording:
+    """A light arm that is driven against two stiff stops, where it turns round within a few samples."""
+    stops = {"wall_lo": WALLS[0], "wall_hi": WALLS[1], "wall_k": 230.0, "wall_d": 2.1}
+    plant = Plant(0.03, 2.25, 0.0136, 0.05, {"hard_stop": stops})
+    experiment = Experiment(excitation="steps", rate=500, seconds=15, seed=1, counts=16_384, torque_noise=0.03)
+    return recorded(*simulate([(plant, experiment)]))
+
+
+def with_knocks(evidence: Evidence) -> Dataset:
+    fit = fit_terms(evidence, BASE)[1]
+    return evidence.data.with_knocks(BASE, fit.theta, fit.covariance)
+
+
+def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met(bouncing):
+    evidence = Evidence.of([bouncing])
+    (before,), (after,) = evidence.data.windows, (data := with_knocks(evidence)).windows
+    added = bouncing.position[np.setdiff1d(after.centers, before.centers)]
+    assert data.turns >= 3
+    assert np.all((added < WALLS[0] + 0.2) | (added > WALLS[1] - 0.2))
+
+
+@pytest.mark.parametrize("which", range(4))
+def test_a_turn_that_friction_makes_is_not_kept(sticky_runs, which):
+    evidence = Evidence.of([recorded(sticky_runs[which])])
+    assert len(evidence.data.windows[0].turning) > 0
+    assert with_knocks(evidence).turns == 0
+
+
+def test_turns_are_counted_once_however_many_windows_they_take(bouncing):
+    evidence = Evidence.of([bouncing])
+    (windows,) = with_knocks(evidence).windows
+    first = np.intersect1d(windows.centers, windows.turning)[0]
+    once = replace(windows, centers=np.array([first, first + len(windows.kernel) // 2]))
+    assert dataset([replace(once, turning=once.centers)]).turns == 1
