@@ -411,15 +411,13 @@ def unexplained(search: Search, last: Step) -> list[Region]:
         text = f"{words(search.unnamed)} would explain most of it, and no effect of the library is such a law"
         return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
     if not search.is_noise(search.train, left):
-        return regions or _too_much(search, search.train, left, regions)
+        return regions or _too_much(search, search.train, left)
     unseen = search.unseen(last.model.terms)
-    beyond = stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout)))
-    held_out = _too_much(search, search.holdout, unseen, beyond)
     if not search.is_noise(search.holdout, unseen):
-        return _held_out(search, beyond or held_out)
-    much = [*_too_much(search, search.train, left, regions), *_held_out(search, held_out)]
-    if much or not is_astray(search, last):
-        return much
+        beyond = stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout)))
+        return _held_out(search, beyond or _too_much(search, search.holdout, unseen))
+    if not is_astray(search, last):
+        return []
     error = last.errors["train"].position_rms
     text = (
         f"the torque fits where the joint moves freely, but free-running simulation errs by {error:.2g} rad: "
@@ -434,13 +432,9 @@ def _held_out(search: Search, regions: Sequence[Region]) -> list[Region]:
     return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in regions]
 
 
-def _too_much(search: Search, part: Evidence, left: Array, regions: list[Region]) -> list[Region]:
-    """The regions that stand out, or that none does, where what is left (R,) is too much for noise."""
+def _too_much(search: Search, part: Evidence, left: Array) -> list[Region]:
+    """What is said of a residual (R,) that stands out nowhere."""
     size, floor = float(np.sqrt(np.mean(left**2))), search.noise_of(part)
-    if size <= search.criterion.astray * floor:
-        return []
-    if regions:
-        return regions
     fast = float(np.abs(part.samples.velocity).max())
     text = (
         f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, at no one speed, "

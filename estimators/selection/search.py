@@ -34,7 +34,6 @@ UNLIKELY = 0.5  # chance that an effect gains nothing, from which its shape is n
 TRIED = 8  # effects that are tried until one is confirmed
 
 Terms = tuple[Term, ...]
-Structure = tuple[float, float]  # size [N m], and how sure it is [standard errors]
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ class Search:
         self.bootstrap = Bootstrap(np.concatenate([first, second if same else second + first.max() + 1]), self.rng)
         self._densities: dict[Terms, Array] = {}
         self._left: dict[Terms, tuple[Left, Left]] = {}
-        self._structures: dict[Terms, tuple[Structure, Structure]] = {}
+        self._noise: dict[Terms, tuple[bool, bool]] = {}
         self._in_motion: dict[Terms, Step] = {}
 
     def _inertia(self) -> float:
@@ -157,19 +156,11 @@ class Search:
             self._left[terms] = first, second
         return self._left[terms]
 
-    def structures(self, terms: Terms) -> tuple[Structure, Structure]:
-        """What neighbouring windows share of the residual, fitted and `unseen`: how much [N m], and how surely."""
-        if terms not in self._structures:
-            first, second = (
-                part.data.structure(residual, self.inertia)
-                for part, residual in ((self.train, self.screen.residual(terms)), (self.holdout, self.unseen(terms)))
-            )
-            self._structures[terms] = first, second
-        return self._structures[terms]
-
     def is_noise(self, part: Evidence, residual: Array) -> bool:
         """Whether a residual (R,) [N m] of the training or of the held-out data may as well be noise."""
-        return self.criterion.is_noise(part.data.structure(residual, self.inertia), self.noise_of(part))
+        floor, size = self.noise_of(part), float(np.sqrt(np.mean(residual**2)))
+        structure = part.data.structure(residual, self.inertia)
+        return size <= self.criterion.astray * floor and self.criterion.is_noise(structure, floor)
 
     def noise_of(self, part: Evidence) -> float:
         """Torque error that measurement noise alone gives there [N m]."""
@@ -177,9 +168,10 @@ class Search:
 
     def are_noise(self, terms: Terms) -> tuple[bool, bool]:
         """Whether the terms leave noise only, of what is fitted, and of what is held out."""
-        first, second = self.structures(terms)
-        noise = self.criterion.is_noise
-        return noise(first, self.floor), noise(second, self.noise_of(self.holdout))
+        if terms not in self._noise:
+            fitted = self.is_noise(self.train, self.screen.residual(terms))
+            self._noise[terms] = fitted, self.is_noise(self.holdout, self.unseen(terms))
+        return self._noise[terms]
 
     def fits(self, terms: Terms) -> bool:
         """Whether the terms leave noise only, of what is fitted and of what is held out."""
@@ -211,19 +203,15 @@ class Search:
     def explained(self, after: Terms, before: Terms) -> float:
         """Share of the power that one model leaves and is no noise, which another explains: the least of all data.
 
-        Data have no say where neighbouring windows do not surely share what the one model leaves. No noise is what the
-        other takes out of the residual, be it as sharp as an impact, and what neighbouring windows share of the rest,
-        of which so many windows tell no less than their noise allows.
+        No noise is what the other takes out of the residual, be it as sharp as an impact, and what neighbouring windows
+        share of the rest, of which so many windows tell no less than their noise allows.
         """
         least = self.train.data.precision() ** 2
         shares = [
             new.share_of(old.all - new.all, len(part.data.weights)) if old.all - new.all > least else 0.0
-            for (part, _), old, new, (_, sure) in zip(
-                self._parts, self.left(before), self.left(after), self.structures(before), strict=True
-            )
-            if sure >= self.criterion.sure
+            for (part, _), old, new in zip(self._parts, self.left(before), self.left(after), strict=True)
         ]
-        return min(shares, default=0.0)
+        return min(shares)
 
     def explains(self, after: Terms, before: Terms) -> bool:
         """Whether that is a good share."""
@@ -386,8 +374,6 @@ class Search:
 
     def add(self, terms: Terms) -> Terms | None:
         """The terms with one more effect: of those that nothing speaks against and that predict alike, the simplest."""
-        if self.structures(terms)[0][1] < self.criterion.sure:
-            return None  # where neighbouring windows of what is fitted share nothing, nothing can be learnt
         confirmed: list[Terms] = []
         for longer in sorted(self.candidates(terms) + self.freer(terms), key=self._promise)[:TRIED]:
             if confirmed and not self.is_level(longer, confirmed[0]):
@@ -420,7 +406,7 @@ class Search:
         model = self.linked.model
         self.train, self.holdout = self.train.watching(model), self.holdout.watching(model)
         self.screen, self.held_out = Screen(self.train.data), Screen(self.holdout.data)
-        for known in (self._densities, self._left, self._structures):
+        for known in (self._densities, self._left, self._noise):
             known.clear()
         return model.terms
 
