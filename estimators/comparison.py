@@ -14,6 +14,7 @@ from estimators.checks.torque_constant import Calibrated, unit_of
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import Errors, Evidence
 from estimators.simulation.free_running import growth, select
+from estimators.simulation.link_segments import has_link
 from estimators.weak_form.dataset import dataset
 from pendulum_env._typing import JSON
 from pendulum_env.notebook import shown
@@ -157,7 +158,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     """
     model, recordings = model_that_moves(model), chosen_recordings(recordings)
     recordings = in_units_of(model, recordings)
-    parts = [Evidence.of([recording]).watching(model) for recording in recordings]
+    parts = [_evidence(recording, model) for recording in recordings]
     together = joined(parts)
     joint = distance("all", together, model)
     maps = profiles(together.samples, together.residual(model.terms, model.theta), joint.noise_floor)
@@ -166,6 +167,18 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     return Comparison(
         model, tuple(distances), joint, tuple(maps), tuple(stand_out(maps)), odd, recordings[0].torque_constant
     )
+
+
+def _evidence(recording: Recording, model: Model) -> Evidence:
+    """Evidence of a recording, with what turns the joint round there and is no friction of the model's."""
+    evidence = Evidence.of([recording])
+    if has_link(model.terms):
+        return evidence.watching(model)
+    names = [column.name for column in model.columns]
+    std = np.array([model.estimates[name].std for name in names])
+    covariance = np.diag(std**2) if (told := model.covariance) is None else told[: len(names), : len(names)]
+    inertia = abs(model.estimates["inertia"].value)
+    return replace(evidence, data=evidence.data.with_knocks(model.terms, model.theta, covariance, inertia))
 
 
 def in_units_of(model: Model, recordings: Sequence[Recording]) -> tuple[Recording, ...]:

@@ -20,8 +20,9 @@ SHOWN = 6  # effects in the table
 def table(time: float, said: OnlineDiagnosis) -> Table:
     """The likeliest effects, with what each gains over the running model."""
     model = " + ".join(("base", *said.added))
-    title = f"{time:4.1f} s  {model}: {said.kind} {' or '.join(said.group)}, error {said.error:.4f} N m"
-    rows = Table("effect", "probability", "", "gain [nat]", title=title, title_justify="left", min_width=80)
+    verdict = " ".join((said.kind, " or ".join(said.group))).strip()
+    title = f"{time:4.1f} s  {model}: {verdict}, error {said.error:.4f} N m"
+    rows = Table("effect", "probability", "", r"gain \[nat]", title=title, title_justify="left", min_width=80)
     for one in said.ranking[:SHOWN]:
         bar = "█" * round(20 * one.probability)
         rows.add_row(one.effect, f"{one.probability:.2f}", f"{bar:20}", f"{one.gain:z.0f} ± {one.error:.0f}")
@@ -45,7 +46,7 @@ def main() -> None:
                 live.update(table(info["time"], said), refresh=True)
 
         rollout(env, signal, steps=12_500, seed=0, watch=show)
-    print("found:", ", ".join(seen[-1].added), "| hidden:", ", ".join(effect.partition(":")[0] for effect in HIDDEN))
+    print("\nfound:", ", ".join(seen[-1].added), "| hidden:", ", ".join(effect.partition(":")[0] for effect in HIDDEN))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.schemes.six import GUARD, Dynamic
 from estimators.signals.measurements import Measurements
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.physics import BASE, Model, Term
 
 SMALL = 0.3  # [rad]; up to here sin q and q differ by less than 1.5 %
@@ -65,11 +65,11 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
         )
         alike = ("gravity", "spring.stiffness")
         doubts.append(Doubt(text, alike if set(alike) <= set(names) else (), ("spring", "gravity")))
-    phi = np.concatenate(
-        [Dynamic().regression(m, terms).equations.phi[use] for m, use in zip(measurements, clear, strict=True)]
-    )
+    everywhere = [Dynamic().regression(m, terms).equations.phi for m in measurements]
+    phi = np.concatenate([phi[use] for phi, use in zip(everywhere, clear, strict=True)])
+    acts = np.any([np.any(phi, axis=0) for phi in everywhere], axis=0)
     said = {name for doubt in doubts for name in doubt.withheld}
-    return (*doubts, *(doubt for doubt in _alike(phi, names) if not said.issuperset(doubt.withheld)))
+    return (*doubts, *(doubt for doubt in _alike(phi, names, acts) if not said.issuperset(doubt.withheld)))
 
 
 def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[Doubt] = ()) -> tuple[Doubt, ...]:
@@ -104,10 +104,13 @@ def is_driven(m: Measurements) -> bool:
     return bool(y @ y > 1e-18 * len(y) and left @ left < FOLLOWED * (y @ y))
 
 
-def _alike(phi: Array, names: Sequence[str]) -> list[Doubt]:
-    """Columns of the regressor (R, P) that never act, or of which some add up to nothing."""
+def _alike(phi: Array, names: Sequence[str], acts: Mask) -> list[Doubt]:
+    """Columns of the regressor (R, P) of which some add up to nothing, and those that never act (P,).
+
+    What acts only where the joint turns round, as a stop does, acts nowhere clear of that.
+    """
     size = np.linalg.norm(phi, axis=0)
-    silent = [name for name, length in zip(names, size, strict=True) if length == 0]
+    silent = [name for name, does in zip(names, acts, strict=True) if not does]
     doubts = [
         Doubt(f"{name} never acts in these recordings: record motion that reaches it", (name,)) for name in silent
     ]

@@ -13,7 +13,7 @@ from estimators.selection.data import Step
 from estimators.selection.score import Gain
 from pendulum_env._typing import JSON
 from pendulum_env.notebook import shown
-from pendulum_env.physics import Model
+from pendulum_env.physics import Model, Term
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import json_per, listing, name, opening
 
@@ -78,6 +78,7 @@ class Diagnosis:
         forbidden: what the limits of the rig keep any experiment from settling, in words; None if nothing.
         inseparable: groups that no torque would tell apart, whatever it was.
         window_share: length of the windows used, relative to the length that the noise asks for.
+        knocks_beside: terms of the model beside which turns that miss torque are among these; None where they are not.
         disagreements: recordings that show another plant than the others; fitted ones among them are set apart.
         alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
             filtered was corrected by it.
@@ -95,6 +96,7 @@ class Diagnosis:
     forbidden: str | None = None
     inseparable: tuple[tuple[str, ...], ...] = ()
     window_share: float = 1.0
+    knocks_beside: tuple[Term, ...] | None = None
     disagreements: tuple[Disagreement, ...] = ()
     alignments: tuple[Alignment, ...] = ()
     torque_unit: str = NEWTON_METRE

@@ -22,7 +22,7 @@ from estimators.diagnosis.sensitivity import in_words
 from estimators.progress import Progress, forward, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, Step, fit_terms
+from estimators.selection.data import Evidence, Step, fit_terms, with_knocks
 from estimators.selection.foils import words
 from estimators.selection.motion import is_astray, refine, relink, sharpen
 from estimators.selection.search import Search, held_out_cost, ids
@@ -40,7 +40,6 @@ CLOSER = 0.5  # share of the windows' length at a second look,
 SHORTEST = 0.25  # and the least, where longer windows are too few
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 PLENTY = 40  # stretches of motion, below which little can be told
-REPEATED = 2  # turns that miss torque, below which that may be an accident, of which nothing can be learnt
 HOLDOUT_SHARE = 0.3  # end of each recording that is held out when no recording is,
 MOTION = 0.5  # unless less than this share of the motion comes before
 
@@ -114,9 +113,9 @@ class Setting:
     usual: float
     by_reference: bool
 
-    def search(self, evidence: tuple[Evidence, Evidence]) -> Search:
-        """The search on some data."""
-        return Search(*evidence, self.progress, self.library, self.criterion, self.rng)
+    def search(self, evidence: tuple[Evidence, Evidence], inertia: float = 0.0) -> Search:
+        """The search on some data, of a joint whose inertia is known from others perhaps [kg m^2]."""
+        return Search(*evidence, self.progress, self.library, self.criterion, self.rng, inertia=inertia)
 
 
 def diagnose(
@@ -301,19 +300,21 @@ def _examine(
     wrong = turned_round(fit_terms(evidence[0], setting.base)[0])
     if wrong is not None:
         return _mislogged(search, setting.base, wrong)
-    rough, window_share = refine(search, search.find(setting.base)), 1.0
-    if search.fits(rough[-1].model.terms) and is_astray(search, rough[-1]):
+    rough, window_share, beside = refine(search, search.find(setting.base)), 1.0, None
+    if search.are_noise(rough[-1].model.terms)[0] and is_astray(search, rough[-1]):
         # What happens near reversals shows in windows that come closer to them, if through more noise.
-        closer = setting.search(gather(recordings, holdout, CLOSER))
+        nearer = gather(recordings, holdout, CLOSER)
+        closer = setting.search(nearer)
         found = refine(closer, closer.find(setting.base))
         if len(found) > 1 and held_out_cost(found[-1]) < held_out_cost(rough[-1]):
-            search, rough, window_share = closer, found, CLOSER
-    knocks = with_knocks(search, rough[-1].model.terms)
-    if knocks is not None:
-        again = setting.search(knocks)
+            search, rough, window_share, evidence = closer, found, CLOSER, nearer
+    terms = rough[-1].model.terms
+    knocked = with_knocks(evidence, terms)
+    if knocked is not evidence:
+        again = setting.search(knocked, search.inertia)
         found = refine(again, again.find(setting.base))
         if len(found) > 1 and again.is_confirmed(found[-1], again.with_errors(None, rough[-1].model)):
-            search, rough = again, found
+            search, rough, beside = again, found, terms
     setting.progress("sharpening", 0.93)
     steps = relink(search, sharpen(search, rough))
     if followed is not None:
@@ -353,16 +354,8 @@ def _examine(
         forbidden=forbidden,
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
         window_share=window_share,
+        knocks_beside=beside,
     )
-
-
-def with_knocks(search: Search, terms: Sequence[Term]) -> tuple[Evidence, Evidence] | None:
-    """The evidence with what happens where the joint turns round and is no friction; None if that is not repeated."""
-    fit = fit_terms(search.train, terms, search.screen)[1]
-    count = sum(len(term.columns) for term in terms)
-    known = terms, fit.theta[:count], fit.covariance[:count, :count]
-    train, holdout = (replace(part, data=part.data.with_knocks(*known)) for part in (search.train, search.holdout))
-    return (train, holdout) if train.data.turns >= REPEATED else None
 
 
 def _of_little(fitted: Evidence) -> list[str]:
@@ -411,11 +404,11 @@ def unexplained(search: Search, last: Step) -> list[Region]:
         text = f"{words(search.unnamed)} would explain most of it, and no effect of the library is such a law"
         return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
     if not search.is_noise(search.train, left):
-        return regions or _too_much(search, search.train, left)
+        return regions or _nowhere(search, search.train, left)
     unseen = search.unseen(last.model.terms)
     if not search.is_noise(search.holdout, unseen):
         beyond = stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout)))
-        return _held_out(search, beyond or _too_much(search, search.holdout, unseen))
+        return _held_out(search, beyond or _nowhere(search, search.holdout, unseen))
     if not is_astray(search, last):
         return []
     error = last.errors["train"].position_rms
@@ -432,9 +425,11 @@ def _held_out(search: Search, regions: Sequence[Region]) -> list[Region]:
     return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in regions]
 
 
-def _too_much(search: Search, part: Evidence, left: Array) -> list[Region]:
-    """What is said of a residual (R,) that stands out nowhere."""
+def _nowhere(search: Search, part: Evidence, left: Array) -> list[Region]:
+    """What is said of a residual (R,) that stands out nowhere: nothing, unless it is too much for noise."""
     size, floor = float(np.sqrt(np.mean(left**2))), search.noise_of(part)
+    if size <= search.criterion.astray * floor:
+        return []
     fast = float(np.abs(part.samples.velocity).max())
     text = (
         f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, at no one speed, "

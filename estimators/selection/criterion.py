@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from estimators.weak_form.dataset import Structure
+
 
 @dataclass(frozen=True)
 class Criterion:
@@ -33,7 +35,10 @@ class Criterion:
     most: int = 6
     beam: int = 3
 
-    def is_noise(self, structure: tuple[float, float], floor: float) -> bool:
-        """Whether what is left may as well be noise: not correlated, or by less than matters (`Dataset.structure`)."""
-        size, sure = structure
-        return size < self.noise * floor or sure < self.sure
+    def shows(self, left: Structure, floor: float) -> bool:
+        """Whether what is left is more than white noise: neighbouring windows surely share it, or it is too much."""
+        return left.sure >= self.sure or left.all > self.astray * floor
+
+    def is_noise(self, left: Structure, floor: float) -> bool:
+        """Whether what is left may as well be noise: white, or of a size that matters to nobody."""
+        return not self.shows(left, floor) or max(left.shared / self.noise, left.all / self.astray) < floor

@@ -15,9 +15,10 @@ from estimators.weak_form.dataset import Dataset, prepare
 from estimators.weak_form.shapes import shape_slopes
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import JSON, Array
-from pendulum_env.physics import Model, Samples, Term
+from pendulum_env.physics import BASE, Model, Samples, Term
 from pendulum_env.recording import Recording
 
+REPEATED = 2  # knocks, below which that may be an accident
 PLACES = (1e-3, 10.0)  # [s], distances that an instant is moved by to see who notices
 
 
@@ -150,6 +151,27 @@ def fit_terms(evidence: Evidence, terms: Sequence[Term], screen: Screen | None =
     columns = [column.name for term in terms for column in term.columns]
     model = Model.build(terms, fit.theta, fit.std[:count], **shape_std)
     return model.correlated([*columns, *names], fit.covariance), fit
+
+
+def base_inertia(screen: Screen) -> float:
+    """Inertia of the joint as the base model has it [kg m^2], which tells the noise."""
+    return abs(float(screen.solve(BASE)[[term.id for term in BASE].index("inertia")]))
+
+
+def with_knocks(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> tuple[Evidence, Evidence]:
+    """Training and held-out evidence with what turns the joint round and is no friction, see `Dataset.with_knocks`.
+
+    It is the same where nothing does so at least twice: once is an accident, of which nothing can be learnt. Nor is
+    there more to see beside a model with a link, whose impacts are the link's.
+    """
+    if has_link(terms):
+        return evidence
+    screen = Screen(evidence[0].data)
+    fit = fit_terms(evidence[0], terms, screen)[1]
+    count = len(fit.theta)
+    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(screen)
+    train, holdout = (replace(part, data=part.data.with_knocks(*known)) for part in evidence)
+    return (train, holdout) if train.data.knocks >= REPEATED else evidence
 
 
 def _placement(data: Dataset, term: Term, name: str, own: Array, noise: Array) -> float:

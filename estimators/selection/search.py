@@ -18,11 +18,12 @@ from estimators.progress import Progress, no_progress
 from estimators.regression.least_squares import information, least_squares, robust_covariance
 from estimators.selection.candidates import Screen, Trial
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, Step, fit_terms, shape_jacobian
+from estimators.selection.data import Evidence, Step, base_inertia, fit_terms, shape_jacobian
 from estimators.selection.foils import FOILS, wanders
 from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, predicted
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.link_segments import has_link
+from estimators.weak_form.dataset import Structure
 from estimators.weak_form.shapes import bound, freed
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term, effects
@@ -67,6 +68,7 @@ class Search:
         unnamed: the law without a name that does the work of named ones, if one does.
         linked: the model with a link whose motion is watched, if there is one.
         base: terms that the search started from.
+        inertia: of the joint, which tells the noise; of the base model if it is not known [kg m^2].
     """
 
     train: Evidence
@@ -78,10 +80,11 @@ class Search:
     unnamed: Term | None = None
     linked: Step | None = None
     base: Terms = BASE
+    inertia: float = 0.0
 
     def __post_init__(self) -> None:
         self.screen, self.held_out = Screen(self.train.data), Screen(self.holdout.data)
-        self.inertia = self._inertia()
+        self.inertia = self.inertia or base_inertia(self.screen)
         self.floor = self.train.data.noise(self.inertia)
         self._where = [_stretches(part, STRETCH) for part in (self.train, self.holdout)]
         self._finer = [_stretches(part, MOMENT) for part in (self.train, self.holdout)]
@@ -90,11 +93,8 @@ class Search:
         self.bootstrap = Bootstrap(np.concatenate([first, second if same else second + first.max() + 1]), self.rng)
         self._densities: dict[Terms, Array] = {}
         self._left: dict[Terms, tuple[Left, Left]] = {}
-        self._noise: dict[Terms, tuple[bool, bool]] = {}
+        self._structures: dict[Terms, tuple[Structure, Structure]] = {}
         self._in_motion: dict[Terms, Step] = {}
-
-    def _inertia(self) -> float:
-        return abs(float(self.screen.solve(BASE)[[term.id for term in BASE].index("inertia")]))
 
     # ------------------------------------------------------------------------------------------------------- the score
 
@@ -156,11 +156,19 @@ class Search:
             self._left[terms] = first, second
         return self._left[terms]
 
+    def structures(self, terms: Terms) -> tuple[Structure, Structure]:
+        """What neighbouring windows share of the residual, fitted and `unseen`."""
+        if terms not in self._structures:
+            first, second = (
+                part.data.structure(residual, self.inertia)
+                for part, residual in ((self.train, self.screen.residual(terms)), (self.holdout, self.unseen(terms)))
+            )
+            self._structures[terms] = first, second
+        return self._structures[terms]
+
     def is_noise(self, part: Evidence, residual: Array) -> bool:
         """Whether a residual (R,) [N m] of the training or of the held-out data may as well be noise."""
-        floor, size = self.noise_of(part), float(np.sqrt(np.mean(residual**2)))
-        structure = part.data.structure(residual, self.inertia)
-        return size <= self.criterion.astray * floor and self.criterion.is_noise(structure, floor)
+        return self.criterion.is_noise(part.data.structure(residual, self.inertia), self.noise_of(part))
 
     def noise_of(self, part: Evidence) -> float:
         """Torque error that measurement noise alone gives there [N m]."""
@@ -168,10 +176,9 @@ class Search:
 
     def are_noise(self, terms: Terms) -> tuple[bool, bool]:
         """Whether the terms leave noise only, of what is fitted, and of what is held out."""
-        if terms not in self._noise:
-            fitted = self.is_noise(self.train, self.screen.residual(terms))
-            self._noise[terms] = fitted, self.is_noise(self.holdout, self.unseen(terms))
-        return self._noise[terms]
+        first, second = self.structures(terms)
+        noise = self.criterion.is_noise
+        return noise(first, self.floor), noise(second, self.noise_of(self.holdout))
 
     def fits(self, terms: Terms) -> bool:
         """Whether the terms leave noise only, of what is fitted and of what is held out."""
@@ -203,15 +210,24 @@ class Search:
     def explained(self, after: Terms, before: Terms) -> float:
         """Share of the power that one model leaves and is no noise, which another explains: the least of all data.
 
-        No noise is what the other takes out of the residual, be it as sharp as an impact, and what neighbouring windows
-        share of the rest, of which so many windows tell no less than their noise allows.
+        Data have no say where the one model leaves white noise. No noise is what the other takes out of the residual,
+        be it as sharp as an impact, and what neighbouring windows share of the rest, of which so many windows tell no
+        less than their noise allows; where they surely share nothing, all that is more than noise is none.
         """
         least = self.train.data.precision() ** 2
-        shares = [
-            new.share_of(old.all - new.all, len(part.data.weights)) if old.all - new.all > least else 0.0
-            for (part, _), old, new in zip(self._parts, self.left(before), self.left(after), strict=True)
-        ]
-        return min(shares)
+        shares = []
+        both = zip(self._parts, self.left(before), self.left(after), self.structures(before), strict=True)
+        for (part, _), old, new, structure in both:
+            gone, floor = old.all - new.all, self.noise_of(part)
+            if not self.criterion.shows(structure, floor):
+                continue
+            if gone <= least:
+                shares.append(0.0)
+            elif structure.sure >= self.criterion.sure:
+                shares.append(new.share_of(gone, len(part.data.weights)))
+            else:
+                shares.append(gone / max(old.all - floor**2, gone))
+        return min(shares, default=0.0)
 
     def explains(self, after: Terms, before: Terms) -> bool:
         """Whether that is a good share."""
@@ -374,6 +390,8 @@ class Search:
 
     def add(self, terms: Terms) -> Terms | None:
         """The terms with one more effect: of those that nothing speaks against and that predict alike, the simplest."""
+        if not self.criterion.shows(self.structures(terms)[0], self.floor):
+            return None  # nothing can be learnt from white noise
         confirmed: list[Terms] = []
         for longer in sorted(self.candidates(terms) + self.freer(terms), key=self._promise)[:TRIED]:
             if confirmed and not self.is_level(longer, confirmed[0]):
@@ -406,7 +424,7 @@ class Search:
         model = self.linked.model
         self.train, self.holdout = self.train.watching(model), self.holdout.watching(model)
         self.screen, self.held_out = Screen(self.train.data), Screen(self.holdout.data)
-        for known in (self._densities, self._left, self._noise):
+        for known in (self._densities, self._left, self._structures):
             known.clear()
         return model.terms
 

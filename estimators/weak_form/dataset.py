@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.weak_form.windows import WHOLE, Part, Windows, cut, trace_all
@@ -23,6 +25,20 @@ LEAST_WINDOWS = 10  # below which errors mean nothing
 FEWEST = 100  # windows that a length has to leave clear of stick,
 CLEAR = 0.3  # or share of the recording
 SURELY = 5.0  # standard errors, from which a turn misses more torque than friction can be
+
+
+class Structure(NamedTuple):
+    """What is left of some torque.
+
+    Attributes:
+        shared: root mean square of what neighbouring windows share, beyond what noise makes them share [N m].
+        sure: how sure it is that they share it [standard errors].
+        all: root mean square of all that is left [N m].
+    """
+
+    shared: float
+    sure: float
+    all: float
 
 
 @dataclass(frozen=True)
@@ -81,12 +97,12 @@ class Dataset:
         of_stretch[stretch] = recording
         return stretch, recording, of_stretch
 
-    def structure(self, residual: Array, inertia: float) -> tuple[float, float]:
-        """Root mean square of what neighbouring windows share of a residual (R,) [N m], and how sure it is.
+    def structure(self, residual: Array, inertia: float) -> Structure:
+        """What neighbouring windows share of a residual (R,) [N m].
 
-        Windows that follow each other overlap: what white noise of sensors makes them share is taken off. A residual
-        that is white beyond that is noise, whatever its size. How sure it is, in standard errors of white noise, tells
-        the correlation of neighbours, taken stretch by stretch: each counts alike, loud or quiet.
+        Windows that follow each other overlap: what white noise of sensors makes them share is taken off. How sure it
+        is, in standard errors of white noise, tells the correlation of neighbours, taken stretch by stretch: each
+        counts alike, loud or quiet.
         """
         stretch, first = _numbers(self.windows, 1.0), 0
         shared, powers, owners = [], [], []
@@ -99,14 +115,15 @@ class Dataset:
             owners.append(stretch[first + beside])
             first += count
         product, power, owner = np.concatenate(shared), np.concatenate(powers), np.concatenate(owners)
+        everything = float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
         if len(product) == 0:
-            return 0.0, 0.0
+            return Structure(0.0, 0.0, everything)
         number = np.bincount(owner)
         told = number > 0
         correlation = np.bincount(owner, product)[told] / np.maximum(np.bincount(owner, power)[told], 1e-300)
         sure = float(number[told] @ correlation) / float(np.sqrt(len(product)))
         size = float(np.sqrt(max(product.mean(), 0.0)))
-        return size if size > self.precision() else 0.0, sure
+        return Structure(size if size > self.precision() else 0.0, sure, everything)
 
     def precision(self) -> float:
         """Torque error that smoothing and integration leave, which are not exact either [N m]."""
@@ -121,47 +138,35 @@ class Dataset:
 
         return replace(self, windows=tuple(pushed(w) for w in self.windows))
 
-    def with_knocks(self, terms: Sequence[Term], theta: Array, covariance: Array) -> Dataset:
-        """The data with those windows in which the joint turns round that miss more torque than dry friction can be.
+    def with_knocks(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> Dataset:
+        """The data with those windows near turns that miss more torque than dry friction can be.
 
         Nobody knows the friction of a joint that turns round, but it lies between what it is in motion one way and the
-        other. What misses surely more than the difference is no friction: a stop is met nowhere but where the joint
-        turns.
+        other, unless it is far larger at rest. What misses surely more than the difference is a knock: a stop is met
+        nowhere but where the joint turns.
 
         Args:
-            terms: of a model that explains the rest.
+            terms: of a model without a link.
             theta: its linear parameters (P,).
             covariance: of these (P, P).
+            inertia: of the joint [kg m^2].
         """
-        turned = replace(self, windows=tuple(replace(w, centers=w.turning) for w in self.windows))
-        columns = [column.name for term in terms for column in term.columns]
-        inertia = abs(float(theta[columns.index("inertia")])) if "inertia" in columns else 0.0
-        equations, noise = turned.equations(terms), [w.noise(inertia) for w in self.windows]
-        counts = [len(w.turning) for w in self.windows]
-        dry = turned.dry(terms)
-        most = 2 * (np.abs(dry @ theta) + SURELY * deviations(dry, covariance))
-        doubt = np.hypot(np.repeat(noise, counts), deviations(equations.phi, covariance))
-        knocked = np.abs(equations.y - equations.phi @ theta) > most + SURELY * doubt
+        turned = dataset([replace(w, centers=w.turning) for w in self.windows])
+        equations, counts = turned.equations(terms), [len(w.turning) for w in self.windows]
+        noise = np.repeat([w.noise(inertia) for w in self.windows], counts)
+        doubt = np.hypot(noise, deviations(equations.phi, covariance))
+        friction = np.concatenate([_most_friction(w, terms, theta, covariance) for w in turned.windows])
+        knocked = np.abs(equations.y - equations.phi @ theta) > 2 * friction + SURELY * doubt
         parts = zip(self.windows, np.split(knocked, np.cumsum(counts)[:-1]), strict=True)
         return dataset([replace(w, centers=np.sort(np.r_[w.centers, w.turning[own]])) for w, own in parts])
 
     @property
-    def turns(self) -> int:
-        """Times that the joint turns round in its windows."""
-        turning = [w.centers[np.isin(w.centers, w.turning)] for w in self.windows]
+    def knocks(self) -> int:
+        """Turns with a window that misses more torque than dry friction can be."""
+        turns = [np.split(w.turning, np.flatnonzero(np.diff(w.turning) > len(w.kernel) // 2) + 1) for w in self.windows]
         return sum(
-            1 + int(np.count_nonzero(np.diff(own) > len(w.kernel) // 2)) if len(own) else 0
-            for w, own in zip(self.windows, turning, strict=True)
+            bool(np.isin(turn, w.centers).any()) for w, own in zip(self.windows, turns, strict=True) for turn in own
         )
-
-    def dry(self, terms: Sequence[Term]) -> Array:
-        """Dry friction in every window, whichever way the joint turns, by the linear parameters of the terms (R, P)."""
-        rows = []
-        for i, w in enumerate(self.windows):
-            known = {id: samples[i] for id, samples in self.watched.items()}
-            traced = [(term, known.get(term.id) or w.trace([term])[0]) for term in terms]
-            rows.append(np.column_stack([w.average(c.dry(x)) for term, x in traced for c in term.columns]))
-        return np.concatenate(rows)
 
     def torque(self) -> Array:
         """Windowed measured torque, (R,) [N m]."""
@@ -188,6 +193,25 @@ class Dataset:
         counts = np.array([len(w.centers) for w in self.windows])
         levels = np.array([w.noise(inertia) for w in self.windows])
         return max(self.precision(), float(np.sqrt(np.sum(counts * levels**2) / max(1, counts.sum()))))
+
+
+def _most_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: Array) -> Array:
+    """Most that dry friction may be in each window (R,) [N m], whichever way the joint turns.
+
+    Bristles take from dry friction what they give themselves: both together are no more.
+    """
+    if len(w.centers) == 0:
+        return np.empty(0)
+    still = [type(term).advance is Term.advance and type(term).trace is Term.trace for term in terms]
+    rows = np.column_stack(
+        [
+            np.broadcast_to(column.dry(w.samples), w.moving.shape) if known else np.zeros(len(w.moving))
+            for term, known in zip(terms, still, strict=True)
+            for column in term.columns
+        ]
+    )
+    most = np.abs(rows @ theta) + SURELY * deviations(rows, covariance)
+    return np.asarray(sliding_window_view(most, len(w.kernel))[w.centers - len(w.kernel) // 2].max(axis=1))
 
 
 def deviations(rows: Array, covariance: Array) -> Array:

@@ -46,7 +46,7 @@ class Windows:
             less noisy, (N,) [rad/s^2]; only its averages are meaningful.
         kernel: window w, (2 m + 1,), summing to one.
         centers: sample index of each window that is clear of stick, (R,).
-        turning: of each other one in which the joint moves most of the time: it turns round there.
+        turning: of each other one in which the joint moves most of the time: near a turn, a start or a halt.
         moving: samples whose velocity has a sign, (N,).
         torque_noise: standard deviation of a window's torque from white noise [N m].
         acceleration_noise: the same for its acceleration [rad/s^2].
@@ -234,7 +234,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     first, stop = (round(share * len(v)) for share in part)
     candidates = np.arange(first + m, stop - m, m)
     candidates = candidates[~outside[candidates]]
-    mostly = np.convolve(moving, window, "same") > 0.5
+    mostly_moving = np.convolve(moving, window, "same") > 0.5
     held = np.convolve(window, [0.5, 0.5])
     return Windows(
         recording=recording,
@@ -242,7 +242,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
         acceleration=motion.acceleration,
         kernel=window,
         centers=candidates[~near[candidates]],
-        turning=candidates[(near & mostly)[candidates]],
+        turning=candidates[(near & mostly_moving)[candidates]],
         moving=moving,
         torque_noise=white_noise(recording.torque) * float(np.linalg.norm(held)),
         acceleration_noise=motion.acceleration_noise,

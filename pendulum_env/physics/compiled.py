@@ -35,8 +35,12 @@ CALLS = {  # by operation: LLVM's own functions, and those of the C library
     "tanh": "tanh",
     "arctan": "atan",
 }
-LIBRARY = ("exp", "log", "pow", "tan", "tanh", "atan", "fmax", "fmin")
-PI = (3.141592651605606, 1.9841871479187034e-09, 1.1442377452219664e-17)  # parts, the first two of 27 bits each
+LIBRARY = ("rint", "exp", "log", "pow", "tan", "tanh", "atan", "fmax", "fmin")
+PI = (
+    3.141592651605606,
+    1.9841871479187034e-09,
+    1.1442377452219664e-17,
+)  # parts, of 27 bits, 25, and the rest
 ODD = [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(12)]  # of the sine's series, to the last bit up to pi / 2
 ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
 SIGNS = {"less": "<", "less_equal": "<=", "greater": ">", "greater_equal": ">=", "equal": "==", "not_equal": "!="}
@@ -233,7 +237,7 @@ class _Written:
         return write.call(self._function(CALLS[op], len(numbers)), numbers)
 
     def _sine(self, x: Any, shift: float) -> Any:
-        """sin(x + shift pi) by its series about the nearest multiple of pi: unlike the C library's it fills all lanes."""
+        """sin(x + shift pi) by its series about the nearest multiple of pi, which LLVM takes several at a time."""
         write, whole = self.builder, self._function("llvm.rint.f64", 1)
         turns = write.call(whole, [write.fadd(write.fmul(x, DOUBLE(1 / math.pi)), DOUBLE(shift))])
         rest = x
@@ -245,8 +249,8 @@ class _Written:
         half = write.fmul(turns, DOUBLE(0.5))
         is_odd = write.fcmp_ordered("!=", half, write.call(whole, [half]))
         value = write.fmul(rest, series)
-        for bound, limit in (("maximum", -1.0), ("minimum", 1.0)):  # where an angle has no digits of a turn left
-            value = write.call(self._function(CALLS[bound], 2), [value, DOUBLE(limit)])
+        for sign, limit in (("<", -1.0), (">", 1.0)):  # beyond 1e8 fewer and fewer digits of a turn are left
+            value = write.select(write.fcmp_ordered(sign, value, DOUBLE(limit)), DOUBLE(limit), value)
         return write.select(is_odd, write.fneg(value), value)
 
     def _function(self, name: str, count: int) -> Any:

@@ -257,7 +257,7 @@ class State:
     @cached_property
     def standing(self) -> Case:
         """The same with all recordings and the ladder as they are, whatever the diagnosis found beyond them."""
-        diagnosis = replace(self.told, steps=self.ladder, disagreements=(), window_share=1.0)
+        diagnosis = replace(self.told, steps=self.ladder, disagreements=(), window_share=1.0, knocks_beside=None)
         return replace(Case.of(self.train, self.holdout, diagnosis), gathered=self.evidence)
 
     @property

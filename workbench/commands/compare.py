@@ -24,6 +24,8 @@ from workbench.inputs import (
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
+FOLLOWED = 80.0  # [%] of the motion in free runs, below which torque alone does not make a good model
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
@@ -79,6 +81,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terminal.table(*profile_table(drawn))
     if found.regions:
         terminal.say("`diagnose` tells which effect would explain this")
-    else:
+    elif found.joint.errors.position_fit >= FOLLOWED:
         terminal.say("nothing stands out of the noise: the model explains these recordings")
+    else:
+        error = f"{found.joint.errors.position_rms:.3g} rad"
+        terminal.say(
+            f"nothing in torque stands out of the noise, but free runs err by {error}: something acts near turns or at "
+            "rest, `diagnose` tells what may"
+        )
     wrote(outputs, terminal)

@@ -11,7 +11,7 @@ from estimators.checks.torque_constant import Calibrated
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import agreeing, gather
 from estimators.schemes.identification import Identification
-from estimators.selection.data import Evidence
+from estimators.selection.data import Evidence, with_knocks
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
@@ -62,7 +62,9 @@ class Case:
     def _evidence(self) -> tuple[Evidence, Evidence]:
         if self.gathered is not None:
             return self.gathered
-        return gather(self.train, () if self.is_split else self.holdout, self.diagnosis.window_share)
+        told = self.diagnosis
+        evidence = gather(self.train, () if self.is_split else self.holdout, told.window_share)
+        return evidence if told.knocks_beside is None else with_knocks(evidence, told.knocks_beside)
 
     @cached_property
     def training(self) -> Evidence:

@@ -12,7 +12,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Diagnosis, IdentificationError, add, align, diagnose, identify
 from estimators.arguments import chosen_recordings
 from estimators.diagnosis.run import gather
-from estimators.selection.data import fit_terms
+from estimators.selection.data import fit_terms, with_knocks
 from estimators.selection.search import Search
 from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, Column, Model, ModelError, Term, effect, effects, library, register
@@ -284,6 +284,7 @@ def test_actions_drawn_at_random_raise_no_alarm(recordings, seed):
     assert all(abs(estimates[name].value - truth) < 0.15 * truth for name, truth in THETA.items())
 
 
+@pytest.mark.parametrize(("scale", "reach"), [(0.7, 0.8), (0.35, 0.3)])
 def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(recordings, scale, reach):
     """In small swings they look the same; in very small ones no wide swing is predicted well, and both are told."""
     narrow, wide = recordings[f"scale {scale}"], recordings["wide"]
@@ -307,12 +308,20 @@ def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found(recordin
     base, last = found.steps[0].errors["holdout"], found.steps[-1].errors["holdout"]
     assert last.torque_rms < 0.3 * base.torque_rms
     assert last.position_rms < 0.1 * base.position_rms
+    (windows,) = prepare([recordings["bouncing"]]).windows
+    assert found.noise_floor == pytest.approx(windows.noise(LIGHT.inertia), rel=0.1)  # however wrong the base model is
 
 
-def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt(recordings):
+def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt(recordings, monkeypatch):
     struck = recordings["struck"]
-    found = diagnose([replace(struck, torque=struck.torque - BLOW)])
+    struck = replace(struck, torque=struck.torque - BLOW)
+    evidence = gather([struck])
+    assert with_knocks(evidence, BASE) is evidence
+    found = diagnose([struck])
     assert found.selected == ()
+    assert found.unexplained
+    monkeypatch.setattr("estimators.selection.data.REPEATED", 1)
+    assert with_knocks(evidence, BASE)[0].data.knocks == 1  # it was seen
 
 
 @pytest.mark.parametrize("name", NULLS)

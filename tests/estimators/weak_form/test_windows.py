@@ -1,5 +1,6 @@
 """Weak-form equations: clear of stick, exact on sampled data, honest about noise."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,11 +9,11 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import solve
-from estimators.selection.data import Evidence, fit_terms
+from estimators.selection.data import Evidence, fit_terms, with_knocks
 from estimators.signals.differentiation import white_noise
 from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, prepare
 from estimators.weak_form.windows import bump, cut
-from pendulum_env.physics import BASE, Inertia, Viscous, effect
+from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
 
 TRUTH = np.array([0.09, 2.0, 0.35, 0.8])  # of the default plant
@@ -244,29 +245,42 @@ def bouncing() -> Recording:
     return recorded(*simulate([(plant, experiment)]))
 
 
-def with_knocks(evidence: Evidence) -> Dataset:
-    fit = fit_terms(evidence, BASE)[1]
-    return evidence.data.with_knocks(BASE, fit.theta, fit.covariance)
+def knocked(evidence: Evidence, terms: Sequence[Term] = BASE) -> Dataset:
+    return with_knocks((evidence, evidence), terms)[0].data
 
 
 def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met(bouncing):
     evidence = Evidence.of([bouncing])
-    (before,), (after,) = evidence.data.windows, (data := with_knocks(evidence)).windows
+    (before,), (after,) = evidence.data.windows, (data := knocked(evidence)).windows
     added = bouncing.position[np.setdiff1d(after.centers, before.centers)]
-    assert data.turns >= 3
+    assert data.knocks >= 3
     assert np.all((added < WALLS[0] + 0.2) | (added > WALLS[1] - 0.2))
 
 
 @pytest.mark.parametrize("which", range(4))
-def test_a_turn_that_friction_makes_is_not_kept(sticky_runs, which):
+def test_a_turn_that_friction_makes_is_no_knock(sticky_runs, which):
     evidence = Evidence.of([recorded(sticky_runs[which])])
     assert len(evidence.data.windows[0].turning) > 0
-    assert with_knocks(evidence).turns == 0
+    assert knocked(evidence).knocks == 0
 
 
-def test_turns_are_counted_once_however_many_windows_they_take(bouncing):
-    evidence = Evidence.of([bouncing])
-    (windows,) = with_knocks(evidence).windows
-    first = np.intersect1d(windows.centers, windows.turning)[0]
-    once = replace(windows, centers=np.array([first, first + len(windows.kernel) // 2]))
-    assert dataset([replace(once, turning=once.centers)]).turns == 1
+@pytest.mark.parametrize(
+    ("hidden", "terms"),
+    [
+        ({"stribeck": {"strib_d": 0.8, "strib_v": 0.3}}, (effect("stribeck")(0.3),)),
+        ({"presliding": {"dahl_sigma": 40.0}}, (effect("presliding")(0.02),)),
+        ({"load_dependent_friction": {"load_mu": 0.3}}, (effect("load_dependent_friction")(),)),
+    ],
+)
+def test_neither_is_one_that_friction_of_another_law_makes(hidden, terms):
+    experiment = Experiment(rate=500, seconds=8, seed=3)
+    (run,) = simulate([(Plant(effects=hidden), experiment)])
+    assert knocked(Evidence.of([recorded(run)]), (*BASE, *terms)).knocks == 0
+
+
+def test_a_turn_is_one_knock_however_many_of_its_windows_miss_torque(bouncing):
+    windows = knocked(Evidence.of([bouncing])).windows[0]
+    half = len(windows.kernel) // 2
+    turning = np.array([1000, 1000 + half, 1000 + 2 * half, 4000])
+    data = dataset([replace(windows, turning=turning, centers=np.array([500, 1000, 1000 + 2 * half]))])
+    assert data.knocks == 1

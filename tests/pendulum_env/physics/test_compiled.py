@@ -59,6 +59,24 @@ def test_values_beyond_all_bounds_are_held_at_them(values):
         np.testing.assert_array_equal(path[1, 0, 0], np.fmin(np.fmax(x * x - x, -7.0), 7.0))
 
 
+@pytest.mark.parametrize("function", [np.sin, np.cos])
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=9))
+def test_a_sine_has_all_digits(function, angles):
+    x = np.array(angles)
+    program = recurrence(["x"], [], ["y"], [function(name("x"))])
+    path = program(x[None, None], np.empty((0, 1, len(x))), np.zeros((1, 1, len(x))))
+    np.testing.assert_allclose(path[1, 0, 0], function(x), rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("function", [np.sin, np.cos])
+def test_a_sine_of_no_number_is_none_and_of_a_large_one_within_its_bounds(function):
+    x = np.array([np.nan, np.inf, -np.inf, 1e20, -1e300, 1e12])
+    program = recurrence(["x"], [], ["y"], [function(name("x"))])
+    y = program(x[None, None], np.empty((0, 1, len(x))), np.zeros((1, 1, len(x))))[1, 0, 0]
+    assert np.isnan(y[:3]).all()
+    assert (np.abs(y[3:]) <= 1.0).all() or np.isnan(y[3:]).any()
+
+
 def test_a_recurrence_keeps_every_so_many_states_of_each_variant():
     x, growth = np.arange(1.0, 7.0), np.array([[1.0], [0.5]])
     program = recurrence(["x"], ["a"], ["y", "before"], [name("a") * name("y") + name("x"), name("y")])

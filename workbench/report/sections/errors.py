@@ -51,7 +51,7 @@ class Whiteness:
 def whiteness(label: str, case: Case, evidence: Evidence, drawn: int) -> Whiteness:
     """Test of the residual of a drawn model for correlation between neighbours, beyond what their overlap gives."""
     residual, model = case.residuals(evidence)[drawn], case.models[drawn][2]
-    shared, sure = evidence.data.structure(residual, abs(model.estimates["inertia"].value))
+    shared, sure, _ = evidence.data.structure(residual, abs(model.estimates["inertia"].value))
     if sure < Criterion().sure:
         return Whiteness(label, shared, sure, "white")
     small = shared < case.diagnosis.noise_floor
