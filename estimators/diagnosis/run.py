@@ -300,21 +300,7 @@ def _examine(
     wrong = turned_round(fit_terms(evidence[0], setting.base)[0])
     if wrong is not None:
         return _mislogged(search, setting.base, wrong)
-    rough, window_share, beside = refine(search, search.find(setting.base)), 1.0, None
-    if search.are_noise(rough[-1].model.terms)[0] and is_astray(search, rough[-1]):
-        # What happens near reversals shows in windows that come closer to them, if through more noise.
-        nearer = gather(recordings, holdout, CLOSER)
-        closer = setting.search(nearer)
-        found = refine(closer, closer.find(setting.base))
-        if len(found) > 1 and held_out_cost(found[-1]) < held_out_cost(rough[-1]):
-            search, rough, window_share, evidence = closer, found, CLOSER, nearer
-    terms = rough[-1].model.terms
-    knocked = with_knocks(evidence, terms)
-    if knocked is not evidence:
-        again = setting.search(knocked, search.inertia)
-        found = refine(again, again.find(setting.base))
-        if len(found) > 1 and again.is_confirmed(found[-1], again.with_errors(None, rough[-1].model)):
-            search, rough, beside = again, found, terms
+    search, rough, window_share, beside = _looked_closer(search, recordings, holdout, evidence, setting)
     setting.progress("sharpening", 0.93)
     steps = relink(search, sharpen(search, rough))
     if followed is not None:
@@ -356,6 +342,35 @@ def _examine(
         window_share=window_share,
         knocks_beside=beside,
     )
+
+
+def _looked_closer(
+    search: Search,
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording],
+    evidence: tuple[Evidence, Evidence],
+    setting: Setting,
+) -> tuple[Search, list[Step], float, tuple[Term, ...] | None]:
+    """The search, its steps, the share of the windows' length, and the terms beside which knocks were looked at.
+
+    What happens near turns shows in windows that come closer to them, if through more noise, and in those near turns
+    that miss more torque than dry friction can be.
+    """
+    rough, window_share, beside = refine(search, search.find(setting.base)), 1.0, None
+    if search.are_noise(rough[-1].model.terms)[0] and is_astray(search, rough[-1]):
+        nearer = gather(recordings, holdout, CLOSER)
+        closer = setting.search(nearer)
+        found = refine(closer, closer.find(setting.base))
+        if len(found) > 1 and held_out_cost(found[-1]) < held_out_cost(rough[-1]):
+            search, rough, window_share, evidence = closer, found, CLOSER, nearer
+    terms = rough[-1].model.terms
+    knocked = with_knocks(evidence, terms)
+    if knocked is not evidence:
+        again = setting.search(knocked, search.inertia)
+        found = refine(again, again.find(setting.base))
+        if len(found) > 1 and again.is_confirmed(found[-1], again.with_errors(None, rough[-1].model)):
+            search, rough, beside = again, found, terms
+    return search, rough, window_share, beside
 
 
 def _of_little(fitted: Evidence) -> list[str]:
