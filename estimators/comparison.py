@@ -174,10 +174,8 @@ def _evidence(recording: Recording, model: Model) -> Evidence:
     evidence = Evidence.of([recording])
     if has_link(model.terms):
         return evidence.watching(model)
-    names = [column.name for column in model.columns]
-    std = np.array([model.estimates[name].std for name in names])
-    covariance = np.diag(std**2) if (told := model.covariance) is None else told[: len(names), : len(names)]
-    inertia = abs(model.estimates["inertia"].value)
+    count, inertia = len(model.theta), abs(model.estimates["inertia"].value)
+    covariance = model.assumed_covariance[:count, :count]
     return replace(evidence, data=evidence.data.with_knocks(model.terms, model.theta, covariance, inertia))
 
 

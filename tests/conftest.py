@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from benchmarks.independent_plant import Experiment, Plant, simulate
 from pendulum_env.recording import Recording
+
+WALLS = (-4.17, 5.0)  # [rad]
 
 if (
     signal.getsignal(signal.SIGINT) == signal.SIG_IGN
@@ -28,3 +31,13 @@ def swing() -> Recording:
 
     position, velocity = solve_ivp(slope, (0, time[-1]), [0, 0], t_eval=time, rtol=1e-7, max_step=0.01).y
     return Recording("swing", time, position, torque(time), velocity)
+
+
+@pytest.fixture(scope="session")
+def bouncing() -> Recording:
+    """A light arm that is driven against two stiff stops at `WALLS`, where it turns round within a few samples."""
+    stops = {"wall_lo": WALLS[0], "wall_hi": WALLS[1], "wall_k": 230.0, "wall_d": 2.1}
+    plant = Plant(0.03, 2.25, 0.0136, 0.05, {"hard_stop": stops})
+    experiment = Experiment(excitation="steps", rate=500, seconds=15, seed=1, counts=16_384, torque_noise=0.03)
+    (run,) = simulate([(plant, experiment)])
+    return Recording("bouncing", run.time, run.position, run.torque)

@@ -12,8 +12,7 @@ from estimators.checks.physical import objection
 from estimators.checks.torque_constant import Calibrated
 from estimators.diagnosis.run import calibrated_model, gather
 from estimators.progress import Progress, no_progress
-from estimators.selection.candidates import Screen
-from estimators.selection.data import Evidence, Step, base_inertia, with_knocks
+from estimators.selection.data import Evidence, Step, with_knocks
 from estimators.selection.motion import sharpen
 from estimators.selection.search import Search, is_hidden
 from pendulum_env.notebook import shown
@@ -107,9 +106,7 @@ def add(
     progress("reading the motion", 0.0)
     calibrated = Calibrated.of(recordings, holdout)
     recordings, holdout = calibrated.recordings, calibrated.holdout
-    evidence = gather(recordings, holdout)
-    inertia = base_inertia(Screen(evidence[0].data))
-    search = Search(*with_knocks(evidence, model.terms), progress, {kind.id: kind}, inertia=inertia)
+    search = Search(*with_knocks(gather(recordings, holdout), model.terms), progress, {kind.id: kind})
     progress("fitting without it", 0.1)
     search.base = search.settle(tuple(model.terms))
     before = search.report(None, search.base)

@@ -113,9 +113,9 @@ class Setting:
     usual: float
     by_reference: bool
 
-    def search(self, evidence: tuple[Evidence, Evidence], inertia: float = 0.0) -> Search:
-        """The search on some data, of a joint whose inertia is known from others perhaps [kg m^2]."""
-        return Search(*evidence, self.progress, self.library, self.criterion, self.rng, inertia=inertia)
+    def search(self, evidence: tuple[Evidence, Evidence]) -> Search:
+        """The search on some data."""
+        return Search(*evidence, self.progress, self.library, self.criterion, self.rng)
 
 
 def diagnose(
@@ -366,7 +366,7 @@ def _looked_closer(
     terms = rough[-1].model.terms
     knocked = with_knocks(evidence, terms)
     if knocked is not evidence:
-        again = setting.search(knocked, search.inertia)
+        again = setting.search(knocked)
         found = refine(again, again.find(setting.base))
         if len(found) > 1 and again.is_confirmed(found[-1], again.with_errors(None, rough[-1].model)):
             search, rough, beside = again, found, terms

@@ -154,8 +154,9 @@ def fit_terms(evidence: Evidence, terms: Sequence[Term], screen: Screen | None =
 
 
 def base_inertia(screen: Screen) -> float:
-    """Inertia of the joint as the base model has it [kg m^2], which tells the noise."""
-    return abs(float(screen.solve(BASE)[[term.id for term in BASE].index("inertia")]))
+    """Inertia of the joint as the base model has it clear of knocks [kg m^2], which tells the noise."""
+    theta = (Screen(screen.data.clear) if screen.data.knocks else screen).solve(BASE)
+    return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
 
 def with_knocks(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> tuple[Evidence, Evidence]:

@@ -68,7 +68,6 @@ class Search:
         unnamed: the law without a name that does the work of named ones, if one does.
         linked: the model with a link whose motion is watched, if there is one.
         base: terms that the search started from.
-        inertia: of the joint, which tells the noise; of the base model if it is not known [kg m^2].
     """
 
     train: Evidence
@@ -80,11 +79,10 @@ class Search:
     unnamed: Term | None = None
     linked: Step | None = None
     base: Terms = BASE
-    inertia: float = 0.0
 
     def __post_init__(self) -> None:
         self.screen, self.held_out = Screen(self.train.data), Screen(self.holdout.data)
-        self.inertia = self.inertia or base_inertia(self.screen)
+        self.inertia = base_inertia(self.screen)
         self.floor = self.train.data.noise(self.inertia)
         self._where = [_stretches(part, STRETCH) for part in (self.train, self.holdout)]
         self._finer = [_stretches(part, MOMENT) for part in (self.train, self.holdout)]

@@ -237,7 +237,7 @@ def remember(m: Measurements, terms: Sequence[Term]) -> Measurements:
     states = {
         term.id: term.trace(m.samples, command, m.period)
         for term in terms
-        if (type(term).trace is not Term.trace or type(term).advance is not Term.advance) and term.id not in m.memory
+        if term.has_state() and term.id not in m.memory
     }
     return replace(m, memory={**m.memory, **states}) if states else m
 

@@ -154,7 +154,7 @@ class Dataset:
         turned = dataset([replace(w, centers=w.turning) for w in self.windows])
         equations, counts = turned.equations(terms), [len(w.turning) for w in self.windows]
         noise = np.repeat([w.noise(inertia) for w in self.windows], counts)
-        doubt = np.hypot(noise, deviations(equations.phi, covariance))
+        doubt = np.hypot(noise, _deviations(equations.phi, covariance))
         friction = np.concatenate([_most_friction(w, terms, theta, covariance) for w in turned.windows])
         knocked = np.abs(equations.y - equations.phi @ theta) > 2 * friction + SURELY * doubt
         parts = zip(self.windows, np.split(knocked, np.cumsum(counts)[:-1]), strict=True)
@@ -167,6 +167,11 @@ class Dataset:
         return sum(
             bool(np.isin(turn, w.centers).any()) for w, own in zip(self.windows, turns, strict=True) for turn in own
         )
+
+    @property
+    def clear(self) -> Dataset:
+        """The data without knocks."""
+        return dataset([replace(w, centers=w.centers[~np.isin(w.centers, w.turning)]) for w in self.windows])
 
     def torque(self) -> Array:
         """Windowed measured torque, (R,) [N m]."""
@@ -202,19 +207,18 @@ def _most_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: 
     """
     if len(w.centers) == 0:
         return np.empty(0)
-    still = [type(term).advance is Term.advance and type(term).trace is Term.trace for term in terms]
     rows = np.column_stack(
         [
-            np.broadcast_to(column.dry(w.samples), w.moving.shape) if known else np.zeros(len(w.moving))
-            for term, known in zip(terms, still, strict=True)
+            np.broadcast_to(column.dry(w.samples), w.moving.shape) if not term.has_state() else np.zeros(len(w.moving))
+            for term in terms
             for column in term.columns
         ]
     )
-    most = np.abs(rows @ theta) + SURELY * deviations(rows, covariance)
+    most = np.abs(rows @ theta) + SURELY * _deviations(rows, covariance)
     return np.asarray(sliding_window_view(most, len(w.kernel))[w.centers - len(w.kernel) // 2].max(axis=1))
 
 
-def deviations(rows: Array, covariance: Array) -> Array:
+def _deviations(rows: Array, covariance: Array) -> Array:
     """Standard errors (R,) of sums of parameters, each with its factors (R, P)."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("rp,pq,rq->r", rows, covariance, rows), 0.0)))
 

@@ -169,7 +169,7 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
     """Samples with the state variables of each of several variants of one effect, along each of several recordings."""
     kind = type(variants[0])
     driving = [w.driving(kind) for w in windows]
-    if kind.trace is Term.trace and kind.advance is Term.advance:
+    if not kind.has_state():
         return [[x] * len(variants) for x in driving]
     runs, commands, periods = [], [], []  # one for each segment: nobody knows what happens in a gap
     for w, x in zip(windows, driving, strict=True):
@@ -234,15 +234,16 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     first, stop = (round(share * len(v)) for share in part)
     candidates = np.arange(first + m, stop - m, m)
     candidates = candidates[~outside[candidates]]
-    mostly_moving = np.convolve(moving, window, "same") > 0.5
+    stuck = near[candidates]
+    mostly_moving = sliding_window_view(moving, len(window))[candidates - m] @ window > 0.5
     held = np.convolve(window, [0.5, 0.5])
     return Windows(
         recording=recording,
         samples=Samples(recording.time, motion.position, v, torque, load=known_load(recording)),
         acceleration=motion.acceleration,
         kernel=window,
-        centers=candidates[~near[candidates]],
-        turning=candidates[(near & mostly_moving)[candidates]],
+        centers=candidates[~stuck],
+        turning=candidates[stuck & mostly_moving],
         moving=moving,
         torque_noise=white_noise(recording.torque) * float(np.linalg.norm(held)),
         acceleration_noise=motion.acceleration_noise,

@@ -36,11 +36,7 @@ CALLS = {  # by operation: LLVM's own functions, and those of the C library
     "arctan": "atan",
 }
 LIBRARY = ("rint", "exp", "log", "pow", "tan", "tanh", "atan", "fmax", "fmin")
-PI = (
-    3.141592651605606,
-    1.9841871479187034e-09,
-    1.1442377452219664e-17,
-)  # parts, of 27 bits, 25, and the rest
+PI = (3.141592651605606, 1.9841871479187034e-09, 1.1442377452219664e-17)  # parts: 27 bits, 25, and the rest
 ODD = [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(12)]  # of the sine's series, to the last bit up to pi / 2
 ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
 SIGNS = {"less": "<", "less_equal": "<=", "greater": ">", "greater_equal": ">=", "equal": "==", "not_equal": "!="}

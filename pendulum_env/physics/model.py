@@ -127,6 +127,12 @@ class Model:
         std = np.array([estimate.std for estimate in self.estimates.values()])
         return np.array(self.correlation) * np.outer(std, std)
 
+    @property
+    def assumed_covariance(self) -> Array:
+        """The same, with independent estimates where nobody has told their correlation."""
+        std = np.array([estimate.std for estimate in self.estimates.values()])
+        return np.diag(std**2) if self.covariance is None else self.covariance
+
     def correlated(self, names: Sequence[str], covariance: Array) -> Model:
         """The same model with the correlation that a covariance (Q, Q) of some of its parameters has."""
         std = np.sqrt(np.diag(covariance))
@@ -141,8 +147,7 @@ class Model:
     def derived(self) -> dict[str, Estimate]:
         """What people also call some parameters, as `backlash.k`, with standard errors to first order."""
         names, values = list(self.estimates), np.array([estimate.value for estimate in self.estimates.values()])
-        std = np.array([estimate.std for estimate in self.estimates.values()])
-        covariance = np.diag(std**2) if self.covariance is None else self.covariance
+        covariance = self.assumed_covariance
         told, first = {}, 0
         for term in self.terms:
             place = [*range(first, first + len(term.columns)), *(names.index(f"{term.id}.{s.name}") for s in term.free)]

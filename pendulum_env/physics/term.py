@@ -192,6 +192,11 @@ class Term:
         """Number of variants among which `grid` chose: all of its own, unless it went by the residual."""
         return len(list(cls.grid(x, residual)))
 
+    @classmethod
+    def has_state(cls) -> bool:
+        """Whether it has state variables along a motion."""
+        return cls.advance is not Term.advance or cls.trace is not Term.trace
+
     @property
     def fault(self) -> str:
         """What makes no sense about shape parameters that are each within their limits; empty if nothing."""

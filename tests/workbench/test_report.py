@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.checks.residual import Region
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
@@ -223,14 +222,9 @@ def test_one_recording_need_not_be_a_list_and_a_file_is_no_recording(
     assert not list(tmp_path.iterdir())
 
 
-def test_what_knocked_the_joint_is_among_the_windows_of_a_report():
-    stops = {"wall_lo": -4.17, "wall_hi": 5.0, "wall_k": 230.0, "wall_d": 2.1}
-    plant = Plant(0.03, 2.25, 0.0136, 0.05, {"hard_stop": stops})
-    experiment = Experiment(excitation="steps", rate=500, seconds=15, seed=1, counts=16_384, torque_noise=0.03)
-    (run,) = simulate([(plant, experiment)])
-    recording = Recording("run", run.time, run.position, run.torque)
-    found = diagnose([recording])
-    case = Case.of([recording], [], found)
+def test_what_knocked_the_joint_is_among_the_windows_of_a_report(bouncing):
+    found = diagnose([bouncing])
+    case = Case.of([bouncing], [], found)
     assert found.knocks_beside is not None
     told, drawn = found.steps[-1].errors["train"], case.training.errors(found.model)
     assert drawn.torque_rms == pytest.approx(told.torque_rms, rel=1e-6)

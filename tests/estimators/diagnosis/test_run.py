@@ -18,6 +18,7 @@ from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, Column, Model, ModelError, Term, effect, effects, library, register
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording
+from tests.conftest import WALLS
 
 PLANT = Plant()  # inertia 0.09, gravity 2, viscous 0.35, coulomb 0.8
 THETA = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
@@ -158,9 +159,6 @@ DRAG_AND_TILT = {"quadratic_drag": {"drag": 0.05}, "gravity_tilt": {"tilt_cos": 
 UNUSUAL = {"stribeck": {"strib_d": 0.45, "strib_v": 0.8, "strib_p": 1.0}}
 PICKED_UP = {"payload_change": {"pay_I": 0.03, "pay_mgl": 0.7, "pay_t": 5.0}}
 RUBBING = Plant(effects=SINGLES["stribeck"].hidden)
-NOISY = {"counts": 16_384, "torque_noise": 0.03}
-BOUNCY = {"wall_lo": -4.17, "wall_hi": 5.0, "wall_k": 230.0, "wall_d": 2.1}
-LIGHT = Plant(0.03, 2.25, 0.0136, 0.05)
 BLOW = np.where(np.arange(6000) // 5 == 526, -185.0, 0.0)  # [N m] for 10 ms, once, as it moves at 10 rad/s
 SPECIAL: dict[str, tuple[Plant, Experiment, np.ndarray | None]] = {  # of one test each
     "jumpy": (PLANT, JUMPY, a_jump_at_every_sample()),
@@ -172,7 +170,6 @@ SPECIAL: dict[str, tuple[Plant, Experiment, np.ndarray | None]] = {  # of one te
     "scale 0.7": (SPRUNG, run(50, 12.0, excitation="multisine", scale=0.7), None),
     "scale 0.35": (SPRUNG, run(50, 12.0, excitation="multisine", scale=0.35), None),
     "wide": (SPRUNG, run(51, 9.0, scale=0.8), None),
-    "bouncing": (replace(LIGHT, effects={"hard_stop": BOUNCY}), run(1, 15.0, excitation="steps", **NOISY), None),
     "struck": (PLANT, run(71, 12.0), a_swing() + BLOW),
     "picked up": (Plant(effects=PICKED_UP), run(61, 12.0), None),
     **{
@@ -299,17 +296,16 @@ def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(recordings
     assert "spring" not in diagnose([narrow]).selected
 
 
-def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found(recordings):
-    found = diagnose([recordings["bouncing"]])
+def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found(bouncing):
+    found = diagnose([bouncing])
     assert found.selected == ("hard_stop",)
     stops = found.model.terms[-1].shape
-    assert stops["lower"] == pytest.approx(BOUNCY["wall_lo"], abs=0.05)
-    assert stops["upper"] == pytest.approx(BOUNCY["wall_hi"], abs=0.05)
+    assert (stops["lower"], stops["upper"]) == pytest.approx(WALLS, abs=0.05)
     base, last = found.steps[0].errors["holdout"], found.steps[-1].errors["holdout"]
     assert last.torque_rms < 0.3 * base.torque_rms
     assert last.position_rms < 0.1 * base.position_rms
-    (windows,) = prepare([recordings["bouncing"]]).windows
-    assert found.noise_floor == pytest.approx(windows.noise(LIGHT.inertia), rel=0.1)  # however wrong the base model is
+    (windows,) = prepare([bouncing]).windows
+    assert found.noise_floor == pytest.approx(windows.noise(0.03), rel=0.1)  # however wrong the base model is
 
 
 def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt(recordings, monkeypatch):

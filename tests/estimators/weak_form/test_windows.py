@@ -15,6 +15,7 @@ from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, pr
 from estimators.weak_form.windows import bump, cut
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
+from tests.conftest import WALLS
 
 TRUTH = np.array([0.09, 2.0, 0.35, 0.8])  # of the default plant
 
@@ -231,18 +232,6 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
         )
         assert without[1] > 10  # what goes on from window to window is
     assert np.abs(np.mean(told)) < 2 and np.max(np.abs(told)) < 4.5
-
-
-WALLS = (-4.17, 5.0)  # [rad]
-
-
-@pytest.fixture(scope="module")
-def bouncing() -> Recording:
-    """A light arm that is driven against two stiff stops, where it turns round within a few samples."""
-    stops = {"wall_lo": WALLS[0], "wall_hi": WALLS[1], "wall_k": 230.0, "wall_d": 2.1}
-    plant = Plant(0.03, 2.25, 0.0136, 0.05, {"hard_stop": stops})
-    experiment = Experiment(excitation="steps", rate=500, seconds=15, seed=1, counts=16_384, torque_noise=0.03)
-    return recorded(*simulate([(plant, experiment)]))
 
 
 def knocked(evidence: Evidence, terms: Sequence[Term] = BASE) -> Dataset:
