@@ -1,91 +1,68 @@
-"""From rows to the equations of all schemes at once: gates, filters and running sums, sample by sample."""
+"""From rows to the equations of all schemes at once: gates, filters and running sums, in symbols."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
-from estimators.online.rows import VIEWS, Rows
+from estimators.online.rows import VIEWS, Course
 from estimators.schemes.six import OnlineScheme, forgets
-from pendulum_env._typing import Array, Mask
+from pendulum_env.physics.symbols import names
 
 
-class Taken(NamedTuple):
-    """One equation of each of S schemes for B pendulums.
+def guards_of(schemes: Sequence[OnlineScheme]) -> tuple[float | None, ...]:
+    """The guards that any scheme has [s]."""
+    return tuple(dict.fromkeys(scheme.guard for scheme in schemes))
 
-    Attributes:
-        phi: (B, S, P).
-        y: (B, S).
-        usable: (B, S).
+
+def windows_of(schemes: Sequence[OnlineScheme], period: float) -> list[int]:
+    """Rows over which the schemes that sum do so, 0 from the start on."""
+    windows = [scheme.window for scheme in schemes if hasattr(scheme, "window")]
+    return [0 if window is None else max(1, round(window / period)) for window in windows]
+
+
+def equations(
+    schemes: Sequence[OnlineScheme], views: Any, clear: Any, oldest: Any, index: Any, period: float, course: Course
+) -> tuple[Any, Any]:
+    """Equations of S schemes after one more row, from rest, as their `regression` has them for whole recordings.
+
+    Args:
+        schemes: that say how they work sample by sample.
+        views: the row in each view (3, P + 1).
+        clear: for each guard, whether it is clear of stick (G,).
+        oldest: for each scheme that sums, its sums as they were a window before (K, P + 1).
+        index: of the row in its run.
+        period: between rows [s].
+        course: what is remembered.
+
+    Returns:
+        Phi and, in the last place, y (S, P + 1), and whether they may be used (S,).
     """
-
-    phi: Array
-    y: Array
-    usable: Mask
-
-
-class Bank:
-    """Turns rows into the equations of the schemes, from rest, as their `regression` does with whole recordings."""
-
-    def __init__(self, schemes: Sequence[OnlineScheme], parameters: int, period: float, batch: int) -> None:
-        """Take the schemes, the number of parameters P, the time between samples [s] and the number of pendulums B.
-
-        Raises:
-            ValueError: if a scheme borrows its inertia, which only a whole recording knows, or a filter is too fast.
-        """
-        for scheme in schemes:
-            if scheme.borrows is not None:
-                raise ValueError(f"{scheme.id} borrows its inertia: online, it has to estimate it (borrows=None)")
-        count, width = len(schemes), parameters + 1
-        self.guards = tuple(dict.fromkeys(scheme.guard for scheme in schemes))
-        self._period = period
-        self._view = np.array([VIEWS.index(scheme.view) for scheme in schemes])
-        # a gate for each guard at the sample itself, then one for each guard over the step up to it
-        over_step = [len(self.guards) * (scheme.view != "torque") for scheme in schemes]
-        self._gate = np.array([self.guards.index(scheme.guard) for scheme in schemes]) + over_step
-        self._before = np.zeros((len(self.guards), batch), dtype=bool)
-        # filters F[k] = F[k-1] + (1 - a) (x[k] - F[k-1]): a = 0 where there is none, and those of second order twice
-        keep = [forgets(scheme.cutoff, period) if hasattr(scheme, "cutoff") else 0.0 for scheme in schemes]
-        self._gain = 1.0 - np.array(keep)[:, None, None]
-        self._state = np.zeros((2, count, width, batch))
-        self._twice = np.array([s for s, scheme in enumerate(schemes) if getattr(scheme, "order", 1) == 2], dtype=int)
-        # running sums over a window, or from the start
-        self._summed = [(s, scheme.window) for s, scheme in enumerate(schemes) if hasattr(scheme, "window")]
-        self._length = [1 if window is None else max(1, round(window / period)) for _, window in self._summed]
-        self._sums = [np.zeros((length, width, batch)) for length in self._length]
-        self._total = np.zeros((len(self._summed), width, batch))
-        self._step = 0
-
-    def reset(self, which: Mask) -> None:
-        """Those pendulums (B,) start anew, from rest."""
-        self._state[..., which] = 0.0
-        self._total[..., which] = 0.0
-        for sums in self._sums:
-            sums[..., which] = 0.0
-        self._before[:, which] = False
-
-    def take(self, rows: Rows) -> Taken:
-        """Equations of the schemes after one more sample."""
-        clear = rows.clear & (rows.index >= 0)
-        usable = np.concatenate((clear, clear & self._before))[self._gate]  # (S, B)
-        self._before = clear
-        equations = rows.views[self._view] * usable[:, None]  # (S, P + 1, B)
-        first, second = self._state
-        first += self._gain * (equations - first)
-        equations = first.copy()
-        if len(self._twice):
-            second += self._gain * (first - second)
-            equations[self._twice] = second[self._twice]
-        for k, (s, window) in enumerate(self._summed):
-            self._total[k] += equations[s] * self._period
-            equations[s] = self._total[k]
-            usable[s] = rows.index >= self._length[k]
-            if window is not None:
-                oldest = self._sums[k][self._step % self._length[k]]
-                equations[s] -= oldest
-                oldest[:] = self._total[k]
-        self._step += 1
-        moved = equations.transpose(2, 0, 1)  # (B, S, P + 1)
-        return Taken(moved[..., :-1], moved[..., -1], usable.T)
+    guards, windows, width = guards_of(schemes), windows_of(schemes, period), views.shape[1]
+    before, after = course.before, course.after
+    before["clear"], after["clear"] = names("clear", len(guards)), clear
+    before["total"] = names("total", len(windows), width)
+    after["total"] = before["total"].copy()
+    found, usable, sums = [], [], itertools.count()
+    for place, scheme in enumerate(schemes):
+        guard = guards.index(scheme.guard)
+        gate = clear[guard]
+        if scheme.view != "torque":  # over the step up to the sample
+            gate = gate * before["clear"][guard]
+        row = views[VIEWS.index(scheme.view)] * gate
+        if hasattr(scheme, "cutoff"):
+            gain = 1.0 - forgets(scheme.cutoff, period)
+            for stage in range(getattr(scheme, "order", 1)):
+                label = f"filter.{place}.{stage}"
+                before[label] = names(label, width)
+                after[label] = row = before[label] + gain * (row - before[label])
+        if hasattr(scheme, "window"):
+            k = next(sums)
+            after["total"][k] = total = before["total"][k] + row * period
+            row, gate = total - (oldest[k] if windows[k] else 0.0), index >= max(1, windows[k])
+        found.append(row)
+        usable.append(gate)
+    return np.array(found), np.array(usable, dtype=object)

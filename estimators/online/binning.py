@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.online.rivals import MARGIN
-from estimators.online.rows import RowMaker
+from estimators.online.rows import POSITION, TIME, TORQUE, VELOCITY
 from estimators.online.stream import Stream
 from estimators.online.watch import BIN
-from estimators.schemes.six import GUARD
+from estimators.schemes.six import Hamiltonian
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
 
@@ -38,39 +38,30 @@ class Binner:
 
     def __init__(self, rate: float, smoothing: Smoothing, batch: int) -> None:
         """Take the samples per second [Hz], the smoothing of the measurement, and B."""
-        self.every, period = max(1, round(BIN * rate)), 1.0 / rate
-        self._stream = Stream(smoothing, period, batch)
-        self._rows = RowMaker((), smoothing, [GUARD], period, batch)
-        self._instants = np.zeros((self._rows.behind + self.every + MARGIN - 1, 4, batch))
-        self._y = np.zeros((self.every, batch))
-        self._clear = np.zeros((self.every + 1, batch), dtype=bool)
-        self._since = np.zeros(batch, dtype=int)  # samples, since each began
+        self.every = max(1, round(BIN * rate))
+        self._stream = Stream((), [Hamiltonian()], smoothing, 1.0 / rate, batch)
+        self._instants = np.zeros((self.every + MARGIN, 4, batch))
+        self._sum, self._count = np.zeros((2, batch))  # of torque over the bin to come, and its usable samples
         self._step = 0
 
     def reset(self, which: Mask) -> None:
         """What follows of those pendulums (B,) does not continue what came."""
         self._stream.reset(which)
-        self._rows.reset(which)
-        self._clear[:, which], self._since[which] = False, 0
+        self._count[which] = 0
 
     def take(self, time: Array, position: Array, torque: Array) -> list[Bin]:
         """Take in a sample of each, as `OnlineEstimator.take`; returns the bins that are complete."""
-        anew, sound = self._stream.sound(time, position, torque)
-        if anew.any():
-            self.reset(anew)
-        now = self._stream.take(*sound)
-        rows = self._rows.make(now)
-        ring, every = len(self._instants), self.every
-        self._instants[self._step % ring] = now.time, now.position, now.velocity, now.torque
-        self._y[self._step % every] = rows.views[1, -1]
-        self._clear[self._step % (every + 1)] = rows.clear[0] & (rows.index >= 0)
+        taken, ring = self._stream.take(time, position, torque), len(self._instants)
+        self._instants[self._step % ring] = self._stream.following[[TIME, POSITION, VELOCITY, TORQUE]]
+        self._sum += taken.y[:, 0]
+        self._count += taken.usable[:, 0]
         self._step += 1
-        self._since += 1
-        if self._step % every:
+        if self._step % self.every:
             return []
-        whole = np.flatnonzero(self._clear.all(axis=0) & (self._since > ring))
+        whole = np.flatnonzero((self._count == self.every) & (taken.place > self.every))
+        mean = self._sum / self.every
+        self._sum[:], self._count[:] = 0.0, 0
         if not len(whole):
             return []
-        last = self._instants[(self._step + np.arange(every + MARGIN)) % ring]  # (n + 3, 4, B)
-        mean = self._y.mean(axis=0)
+        last = self._instants[(self._step + np.arange(ring)) % ring]  # (n + 3, 4, B)
         return [Bin(b, last[:, :, b].T.copy(), float(mean[b])) for b in whole.tolist()]

@@ -51,11 +51,9 @@ class Clusters:
         if which.all():
             self._length, self._filled, self._done = self._shortest, 0, 0
 
-    def take(self, phi: Array, y: Array, usable: Mask) -> bool:
-        """Take in one equation each, phi (B, S, P), y (B, S); returns whether a cluster is complete."""
-        row = self._rows[self._filled % self._shortest]
-        row[..., :-1], row[..., -1] = phi, y
-        row *= usable[..., None]
+    def take(self, equations: Array, usable: Mask) -> bool:
+        """Take in one equation each, phi and y (B, S, P + 1); returns whether a cluster is complete."""
+        np.multiply(equations, usable[..., None], out=self._rows[self._filled % self._shortest])
         self._used += usable
         self._filled += 1
         if self._filled % self._shortest == 0:
@@ -90,7 +88,7 @@ class Clusters:
         return Judge(self._meat, self._known, squares, count, prior)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Judge:
     """Covariance of estimates from their P for unit noise, as of one moment."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from pendulum_env._typing import Array, Index, Mask
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, which takes its time: one is made at every sample
 class Estimates:
     """What is known of B pendulums by S schemes after a sample.
 

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimators.online.bank import Bank
 from estimators.online.confidence import CLUSTER, Clusters, Wandering
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
 from estimators.online.kalman import OURS, name_of, recursion_of
-from estimators.online.rows import RowMaker
 from estimators.online.stream import Stream
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Hamiltonian, OnlineScheme
@@ -91,9 +89,7 @@ class OnlineEstimator:
         run = told if joint is None else (*told, Hamiltonian())  # from which the joint state starts
         smoothing = smoothing or Smoothing.of_encoder(COUNTS, rate)
         shape, period, parameters = (batch, len(run)), 1.0 / rate, len(self.names)
-        self._bank = Bank(run, parameters, period, batch)
-        self._rows = RowMaker(terms, smoothing, self._bank.guards, period, batch)
-        self._stream = Stream(smoothing, period, batch)
+        self._stream = Stream(terms, run, smoothing, period, batch)
         self._squares = recursion_of(name_of(recursion), shape, parameters, prior, forgetting)
         self._clusters = Clusters(shape, parameters, period, forgetting)
         self._wandering = Wandering(shape, period) if walk.any() else None
@@ -103,24 +99,17 @@ class OnlineEstimator:
             noise = of_steps(COUNTS) if position_noise is None else position_noise
             self._joint = JointFilters(joint, terms, period, batch, noise, forgetting, walk)
         self._reset_every = None if reset_every is None else max(1, round(reset_every * rate))
-        self.delay = smoothing.reach + self._rows.behind  # [samples]
+        self.delay = self._stream.delay  # [samples]
 
     def reset(self, which: Mask | None = None) -> None:
         """Those pendulums (B,) start anew with the next sample; all without an argument."""
         mask = np.ones(self.batch, dtype=bool) if which is None else which
         if not mask.any():
             return
-        self._interrupt(mask)
+        self._stream.reset(mask)
         for part in (self._squares, self._clusters, self._wandering, self._joint):
             if part is not None:
                 part.reset(mask)
-
-    def _interrupt(self, which: Mask) -> None:
-        """Those pendulums go on with samples that do not follow the last: smoothing and filters start from rest."""
-        for part in (self._stream, self._rows, self._bank):
-            part.reset(which)
-        if self._joint is not None:
-            self._joint.interrupt(which)
 
     def reset_covariance(self, which: Mask | None = None) -> None:
         """Let P of those pendulums (B,) start anew, the estimates being kept."""
@@ -141,35 +130,33 @@ class OnlineEstimator:
         A sample that is not a number is left out, and the estimates stand still until enough have come in again; so
         they do after a gap in time.
         """
-        anew, sound = self._stream.sound(time, position, torque)
-        if anew.any():
-            self._interrupt(anew)
-        rows = self._rows.make(self._stream.take(*sound))
-        phi, y, usable = self._bank.take(rows)
+        taken = self._stream.take(time, position, torque)
+        index, usable = taken.place, taken.usable
         if self._settle:
-            usable = usable & (rows.index >= self._settle * self.rate)[:, None]
+            usable = usable & (index >= self._settle * self.rate)[:, None]
         squares = self._squares
         if self._reset_every is not None:
-            due = (rows.index > 0) & (rows.index % self._reset_every == 0)
+            due = (index > 0) & (index % self._reset_every == 0)
             if due.any():
                 self.reset_covariance(due)
-        squares.take(phi, y, usable)
+        squares.take(taken.phi, taken.y, usable)
         if self._wandering is not None:
             if self._wandering.take(squares.error, usable):
                 self._wander(self._wandering)
-        elif self._clusters.take(phi, y, usable):
+        elif self._clusters.take(taken.equations, usable):
             self._clusters.close(squares.theta, squares.P)
-        regressor = rows.views[0, :-1].T * (rows.clear[0] & (rows.index >= 0))[:, None]
+        now = self._regressions(index, taken.time, usable, taken.regressor)
         if self._joint is not None:
-            lent = self._regressions(rows.index, rows.time, usable, regressor)
-            self._joint.take(time, position, torque, lent, len(self.schemes) - 1)
-        return self._estimates(rows.index, rows.time, usable, regressor)
+            self._joint.interrupt(taken.anew)
+            self._joint.take(time, position, torque, now, len(self.schemes) - 1)
+        return self._beside(now)
 
     def standing(self) -> Estimates:
         """What is known now, without a further sample."""
         none = np.zeros(self.batch)
         usable = np.zeros((self.batch, self._squares.theta.shape[1]), dtype=bool)
-        return self._estimates(np.full(self.batch, -1), none, usable, np.zeros((self.batch, len(self.names))))
+        now = self._regressions(np.full(self.batch, -1), none, usable, np.zeros((self.batch, len(self.names))))
+        return self._beside(now)
 
     def after_reset(self, then: Estimates, ended: Mask) -> Estimates:
         """What is known once those pendulums (B,) have been reset, `then` being the estimates before."""
@@ -185,9 +172,9 @@ class OnlineEstimator:
             anew.judge,
         )
 
-    def _estimates(self, index: Index, time: Array, usable: Mask, regressor: Array) -> Estimates:
-        now = self._regressions(index, time, usable, regressor)
-        last = len(self.schemes) - 1  # the regression that the joint state starts from
+    def _beside(self, now: Estimates) -> Estimates:
+        """The regressions with the joint state, that starts from the last of them."""
+        last = len(self.schemes) - 1
         return now if self._joint is None else self._joint.beside(now, range(last), last)
 
     def _regressions(self, index: Index, time: Array, usable: Mask, regressor: Array) -> Estimates:

@@ -9,19 +9,20 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from estimators.regression.recursive import PRIOR
 from pendulum_env._typing import Array, Mask
+from pendulum_env.physics.compiled import Machine, Step
+from pendulum_env.physics.symbols import names
 
 
 class SquareRootLeastSquares:
     """theta and P of (B, S) regressions with P parameters each.
 
     Attributes:
-        theta: estimates (B, S, P).
-        root: factor of P for unit noise (B, S, P, P).
         error: last a-priori errors (B, S), 0 where an equation was not used.
         squares: sum of squared errors, discounted like the equations (B, S).
         count: equations taken in, discounted likewise (B, S).
@@ -37,24 +38,45 @@ class SquareRootLeastSquares:
             raise ValueError(f"the prior P(0) cannot be {prior:g}: give a positive number")
         if not 0 < forgetting <= 1:
             raise ValueError(f"the forgetting factor cannot be {forgetting:g}: give 1, or a little less")
-        self.prior, self.forgetting = prior, forgetting
+        self.prior, self.forgetting, self._batch = prior, forgetting, batch
+        self._machine = Machine(_update, (parameters, forgetting, prior), int(np.prod(batch)))
         self.theta = np.zeros((*batch, parameters))
         self.root = np.sqrt(prior) * np.tile(np.eye(parameters), (*batch, 1, 1))
         self.error, self.squares, self.count = np.zeros((3, *batch))
         self._turn = 0
 
+    @property
+    def theta(self) -> Array:
+        """Estimates (B, S, P)."""
+        return self._theta
+
+    @theta.setter
+    def theta(self, theta: Array) -> None:
+        self._theta = theta
+        self._machine.now["theta"][:] = theta.reshape(-1, theta.shape[-1]).T
+
+    @property
+    def root(self) -> Array:
+        """Factor of P for unit noise (B, S, P, P), of now."""
+        lanes_last = self._machine.now["root"]
+        return lanes_last.transpose(2, 0, 1).copy().reshape(*self._batch, *lanes_last.shape[:2])
+
+    @root.setter
+    def root(self, root: Array) -> None:
+        self._machine.now["root"][:] = root.reshape(-1, *root.shape[2:]).transpose(1, 2, 0)
+
     def reset(self, which: Mask) -> None:
         """Those of the B start anew."""
-        for name in ("theta", "error", "squares", "count"):
-            series = getattr(self, name).copy()  # what was handed out stays as it is
-            series[which] = 0.0
-            setattr(self, name, series)
+        lanes = np.broadcast_to(which[:, None], self._batch).ravel()
+        self._machine.reset(lanes)
+        self._told()
         self.reset_covariance(which)
 
     def reset_covariance(self, which: Mask) -> None:
         """Those of the B keep their estimates and forget how sure they are."""
-        self.root = self.root.copy()
-        self.root[which] = np.sqrt(self.prior) * np.eye(self.theta.shape[-1])
+        root = self.root
+        root[which] = np.sqrt(self.prior) * np.eye(root.shape[-1])
+        self.root = root
 
     @property
     def P(self) -> Array:
@@ -67,49 +89,62 @@ class SquareRootLeastSquares:
 
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
         """Take in one equation y = phi' theta each: phi (B, S, P), y (B, S); those not usable change nothing."""
-        used = usable.astype(float)
-        row = (phi * used[..., None])[..., None, :]  # (B, S, 1, P)
-        power = 1.0 if self.forgetting == 1 else np.where(usable, self.forgetting, 1.0)
-        # f = S' phi;  lambda + phi' P phi = lambda + f' f;  raised = P phi
-        f = row @ self.root
-        turned = f.swapaxes(-1, -2)
-        total = power + (f @ turned)[..., 0, 0]
-        raised = self.root @ turned  # (B, S, P, 1)
-        # e = y - phi' theta;  theta = theta + P phi e / (lambda + phi' P phi)
-        error = y * used - (row @ self.theta[..., None])[..., 0, 0]
-        relative = error / total
-        self.theta = self.theta + raised[..., 0] * relative[..., None]
-        # S = (S - raised f' / (total + sqrt(lambda total))) / sqrt(lambda)
-        share = 1.0 / (total + np.sqrt(power * total))
-        root = self.root - raised * (f * share[..., None, None])
-        self.root = root if self.forgetting == 1 else self._forget(root, usable)
-        self.error = error
-        self.squares = power * (self.squares + error * relative)
-        self.count = power * self.count + used
+        given, size = self._machine.given, phi.shape[-1]
+        given["phi"][:] = phi.reshape(-1, size).T
+        given["y"][:], given["used"][:] = y.ravel(), usable.ravel()
+        if self.forgetting < 1:
+            given["turn"][:] = np.arange(size)[:, None] == self._turn % size
+            self._turn += 1
+        self._machine.step()
+        self._told()
 
-    def _forget(self, root: Array, usable: Mask) -> Array:
-        """Let the information J = 1 / P fade to lambda J + (1 - lambda) J(0): what is not excited returns to P(0).
-
-        The second part comes one direction at a time, each in its turn. Source: Gunnarsson, Combining tracking and
-        regularization in recursive least squares identification, CDC 1996.
-        """
-        size = root.shape[-1]
-        root = np.where(usable[..., None, None], root / np.sqrt(self.forgetting), root)
-        turn = self._turn % size
-        self._turn += 1
-        f = np.sqrt(size * (1.0 - self.forgetting) / self.prior) * root[..., turn, :] * usable[..., None]
-        total = 1.0 + np.einsum("...i,...i", f, f)
-        share = 1.0 / (total + np.sqrt(total))
-        raised = root @ f[..., None]
-        faded: Array = root - raised * (f * share[..., None])[..., None, :]
-        return faded
+    def _told(self) -> None:
+        now = self._machine.now
+        self._theta = now["theta"].T.copy().reshape(*self._batch, -1)  # what was handed out stays as it is
+        self.error, self.squares, self.count = now["sums"].copy().reshape(3, *self._batch)
 
     def widen(self, increase: Array) -> None:
         """Add a diagonal (B, S, P) to P: the parameters may have moved since."""
         spread = self.P
         diagonal = np.einsum("...ii->...i", spread)  # a view
         diagonal += np.minimum(increase, np.maximum(self.prior - diagonal, 0.0))  # no further than P(0)
-        self.root = np.linalg.cholesky(spread)
+        self.root = np.asarray(np.linalg.cholesky(spread), dtype=float)
+
+
+@functools.cache
+def _update(size: int, forgetting: float, prior: float) -> Step:
+    """One equation y = phi' theta taken in, in symbols; what is not used changes nothing."""
+    given = {"phi": names("phi", size), "y": names("y"), "used": names("used")}
+    theta, root, sums = names("theta", size), names("root", size, size), names("sums", 3)
+    used = given["used"]
+    row, power = given["phi"] * used, 1.0 if forgetting == 1 else np.where(used > 0, forgetting, 1.0)
+    # f = S' phi;  lambda + phi' P phi = lambda + f' f;  raised = P phi
+    f = row @ root
+    total = power + f @ f
+    raised = root @ f
+    # e = y - phi' theta;  theta = theta + P phi e / (lambda + phi' P phi)
+    error = given["y"] * used - row @ theta
+    relative = error / total
+    # S = (S - raised f' / (total + sqrt(lambda total))) / sqrt(lambda)
+    left = root - np.outer(raised, f / (total + np.sqrt(power * total)))
+    if forgetting < 1:
+        given["turn"] = names("turn", size)
+        left = _forget(left / np.sqrt(power), given["turn"] * used, size * (1.0 - forgetting) / prior)
+    _, squares, count = sums
+    told = np.array([error, power * (squares + error * relative), power * count + used])
+    after = {"theta": theta + raised * relative, "root": left, "sums": told}
+    return Step(given, {"theta": theta, "root": root, "sums": sums}, after)
+
+
+def _forget(root: Any, direction: Any, share: float) -> Any:
+    """Let the information J = 1 / P fade to lambda J + (1 - lambda) J(0): what is not excited returns to P(0).
+
+    The second part comes one direction at a time, each in its turn. Source: Gunnarsson, Combining tracking and
+    regularization in recursive least squares identification, CDC 1996.
+    """
+    f = np.sqrt(share) * (direction @ root)
+    total = 1.0 + f @ f
+    return root - np.outer(root @ f, f / (total + np.sqrt(total)))
 
 
 def _square(root: Array) -> Array:

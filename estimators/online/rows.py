@@ -1,188 +1,171 @@
-"""The three views of the torque balance, sample by sample, and which samples are clear of stick."""
+"""The three views of the torque balance, sample by sample, and which samples are clear of stick, in symbols."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.online.stream import Instant
-from estimators.signals.measurements import Smoothing
-from estimators.weak_form.windows import LEAD_IN
-from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.simulation import Balance
-from pendulum_env.physics.term import one, zero
+from pendulum_env._typing import ArrayLike
+from pendulum_env.physics import Column, Samples, Term
+from pendulum_env.physics.symbols import Operand, Symbol, names
+from pendulum_env.physics.term import Law
 
 VIEWS = ("torque", "impulse", "energy")
-MASS, TORQUE, POWER, STORED = range(4)  # parts of a column
-MEAN = np.array([-1.0, 13.0, 13.0, -1.0]) / 24  # over the sample before instant k, from k - 2 to k + 1
-MEANS = np.array([np.roll(MEAN, shift) for shift in (1, 2, 3, 4)])  # by the slot of the newest in a ring of four
-NEVER = -(10**9)
+TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, HELD = range(6)  # of an instant, as in `Measurements`
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """One equation of each view for B pendulums, and which guards are clear of stick there.
+class Course:
+    """What was: values at the instants before, as states of a recurrence.
 
     Attributes:
-        index: of the sample in each pendulum's run (B,).
-        time: of the sample (B,) [s].
-        views: phi and, in the last place, y; (3, P + 1, B) in the order of `VIEWS`.
-        clear: for each guard, whether the sample is clear of stick (G, B).
+        before: names of what is remembered.
+        after: what it becomes.
     """
 
-    index: Index
-    time: Array
-    views: Array
-    clear: Mask
+    def __init__(self) -> None:
+        """Nothing is remembered yet."""
+        self.before: dict[str, Any] = {}
+        self.after: dict[str, Any] = {}
+
+    def of(self, label: str, value: Any, times: int) -> list[Any]:
+        """A value now, and as it was at so many instants before."""
+        if not isinstance(value, Symbol):
+            return (times + 1) * [value]
+        past = names(label, times)
+        self.before[label], self.after[label] = past, np.array([value, *past[:-1]])
+        return [value, *past]
 
 
-class RowMaker:
-    """Turns instants into rows, as `schemes` does with whole recordings; behind by the longest guard."""
+class Guarded(NamedTuple):
+    """How far rows keep from stick and reversals.
 
-    def __init__(
-        self,
-        terms: Sequence[Term],
-        smoothing: Smoothing,
-        guards: Sequence[float | None],
-        period: float,
-        batch: int,
-    ) -> None:
-        """Take the model's terms, the guards [s], the time between samples [s] and the number of pendulums B."""
-        self._period, self._slowest, self._batch = period, smoothing.slowest, batch
-        self._terms = tuple(terms)
-        self._gather()
-        self._balance = Balance(terms, np.ones(len(self._columns)))
-        self._lead_in = round(LEAD_IN / period) if self._balance.remembers else 0  # [samples] that are left out
-        reach = smoothing.reach + 1
-        self._distances = [None if guard is None else max(reach, round(guard / period)) for guard in guards]
-        self.behind = max([1, *(distance for distance in self._distances if distance is not None)])  # [samples]
-        late = sum(term.delay for term in terms) / period
-        self._late = int(late), late % 1.0
-        if late > 0:  # nor is it known what was commanded before the start
-            self._lead_in = max(self._lead_in, int(late) + 2)
-        count = len(self._columns) + len(self._fixed)
-        self._parts = np.zeros((4, 4, count, batch))  # at the last four instants
-        for j, column in enumerate([*self._columns, *self._fixed]):
-            self._parts[:, MASS, j] = column.mass is one
-        self._supply = np.zeros((self._late[0] + 4, 2, batch))  # torque at and before the last instants
-        self._rows = np.zeros((self.behind, len(VIEWS), len(self._columns) + 1, batch))
-        self._halts = np.full((self.behind + 1, batch), NEVER)  # index of the last halt, as of the last instants
-        self._last: list[Samples] = []  # the two instants before
-        self._acceleration = np.zeros(batch)
-        self._step = 0
+    Attributes:
+        distances: of each guard [samples]; None keeps even stick.
+        behind: by how many samples rows are behind, the longest distance.
+        lead_in: at the start, that are left out [samples].
+        slowest: velocity that has a direction [rad/s].
+    """
 
-    def _gather(self) -> None:
-        self._columns = [column for term in self._terms for column in term.columns]
-        self._fixed = [column for term in self._terms for column in term.fixed]
+    distances: tuple[int | None, ...]
+    behind: int
+    lead_in: int
+    slowest: float
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name not in ("_columns", "_fixed")}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._gather()  # columns hold functions, which cannot be pickled
+def laws(terms: Sequence[Term]) -> dict[str, Law]:
+    """What the columns of terms contribute to the balances, those of linear parameters first."""
+    columns = [column for term in terms for column in term.columns]
+    columns += [column for term in terms for column in term.fixed]
+    parts = {"mass": _mass, "torque": _torque, "power": _power, "stored": _stored}
+    return {f"{what}.{j}": partial(part, c) for j, c in enumerate(columns) for what, part in parts.items()}
 
-    def reset(self, which: Mask) -> None:
-        """Those pendulums (B,) start anew."""
-        self._halts[:, which] = NEVER
 
-    def make(self, now: Instant) -> Rows:
-        """Rows of the sample that lies `behind` before this instant."""
-        step, behind = self._step, self.behind  # of instants so far
-        x = self._remember(now)
-        self._last = self._last or [x, x]
-        self._fill(x)
-        self._supply[step % len(self._supply)] = now.torque, now.held
-        self._halts[step % (behind + 1)] = self._halt(now.index, x)
-        self._rows[step % behind] = self._views(now.index)
-        self._last = [self._last[1], x]
-        self._acceleration = now.acceleration
-        self._step += 1
-        index = now.index - behind
-        clear = np.array([self._clear(distance, index, step) for distance in self._distances])
-        return Rows(index, now.time - behind * self._period, self._rows[(step + 1) % behind], clear)
+def _mass(column: Column, x: Samples) -> ArrayLike:
+    return column.mass(x)
 
-    def _remember(self, now: Instant) -> Samples:
-        """What the terms depend on at this instant, their state variables brought up to it."""
-        x = Samples(now.time, now.position, now.velocity, now.torque)
-        if not self._balance.remembers:
-            return x
-        if not self._last:
-            return replace(x, memory=self._balance.start(x))
-        before = self._last[1]
-        way, velocity = replace(before, torque=now.held), 0.5 * (before.velocity + now.velocity)
-        new, moved = self._balance.start(x), self._balance.advance(way, velocity, self._period)
-        first = now.index <= 0
-        memory = {id: tuple(np.where(first, a, b) for a, b in zip(new[id], moved[id], strict=True)) for id in new}
-        return replace(x, memory=memory)
 
-    def _fill(self, x: Samples) -> None:
-        """Parts of all columns at the newest instant; those that are zero or one stay so."""
-        parts = self._parts[self._step % 4]
-        sign, speed = np.sign(x.velocity), np.abs(x.velocity)
-        for j, column in enumerate([*self._columns, *self._fixed]):
-            if column.mass is not zero and column.mass is not one:
-                parts[MASS, j] = column.mass(x)
-            torque = power = None
-            if column.force is not zero:
-                torque = column.force(x)
-            if column.lossy is not zero:
-                power = column.lossy(x) * x.velocity
-            if column.potential is not None:
-                parts[STORED, j] = column.potential(x)
-            if column.dry is not zero:
-                dry = column.dry(x)
-                torque = dry * sign if torque is None else torque + dry * sign
-                power = dry * speed if power is None else power + dry * speed
-            if torque is not None:
-                parts[TORQUE, j] = torque
-            if power is not None:
-                parts[POWER, j] = power
+def _torque(column: Column, x: Samples) -> ArrayLike:
+    return column.force(x) + column.dry(x) * np.sign(x.velocity)
 
-    def _views(self, index: Index) -> Array:
-        """Phi and, in the last place, y of the three views at the instant before the newest (3, P + 1, B)."""
-        step, period = self._step, self._period
-        older, x = self._last
-        at, before = self._parts[(step - 1) % 4], self._parts[(step - 2) % 4]
-        mean = (MEANS[step % 4] @ self._parts.reshape(4, -1)).reshape(at.shape)  # (parts, columns, B)
-        if (index == 2).any():  # the first mean that is taken: no sample lies two before it
-            mean = np.where(index == 2, 0.5 * (at + before), mean)
-        v, w = x.velocity, older.velocity
-        count = len(self._columns)
-        views = np.empty((len(VIEWS), at.shape[1] + 1, self._batch))
-        views[0, :-1] = at[MASS] * self._acceleration + at[TORQUE]
-        views[1, :-1] = mean[MASS] * ((v - w) / period) + mean[TORQUE]
-        views[2, :-1] = (
-            mean[MASS] * ((v * v - w * w) / (2 * period)) + mean[POWER] + (at[STORED] - before[STORED]) / period
-        )
-        views[0, -1], held = self._supplied()
-        views[1, -1], views[2, -1] = held, held * ((x.position - older.position) / period)
-        if self._fixed:
-            views[:, -1] -= views[:, count:-1].sum(axis=1)
-            views = np.delete(views, np.s_[count:-1], axis=1)
-        return views
 
-    def _supplied(self) -> Array:
-        """Torque at the instant before the newest and over the sample before it, as late as the terms say (2, B)."""
-        whole, share = self._late
-        length, step = len(self._supply), self._step - 1 - whole
-        if share == 0:
-            return self._supply[step % length]
-        return (1 - share) * self._supply[step % length] + share * self._supply[(step - 1) % length]
+def _power(column: Column, x: Samples) -> ArrayLike:
+    return column.lossy(x) * x.velocity + column.dry(x) * np.abs(x.velocity)
 
-    def _halt(self, index: Index, x: Samples) -> Array:
-        """Index of the last sample at which each pendulum had no direction or turned (B,)."""
-        turned = (np.sign(x.velocity) != np.sign(self._last[1].velocity)) & (index > 0)
-        halted = (np.abs(x.velocity) <= self._slowest) | turned
-        return np.where(halted & (index >= 0), index, self._halts[(self._step - 1) % len(self._halts)])
 
-    def _clear(self, distance: int | None, index: Index, step: int) -> Mask:
-        """Whether the sample is at least that far from a halt (B,)."""
-        if distance is None:
-            return index >= self._lead_in
-        halt = self._halts[(step - self.behind + distance) % len(self._halts)]
-        return (halt < index - distance) & (index >= self._lead_in)
+def _stored(column: Column, x: Samples) -> ArrayLike:
+    return 0.0 if column.potential is None else column.potential(x)
+
+
+def rows(
+    terms: Sequence[Term],
+    index: Any,
+    instant: Any,
+    supplied: Any,
+    memory: Mapping[str, Any],
+    period: float,
+    course: Course,
+) -> tuple[Any, dict[str, Symbol]]:
+    """The three views at the instant before one, phi and, in the last place, y (3, P + 1).
+
+    Args:
+        terms: of the model.
+        index: of the instant in its run.
+        instant: its values (6,).
+        supplied: torque at the instant before and over the sample before that (2,).
+        memory: state variables of the terms at the instant, by id.
+        period: between instants [s].
+        course: what is remembered.
+
+    Returns:
+        The views, and what is to be given in the place of laws that are no formulas.
+    """
+    _, q, v, a, _, _ = instant
+    x: Any = Samples(instant[TIME], q, v, instant[TORQUE])
+    x = replace(x, memory={id: tuple(own) for id, own in memory.items()})
+    own, parts = {}, {}
+    for label, law in laws(terms).items():
+        value = _formula(law, x)
+        if value is None:
+            value = own[label] = names(label)
+        parts[label] = course.of(label, value, 3)
+
+    def mean(values: list[Any]) -> Any:
+        """Over the sample before the instant at which a view is taken, of fourth order as soon as there are four."""
+        newest, at, older, oldest = values
+        if not isinstance(newest, Symbol):
+            return newest
+        of_two, of_four = 0.5 * (at + older), (13 * (at + older) - (newest + oldest)) / 24
+        return np.where(index == 2, of_two, of_four)
+
+    _, position, last_position = course.of("position", q, 2)
+    _, velocity, last_velocity = course.of("velocity", v, 2)
+    _, acceleration = course.of("acceleration", a, 1)
+    gained = (velocity - last_velocity) / period
+    worked = (velocity * velocity - last_velocity * last_velocity) / (2 * period)
+    found = []
+    for j in range(len(parts) // 4):
+        mass, torque, power, stored = (parts[f"{what}.{j}"] for what in ("mass", "torque", "power", "stored"))
+        at_instant = mass[1] * acceleration + torque[1]
+        impulse = mean(mass) * gained + mean(torque)
+        energy = mean(mass) * worked + mean(power) + (stored[1] - stored[2]) / period
+        found.append([at_instant, impulse, energy])
+    count = sum(len(term.columns) for term in terms)
+    y = [supplied[0], supplied[1], supplied[1] * ((position - last_position) / period)]
+    y = [value - sum(row[k] for row in found[count:]) for k, value in enumerate(y)]
+    return np.array([*found[:count], y], dtype=object).T, own
+
+
+def clear_of_stick(guarded: Guarded, index: Any, velocity: Any, halts: Any, course: Course) -> Any:
+    """For each guard, whether the sample `behind` the newest is clear of stick (G,).
+
+    Args:
+        guarded: how far it has to be.
+        index: of the newest sample in its run.
+        velocity: of the newest.
+        halts: index of the last halt, as it was as long before as each guard has it (G,).
+        course: what is remembered.
+    """
+    halt, (_, last) = names("halt"), course.of("newest", velocity, 1)
+    turned = (np.sign(velocity) != np.sign(last)) & (index > 0)
+    halted = ((np.abs(velocity) <= guarded.slowest) | turned) & (index >= 0)
+    course.before["halt"], course.after["halt"] = halt, np.where(halted, index, halt)
+    told, clear = index - guarded.behind, []
+    for distance, past in zip(guarded.distances, halts, strict=True):
+        known = told >= guarded.lead_in
+        if distance is not None:
+            known = known & ((course.after["halt"] if distance == guarded.behind else past) < told - distance)
+        clear.append(known)
+    return np.array(clear, dtype=object)
+
+
+def _formula(law: Law, x: Samples) -> Operand | None:
+    """What a law comes to in symbols; None if it is no formula."""
+    try:
+        value = law(x)
+    except Exception:  # a user's law may do anything that NumPy does
+        return None
+    return value if isinstance(value, Symbol) else float(value) if np.ndim(value) == 0 else None

@@ -24,10 +24,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.online.bank import Bank
 from estimators.online.evidence import HOUR, threshold_of
 from estimators.online.recursion import SquareRootLeastSquares
-from estimators.online.rows import RowMaker
+from estimators.online.rows import POSITION, VELOCITY
 from estimators.online.stream import Stream
 from estimators.schemes.six import Hamiltonian
 from estimators.selection.score import NU
@@ -120,17 +119,12 @@ class Watch:
         if theta is not None and len(theta) != len(self.names):
             raise ValueError(f"theta has {len(theta)} values, the model {len(self.names)}: {', '.join(self.names)}")
         smoothing, period, size = smoothing or Smoothing.of_encoder(COUNTS, rate), 1.0 / rate, len(columns)
-        scheme = Hamiltonian()
         self.terms, self.rate, self.batch = tuple(terms), rate, batch
-        self._stream = Stream(smoothing, period, batch)
-        self._rows = RowMaker(terms, smoothing, [scheme.guard], period, batch)
-        self._bank = Bank([scheme], size, period, batch)
+        self._stream = Stream(terms, [Hamiltonian()], smoothing, period, batch)
         self._every = max(1, round(BIN * rate))
         self.bin = self._every * period  # [s]
         self.threshold = threshold_of(alarms_per_hour, BLOCK * self.bin)
         self._calibrate, self._given = calibrate, None if theta is None else np.asarray(theta, dtype=float)
-        behind = self._rows.behind
-        self._instants = np.zeros((behind + 1, 2, batch))  # position and velocity, of which rows are told later
         self._sum = np.zeros((batch, size + 3))  # phi, y, position, velocity over the bin to come
         self._count, self._step = np.zeros(batch, dtype=int), 0
         self._kept = np.zeros((max(2, round(KEPT / self.bin)), batch, size + 4))  # bins with motion, and their time
@@ -164,7 +158,8 @@ class Watch:
         """Those pendulums (B,) start anew with the next sample; all without an argument."""
         mask = np.ones(self.batch, dtype=bool) if which is None else which
         if mask.any():
-            self._interrupt(mask)
+            self._stream.reset(mask)
+            self._clear(mask)
             self._start(mask)
 
     def accept(self) -> None:
@@ -172,29 +167,21 @@ class Watch:
         self._given = None
         self._start(np.ones(self.batch, dtype=bool))
 
-    def _interrupt(self, which: Mask) -> None:
-        for part in (self._stream, self._rows, self._bank):
-            part.reset(which)
+    def _clear(self, which: Mask) -> None:
         self._sum[which], self._count[which] = 0.0, 0
 
     def take(self, time: Array, position: Array, torque: Array) -> list[Verdict]:
         """Take in a sample of every pendulum, as `OnlineEstimator.take`; returns what is said of each."""
-        anew, sound = self._stream.sound(time, position, torque)
-        if anew.any():
-            self._interrupt(anew)
-        now = self._stream.take(*sound)
-        ring = len(self._instants)
-        self._instants[self._step % ring] = now.position, now.velocity
-        rows = self._rows.make(now)
-        phi, y, usable = self._bank.take(rows)
-        then = self._instants[(self._step + 1) % ring]
-        self._sum += np.column_stack([phi[:, 0], y[:, 0], *then]) * usable
+        taken = self._stream.take(time, position, torque)
+        self._clear(taken.anew)
+        usable = taken.usable
+        self._sum += np.column_stack([taken.equations[:, 0], *self._stream.instant[[POSITION, VELOCITY]]]) * usable
         self._count += usable[:, 0]
         self._step += 1
         if self._step % self._every == 0:
             whole = self._count == self._every
             if whole.any():
-                self._take_bin(self._sum / self._every, rows.time, whole)
+                self._take_bin(self._sum / self._every, taken.time, whole)
             self._sum[:], self._count[:] = 0.0, 0
         return self.verdicts
 

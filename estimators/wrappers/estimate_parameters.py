@@ -80,6 +80,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         gym.Wrapper.__init__(self, env)
         self.estimator = make(env, schemes, terms, rate, 1, options)
         self._ids = tuple(scheme.id for scheme in self.estimator.schemes)
+        self._drawn = env.render_mode is not None
         self._in_observation, self._clock = in_observation, SampleClock(self.estimator.rate)
         if in_observation:
             self.observation_space = widened(env.observation_space, len(self._ids) * len(self.estimator.names))
@@ -104,11 +105,10 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 
     def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         if "fault" not in info:  # with one, nothing was measured
-            time, position, torque = self._clock.measured(info)
-            self._now = self.estimator.take(np.array([time]), np.array([position]), np.array([torque]))
+            self._now = self.estimator.take(*np.array(self._clock.measured(info))[:, None])
         now = self._now
         tell(info, now, self.estimator, 0)
-        if self.env.render_mode is not None:
+        if self._drawn:
             self.env.unwrapped.overlay = functools.partial(self._lines, now)  # type: ignore[attr-defined]
         if self._in_observation:
             observation = np.concatenate([observation, told(now)[0]], dtype=np.float32)
@@ -124,7 +124,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 def tell(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendulum: int | slice) -> None:
     """Put what is known of one pendulum, or of several, into an info, beside what a wrapper inside has found."""
     found = {scheme.id: SchemeEstimate(now, s, pendulum, estimator.units) for s, scheme in enumerate(estimator.schemes)}
-    info["estimates"] = SchemeEstimates({**info.get("estimates", {}), **found})
+    info["estimates"] = SchemeEstimates(info.get("estimates", ()), **found)
     info["estimates_time"] = now.time[pendulum]
     info["regressor"] = now.regressor[pendulum]
     info["parameters"] = estimator.names

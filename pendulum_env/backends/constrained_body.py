@@ -14,6 +14,7 @@ Computation, on the constraint model.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,8 @@ STEPS = 2.0  # time constant of the friction, in steps; MuJoCo's own lower bound
 class ConstrainedBody:
     """A pendulum in MuJoCo, as the engine of a simulator."""
 
-    def __init__(self, balance: Balance) -> None:
-        """Take the torques that act on it.
+    def __init__(self, balance: Balance, longest: float) -> None:
+        """Take the torques that act on it; steps may be of any length.
 
         Raises:
             ModuleNotFoundError: if the extra `export` is not installed.
@@ -49,10 +50,12 @@ class ConstrainedBody:
         self._world: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._world)
         self._data.qpos[0], self._data.qvel[0] = x.position, x.velocity
+        self._x = x
 
-    def step(self, x: Samples, h: float) -> Samples:
-        """Advance by h [s]."""
-        world, data, balance = self._world, self._data, self._balance
+    def step(self, torque: float, h: float) -> tuple[float, float]:
+        """Advance by h [s] under a torque [N m]; returns angle [rad] and velocity [rad/s]."""
+        command: Any = np.float64(torque)
+        world, data, balance, x = self._world, self._data, self._balance, replace(self._x, torque=command)
         world.opt.timestep = h
         world.dof_solref[0] = STEPS * h, 1.0
         world.dof_frictionloss[0] = max(float(balance.dry(x)), 0.0)
@@ -64,7 +67,8 @@ class ConstrainedBody:
         moved: Any = np.float64(data.qpos[0])
         velocity: Any = np.float64(reached)
         memory = balance.advance(x, 0.5 * (x.velocity + velocity), h)
-        return Samples(x.time + h, moved, velocity, x.torque, memory)
+        self._x = Samples(x.time + h, moved, velocity, x.torque, memory)
+        return float(moved), float(velocity)
 
 
 def _library() -> Any:

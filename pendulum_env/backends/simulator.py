@@ -12,28 +12,26 @@ from pendulum_env.backends.port import Sample, Setup, Start, Traits
 from pendulum_env.physics import Samples
 from pendulum_env.physics.simulation import Balance, CommandLine
 
-Scalar = Any  # np.float64, where terms broadcast over arrays
-
 
 class Engine(Protocol):
-    """What moves the body; both methods take and return all that is known of it, scalars."""
+    """What moves the body."""
 
     def place(self, x: Samples, /) -> None:
-        """Begin a run there; nothing of an earlier one remains."""
+        """Begin a run there, scalars; nothing of an earlier one remains."""
 
-    def step(self, x: Samples, h: float, /) -> Samples:
-        """Advance by h [s] under the torque of x, from where it was placed or the last step ended."""
+    def step(self, torque: float, h: float, /) -> tuple[float, float]:
+        """Advance by h [s] under a torque [N m], from where the last step ended: angle [rad], velocity [rad/s]."""
 
 
 class Simulator:
     """An engine as a backend."""
 
-    def __init__(self, setup: Setup, make: Callable[[Balance], Engine]) -> None:
-        """Take the plant, sampling and sensor of the setup, and what makes the engine."""
+    def __init__(self, setup: Setup, make: Callable[[Balance, float], Engine]) -> None:
+        """Take the plant, sampling and sensor of the setup, and what makes the engine for steps so long at most."""
         self.model, self.sensor, self.period, self.substeps = setup.model, setup.sensor, setup.period, setup.substeps
         self.traits = Traits(setup.rate, setup.sensor.counts, simulated=True)
         self._balance = Balance(self.model.terms, self.model.theta)
-        self._engine = make(self._balance)
+        self._engine = make(self._balance, self.period / self.substeps)
 
     def open(self) -> None:
         """Nothing is needed before a run."""
@@ -42,27 +40,25 @@ class Simulator:
         """Put the body at the start."""
         self._rng = start.rng
         self._command = CommandLine(self.model.terms, self.period, self.substeps)
-        begin: list[Scalar] = [np.float64(value) for value in (0.0, start.position, start.velocity, 0.0)]
+        begin: list[Any] = [np.float64(value) for value in (0.0, start.position, start.velocity, 0.0)]
         x = Samples(*begin)
-        self._x = replace(x, memory=self._balance.start(x))
-        self._engine.place(self._x)
+        self._engine.place(replace(x, memory=self._balance.start(x)))
+        self._at = start.position, start.velocity
         self._count = 0  # of periods since
         return self._sample(0.0)._replace(torque=0.0)
 
     def exchange(self, torque: float) -> Sample:
         """Advance by one period under the torque [N m]."""
         duration = self.period / self.substeps
-        held: Scalar = np.float64(torque)
-        for command in self._command.push(held):
-            self._x = self._engine.step(replace(self._x, torque=command), duration)
+        for command in self._command.push(torque):
+            self._at = self._engine.step(float(command), duration)
         self._count += 1
         return self._sample(torque)
 
     def move(self, torque: float, duration: float) -> float:
         """Advance by any duration [s] under a torque that acts at once; returns the true angle [rad]."""
-        held: Scalar = np.float64(torque)
-        self._x = self._engine.step(replace(self._x, torque=held), duration)
-        return float(self._x.position)
+        self._at = self._engine.step(torque, duration)
+        return self._at[0]
 
     def disable(self) -> None:
         """A simulated joint needs no care."""
@@ -71,10 +67,10 @@ class Simulator:
         """There is nothing to let go of."""
 
     def _sample(self, torque: float) -> Sample:
-        x = self._x
+        position, velocity = self._at
         return Sample(
             self._count * self.period,
-            float(self.sensor.position(x.position)),
-            None if not self.sensor.ideal_velocity else float(x.velocity),
+            float(self.sensor.position(position)),
+            None if not self.sensor.ideal_velocity else velocity,
             float(self.sensor.torque(torque, self._rng)),
         )

@@ -11,17 +11,18 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
 
-from pendulum_env._typing import Array
-from pendulum_env.physics.symbols import COMPARISONS, LOGICAL, NAME, WHERE, Operand, Symbol, distinct
+from pendulum_env._typing import Array, Mask
+from pendulum_env.physics.symbols import COMPARISONS, LOGICAL, NAME, WHERE, Operand, Symbol, boxed, distinct, names
 
 KEPT = 256  # programs
+MANY = 64  # lanes, from which on a program that runs faster is worth the time that it takes to compile
 DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
 CALLS = {  # by operation: LLVM's own functions, and those of the C library
     "absolute": "llvm.fabs.f64",
@@ -74,22 +75,94 @@ class Recurrence:
         return path
 
 
+@dataclass(frozen=True)
+class Step:
+    """One step of a recurrence in symbols, each a name or value, or an array of them.
+
+    Attributes:
+        given: names of what is given at each step.
+        before: names of states that are remembered from the step before.
+        after: values of these states after the step, and of others that are only told.
+    """
+
+    given: Mapping[str, Any]
+    before: Mapping[str, Any]
+    after: Mapping[str, Any]
+
+    def compiled(self, quickly: bool) -> Recurrence:
+        """The program, see `recurrence`."""
+        told = {
+            label: self.before.get(label, names(label, *np.shape(boxed(value)))) for label, value in self.after.items()
+        }
+        inputs, states = ([symbol.label for symbol in _flat(each)] for each in (self.given, told))
+        return recurrence(inputs, [], states, _flat(self.after), quickly)
+
+
+class Machine:
+    """A recurrence that is taken one step at a time, each lane of a batch a system of its own.
+
+    Attributes:
+        given: what is given, by label, each (..., B): to be filled in place before a step.
+        now: the states, by label, each (..., B): a step changes them in place, and so may others.
+    """
+
+    def __init__(self, write: Callable[..., Step], arguments: tuple[Any, ...], lanes: int) -> None:
+        """Take what writes the step, with its arguments, which are what is pickled, and the number of lanes B."""
+        self._made = write, arguments, lanes
+        step = write(*arguments)
+        self._inputs, self.given = _laid_out(step.given, lanes)
+        self._states, self.now = _laid_out(step.after, lanes)
+        addresses = self._inputs.ctypes.data, 0, self._states.ctypes.data, 0
+        self._program = step.compiled(quickly=lanes < MANY)  # and with it, LLVM's engine
+        self.step = partial(self._program.program, 1, 2, 1, lanes, *addresses)  # none of the states is kept besides
+
+    def reset(self, which: Mask) -> None:
+        """Those lanes (B,) start from zero."""
+        self._states[:, which] = 0.0
+
+    def __reduce__(self) -> Any:
+        return Machine, self._made, (self._inputs, self._states)
+
+    def __setstate__(self, values: tuple[Array, Array]) -> None:
+        self._inputs[:], self._states[:] = values
+
+
+def _laid_out(parts: Mapping[str, Any], lanes: int) -> tuple[Array, dict[str, Array]]:
+    """Room for the values of some parts in a row (N, B), and the room of each (..., B)."""
+    rows = np.zeros((len(_flat(parts)), lanes))
+    places, first = {}, 0
+    for label, part in parts.items():
+        shape = np.shape(boxed(part))
+        last = first + math.prod(shape)
+        places[label] = rows[first:last].reshape(*shape, lanes)
+        first = last
+    return rows, places
+
+
+def _flat(parts: Mapping[str, Any]) -> list[Any]:
+    return [value for part in parts.values() for value in np.asarray(boxed(part), dtype=object).ravel()]
+
+
 _known: dict[object, Recurrence] = {}
 
 
 def recurrence(
-    inputs: Sequence[str], constants: Sequence[str], states: Sequence[str], after: Sequence[Operand]
+    inputs: Sequence[str],
+    constants: Sequence[str],
+    states: Sequence[str],
+    after: Sequence[Operand],
+    quickly: bool = False,
 ) -> Recurrence:
     """Compile the states after a step, as expressions in the names of inputs, constants and the states before it.
 
-    The same expressions are compiled once.
+    The same expressions are compiled once: for speed or, for a program that runs beside a pendulum that waits, quickly.
     """
-    key = tuple(inputs), tuple(constants), tuple(states), _spelled(after)
+    key = tuple(inputs), tuple(constants), tuple(states), _spelled(after), quickly
     found = _known.get(key)
     if found is None:
         if len(_known) >= KEPT:
             _known.clear()
-        found = _known[key] = _compile(inputs, constants, states, after)
+        found = _known[key] = _compile(inputs, constants, states, after, quickly)
     return found
 
 
@@ -106,15 +179,15 @@ def _spelled(results: Sequence[Operand]) -> tuple[object, ...]:
 
 
 def _compile(
-    inputs: Sequence[str], constants: Sequence[str], states: Sequence[str], after: Sequence[Operand]
+    inputs: Sequence[str], constants: Sequence[str], states: Sequence[str], after: Sequence[Operand], quickly: bool
 ) -> Recurrence:
     _prepare()
-    target = llvm.Target.from_default_triple()
-    machine = target.create_target_machine(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), opt=2)
+    target, level = llvm.Target.from_default_triple(), 0 if quickly else 2
+    machine = target.create_target_machine(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), opt=level)
     module = llvm.parse_assembly(str(_program(inputs, constants, states, after)))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
-    options = llvm.create_pipeline_tuning_options(speed_level=2)
-    options.loop_vectorization = True
+    options = llvm.create_pipeline_tuning_options(speed_level=level)
+    options.loop_vectorization = not quickly
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     engine = llvm.create_mcjit_compiler(module, machine)

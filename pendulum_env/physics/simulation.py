@@ -43,8 +43,7 @@ class Balance:
 
         Known loads of the samples count only if the pendulums are `loaded`.
         """
-        self.theta, self.loaded = theta, loaded
-        self._terms = tuple(terms)
+        self.terms, self.theta, self.loaded = tuple(terms), theta, loaded
         self._remembering = [term for term in terms if type(term).advance is not Term.advance]
         weighted = list(zip([column for term in terms for column in term.columns], theta, strict=True))
         weighted += [(column, np.float64(1.0)) for term in terms for column in term.fixed]
@@ -57,7 +56,7 @@ class Balance:
         self._steady_dry = sum(c for c, _ in self._dry) if _steady(self._dry) else None
 
     def __reduce__(self) -> tuple[type[Balance], tuple[Sequence[Term], Array, bool]]:
-        return Balance, (self._terms, self.theta, self.loaded)  # columns hold functions, which cannot be pickled
+        return Balance, (self.terms, self.theta, self.loaded)  # columns hold functions, which cannot be pickled
 
     @property
     def remembers(self) -> bool:
@@ -174,7 +173,7 @@ class CommandLine:
         self._periods = sum(term.delay for term in terms) / (period / substeps)  # delay in substeps
         self._history: list[Array] = []
 
-    def push(self, torque: Array) -> Iterable[Array]:
+    def push(self, torque: ArrayLike) -> Iterable[Any]:
         """Torque that acts in each substep of the period over which `torque`, () or (B,), is commanded."""
         if self._periods == 0:
             return itertools.repeat(torque, self._substeps)
@@ -302,22 +301,34 @@ def _compiled_step(terms: Sequence[Term], loaded: bool, h: ArrayLike) -> tuple[R
     from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
 
     try:
-        each = [written(term, place) for place, term in enumerate(terms)]
-        theta = [f"theta_{k}" for k in range(sum(len(term.columns) for term, _ in each))]
-        load, state = ["load_inertia", "load_gravity"] if loaded else [], ["time", "position", "velocity"]
-        symbols: dict[str, Any] = {text: name(text) for text in (*theta, *load, *state, "torque")}
-        symbols["h"] = name("h", most=upper(h))
-        balance = Balance([term for term, _ in each], [symbols[text] for text in theta], loaded)  # type: ignore[arg-type]
-        x = Samples(*(symbols[text] for text in (*state, "torque")))
-        x = replace(x, load=KnownLoad(*(symbols[text] for text in load)))
-        hidden = {id: [f"memory.{id}.{k}" for k in range(len(own))] for id, own in balance.start(x).items()}
-        memory: Any = {id: tuple(map(name, texts)) for id, texts in hidden.items()}
-        after = step(balance, replace(x, memory=memory), symbols["h"])
-        constants = [*theta, *(text for _, values in each for text in values), *load, "h"]
-        states = [*state, *(text for texts in hidden.values() for text in texts)]
-        results: Any = [after.time, after.position, after.velocity]
-        results += [one for own in after.memory.values() for one in own]
-        program = recurrence(["torque"], constants, states, results)
+        balance, x, shapes = in_symbols(terms, loaded)
+        duration: Any = name("h", most=upper(h))
+        after = step(balance, x, duration)
+        given: Any = [x.torque]
+        states: Any
+        results: Any
+        constants: Any = [*balance.theta, *map(name, shapes), *(x.load if loaded else ()), duration]
+        states, results = (
+            [y.time, y.position, y.velocity, *(one for own in y.memory.values() for one in own)] for y in (x, after)
+        )
+        inputs, known, before = ([symbol.label for symbol in each] for each in (given, constants, states))
+        program = recurrence(inputs, known, before, results)
     except Exception:  # a user's law may do anything that NumPy does
         return None
-    return program, [value for _, values in each for value in values.values()]
+    return program, list(shapes.values())
+
+
+def in_symbols(terms: Sequence[Term], loaded: bool = False) -> tuple[Balance, Samples, dict[str, ArrayLike]]:
+    """The balance of some terms, what it depends on, and the values of their shape parameters by name.
+
+    Raises:
+        Exception: of any kind, if a law is no formula.
+    """
+    each = [written(term, place) for place, term in enumerate(terms)]
+    theta: Any = [name(f"theta_{k}") for k in range(sum(len(term.columns) for term, _ in each))]
+    balance = Balance([term for term, _ in each], theta, loaded)
+    x: Any = Samples(*(name(text) for text in ("time", "position", "velocity", "torque")))  # type: ignore[arg-type]
+    if loaded:
+        x = replace(x, load=KnownLoad(name("load_inertia"), name("load_gravity")))  # type: ignore[arg-type]
+    memory = {id: tuple(name(f"memory.{id}.{k}") for k in range(len(own))) for id, own in balance.start(x).items()}
+    return balance, replace(x, memory=memory), {text: value for _, own in each for text, value in own.items()}

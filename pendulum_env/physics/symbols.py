@@ -51,6 +51,8 @@ class Symbol(NDArrayOperatorsMixin):
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         if method != "__call__" or options:  # where= and out= say more than the expression would
             raise TypeError(f"np.{ufunc.__name__} with {', '.join(options) or method} has no written form")
+        if any(isinstance(x, np.ndarray) and x.dtype == object for x in inputs):  # of symbols, one by one
+            return ufunc(*map(boxed, inputs))
         if ufunc.__name__ == "square":
             return inputs[0] * inputs[0]
         if ufunc.__name__ not in UFUNCS:
@@ -100,6 +102,25 @@ def longest(duration: Any) -> float:
 def name(text: str, most: float | None = None) -> Symbol:
     """A value that is given, and the largest it may be."""
     return Symbol(NAME, label=text, most=most)
+
+
+def names(text: str, *shape: int) -> Any:
+    """An array of values that are given, whose operators and products are those of NumPy; a name without a shape."""
+    if not shape:
+        return name(text)
+    given = np.empty(shape, dtype=object)
+    for place in np.ndindex(shape):
+        given[place] = name(".".join((text, *map(str, place))))
+    return given
+
+
+def boxed(value: Any) -> Any:
+    """A symbol as an array of none of its dimensions, so that NumPy broadcasts it; anything else as it is."""
+    if not isinstance(value, Symbol):
+        return value
+    box = np.empty((), dtype=object)
+    box[()] = value
+    return box
 
 
 def operation(op: str, *inputs: Any) -> Operand:

@@ -1,0 +1,165 @@
+"""What a physics engine is to push a pendulum with, from the terms of a model: a step of second order around its own.
+
+Up to the push, a step is half one of the midpoint rule; after it, state variables go the other half. Both are compiled
+where the laws are formulas, and otherwise run by NumPy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from pendulum_env.physics import Samples, Term
+from pendulum_env.physics.compiled import Machine, Step
+from pendulum_env.physics.simulation import Balance, in_symbols
+from pendulum_env.physics.symbols import name
+from pendulum_env.physics.term import upper
+
+
+class Push(NamedTuple):
+    """What an engine does in a step.
+
+    Attributes:
+        torque: besides dry friction [N m].
+        dry: largest dry friction [N m].
+        inertia: [kg m^2].
+        moving: time for which the body keeps its direction [s].
+        middle: velocity at the middle of the step [rad/s].
+    """
+
+    torque: float
+    dry: float
+    inertia: float
+    moving: float
+    middle: float
+
+
+class HalfSteps(Protocol):
+    """The two halves of a step, with the state variables of the terms."""
+
+    def place(self, x: Samples) -> None:
+        """Begin there."""
+
+    def push(self, time: float, position: float, velocity: float, torque: float, h: float) -> Push:
+        """What to push with for h [s]; the state variables go on to the middle of the step."""
+
+    def complete(self, time: float, position: float, velocity: float, torque: float, h: float) -> None:
+        """The state variables go on for h [s] from the middle, whose position is given, at a mean velocity."""
+
+
+def half_steps(balance: Balance, longest: float) -> HalfSteps:
+    """The half steps of a balance, none of which is longer than that [s]."""
+    try:
+        return Compiled(balance, longest)
+    except Exception:  # a user's law may do anything that NumPy does
+        return Interpreted(balance)
+
+
+class Interpreted:
+    """Half steps by NumPy."""
+
+    def __init__(self, balance: Balance) -> None:
+        """Take the torques."""
+        self._balance = balance
+
+    def place(self, x: Samples) -> None:
+        """Begin there."""
+        self._memory = x.memory
+
+    def push(self, *state: float) -> Push:
+        """See `HalfSteps`."""
+        x, h = self._samples(state)
+        push, middle = _until_push(self._balance, x, h)
+        self._memory = middle.memory
+        return Push(*map(float, push))
+
+    def complete(self, *state: float) -> None:
+        """See `HalfSteps`."""
+        x, h = self._samples(state)
+        self._memory = self._balance.advance(x, x.velocity, h)
+
+    def _samples(self, state: tuple[float, ...]) -> tuple[Samples, float]:
+        x: Any = Samples(*map(np.float64, state[:4]))  # type: ignore[arg-type]
+        return replace(x, memory=self._memory), state[-1]
+
+
+class Compiled:
+    """Half steps as programs."""
+
+    def __init__(self, balance: Balance, longest: float) -> None:
+        """Take the torques, and the longest step [s].
+
+        Raises:
+            Exception: of any kind, if a law is no formula.
+        """
+        self._until, self._after = (Machine(half, (balance.terms, upper(longest)), 1) for half in (_first, _second))
+        _, _, shapes = in_symbols(balance.terms)
+        for machine in (self._until, self._after):
+            machine.given["constants"][:, 0] = *balance.theta, *shapes.values()
+
+    def place(self, x: Samples) -> None:
+        """Begin there."""
+        self._until.given["memory"][:, 0] = [value for own in x.memory.values() for value in own]
+
+    def push(self, *state: float) -> Push:
+        """See `HalfSteps`."""
+        self._until.given["state"][:, 0] = state
+        self._until.step()
+        return Push._make(self._until.now["push"][:, 0].tolist())
+
+    def complete(self, *state: float) -> None:
+        """See `HalfSteps`."""
+        self._after.given["state"][:, 0], self._after.given["memory"][:] = state, self._until.now["memory"]
+        self._after.step()
+        self._until.given["memory"][:] = self._after.now["memory"]
+
+
+def _until_push(balance: Balance, x: Samples, h: Any) -> tuple[Push, Samples]:
+    """What to push with, and the middle of the step; of numbers or symbols.
+
+    Friction keeps its direction until then; a body that starts to move takes that of the net torque. Where the body
+    reverses inside the step, the torque makes up for the friction that an engine only knows in the new direction.
+    """
+    v: Any = x.velocity
+    net, dry = balance.net(x), np.maximum(balance.dry(x), 0.0)
+    leaves = np.where(np.abs(net) > dry, np.sign(net), 0.0)
+    direction = np.where(v == 0, leaves, np.sign(v))
+    middle_v = v + 0.5 * h * (net - dry * direction) / balance.mass(x)
+    middle_v = np.where(middle_v * direction <= 0, 0.0, middle_v)
+    memory = balance.advance(x, 0.5 * (v + middle_v), 0.5 * h)
+    middle: Any = replace(x, time=x.time + 0.5 * h, position=x.position + 0.5 * h * v, velocity=middle_v, memory=memory)
+    net, dry, inertia = balance.net(middle), np.maximum(balance.dry(middle), 0.0), balance.mass(middle)
+    acceleration = (net - dry * direction) / inertia
+    reverses = (v + h * acceleration) * direction < 0
+    moving = np.where(reverses, -v / np.where(reverses, acceleration, 1.0), h)
+    turned = net - 2.0 * dry * direction * moving / h
+    net = np.where(reverses & (np.abs(net) > dry), turned, net)
+    return Push(net, dry, inertia, moving, middle_v), middle  # type: ignore[arg-type]
+
+
+def _first(terms: tuple[Term, ...], longest: float) -> Step:
+    balance, x, given = _given(terms, longest)
+    push, middle = _until_push(balance, x, given["state"][-1])
+    return Step(given, {}, {"push": _array(push), "memory": _flat(middle)})
+
+
+def _second(terms: tuple[Term, ...], longest: float) -> Step:
+    balance, x, given = _given(terms, longest)
+    memory = balance.advance(x, x.velocity, given["state"][-1])
+    return Step(given, {}, {"memory": _flat(replace(x, memory=memory))})
+
+
+def _given(terms: tuple[Term, ...], longest: float) -> tuple[Balance, Samples, dict[str, Any]]:
+    balance, x, shapes = in_symbols(terms)
+    state = _array([x.time, x.position, x.velocity, x.torque, name("h", most=longest)])
+    return balance, x, {"state": state, "constants": _array([*balance.theta, *map(name, shapes)]), "memory": _flat(x)}
+
+
+def _flat(x: Samples) -> Any:
+    return _array([value for own in x.memory.values() for value in own])
+
+
+def _array(values: Any) -> Any:
+    return np.array([*values], dtype=object)
