@@ -46,7 +46,7 @@ class HalfSteps(Protocol):
         """What to push with for h [s]; the state variables go on to the middle of the step."""
 
     def complete(self, time: float, position: float, velocity: float, torque: float, h: float) -> None:
-        """The state variables go on for h [s] from the middle, whose position is given, at a mean velocity."""
+        """The state variables go on from the middle of a step of h [s], as given, at a mean velocity."""
 
 
 def half_steps(balance: Balance, longest: float) -> HalfSteps:
@@ -78,7 +78,7 @@ class Interpreted:
     def complete(self, *state: float) -> None:
         """See `HalfSteps`."""
         x, h = self._samples(state)
-        self._memory = self._balance.advance(x, x.velocity, h)
+        self._memory = self._balance.advance(x, x.velocity, 0.5 * h)
 
     def _samples(self, state: tuple[float, ...]) -> tuple[Samples, float]:
         x: Any = Samples(*map(np.float64, state[:4]))  # type: ignore[arg-type]
@@ -147,7 +147,7 @@ def _first(terms: tuple[Term, ...], longest: float) -> Step:
 
 def _second(terms: tuple[Term, ...], longest: float) -> Step:
     balance, x, given = _given(terms, longest)
-    memory = balance.advance(x, x.velocity, given["state"][-1])
+    memory = balance.advance(x, x.velocity, 0.5 * given["state"][-1])
     return Step(given, {}, {"memory": _flat(replace(x, memory=memory))})
 
 

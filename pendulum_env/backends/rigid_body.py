@@ -60,8 +60,8 @@ class RigidBody:
         reached = self._push(net, dry, inertia, h)
         self._body.angle = self._position = q + 0.5 * (v * moving + reached * (h if moving == h else h - moving))
         if self._balance.remembers:
-            half = 0.5 * h
-            self._halves.complete(self._time + half, q + half * v, 0.5 * (middle_v + reached), torque, half)
+            mean = 0.5 * (middle_v + reached)
+            self._halves.complete(self._time + 0.5 * h, q + 0.5 * h * v, mean, torque, h)
         self._time, self._velocity = self._time + h, reached
         return self._position, reached
 

@@ -17,6 +17,7 @@ from estimators.schemes.six import PAPER, SCHEMES, Energy, FilteredDynamic
 from estimators.signals.measurements import Smoothing, choose_smoothing, measure, remember
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
+from tests.terms import Clipped, Table
 
 MORE = (*SCHEMES, Energy(window=None), FilteredDynamic(order=2), FilteredDynamic(cutoff=60.0, guard=0.05))
 
@@ -70,6 +71,15 @@ def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
     course = history(equations, usable, np.array([len(equations.y) - 1]))
     assert np.isfinite(now.theta).all()
     np.testing.assert_allclose(now.theta[0, 0, :4], course.theta[0, :4], rtol=5e-3)
+
+
+def test_a_law_that_is_no_formula_is_estimated_as_the_formula_it_holds(paper_run):
+    recording = paper_run.recording.slice(0, 4000)
+    tables, formulas = (
+        run(OnlineEstimator(recording.rate, (*BASE, kind()), MORE), recording)[-1] for kind in (Table, Clipped)
+    )
+    assert np.abs(tables.theta[0, :, 4]).max() > 1e-3
+    np.testing.assert_allclose(tables.theta, formulas.theta, rtol=1e-9, atol=1e-12)
 
 
 def test_batch_is_many_alone(paper_run):

@@ -1,5 +1,6 @@
 """Compiled programs: as NumPy computes them, for any expression, every effect, and laws that cannot be written down."""
 
+import pickle
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, effects, simulate
-from pendulum_env.physics.compiled import recurrence
+from pendulum_env.physics.compiled import MANY, Machine, Step, recurrence
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.physics.simulation import Balance, _compiled_step, step
-from pendulum_env.physics.symbols import name
+from pendulum_env.physics.symbols import name, names
 from pendulum_env.physics.term import UNLOADED, _advance, traces
 from pendulum_env.plant import hide, paper_plant
+from tests.terms import Clipped, Table
 
 H, LANES = np.array([1e-3, 0.7e-3, 0.9e-3]), 3
 UNARY = (np.negative, np.abs, np.sin, np.cos, np.tanh, np.arctan, np.sign, lambda x: np.exp(np.minimum(x, 5.0)))
@@ -89,6 +91,36 @@ def test_a_recurrence_keeps_every_so_many_states_of_each_variant():
     np.testing.assert_allclose(path[1:, 1, :, 0], expected[2::3], rtol=1e-15)
 
 
+def falling(gravity: float) -> Step:
+    """A ball under a push, that forgets half its speed at each step."""
+    push, speed, height = names("push"), names("speed"), names("height", 2)
+    after = 0.5 * speed + push - gravity
+    moved = height + np.array([after, 2.0 * after])
+    return Step(
+        {"push": push}, {"speed": speed, "height": height}, {"speed": after, "height": moved, "sum": moved @ moved}
+    )
+
+
+@pytest.mark.parametrize("lanes", [1, 3, MANY + 1])
+def test_a_machine_takes_one_step_after_the_other_and_each_lane_its_own(lanes):
+    machine, rng = Machine(falling, (0.3,), lanes), np.random.default_rng(0)
+    speed, height = np.zeros(lanes), np.zeros((2, lanes))
+    for k in range(20):
+        push = rng.standard_normal(lanes)
+        if k == 10:
+            machine = pickle.loads(pickle.dumps(machine))
+        if k == 15:
+            machine.reset(np.arange(lanes) == 0)
+            speed[0], height[:, 0] = 0.0, 0.0
+        machine.given["push"][:] = push
+        machine.step()
+        speed = 0.5 * speed + push - 0.3
+        height = height + [[1.0], [2.0]] * speed
+        np.testing.assert_allclose(machine.now["speed"], speed, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(machine.now["height"], height, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(machine.now["sum"], (height**2).sum(axis=0), rtol=1e-12, atol=1e-12)
+
+
 def stepped(model, torque, load=UNLOADED) -> np.ndarray:
     """Position of three pendulums by the simulator's own step, one NumPy operation after the other."""
     balance = Balance(model.terms, model.theta, bool(load))
@@ -131,20 +163,6 @@ def test_states_along_a_motion_are_those_that_each_advance_gives(id, period):
 
 
 def test_a_law_that_cannot_be_written_down_is_simulated_all_the_same():
-    @dataclass(frozen=True)
-    class Table(Term):
-        id, law, kind = "table", "t(q)", "potential"
-
-        @property
-        def columns(self):
-            return (Column("table", "N m", force=lambda x: np.interp(x.position, [-1.0, 1.0], [-1.0, 1.0])),)
-
-    @dataclass(frozen=True)
-    class Clipped(Table):
-        @property
-        def columns(self):
-            return (Column("table", "N m", force=lambda x: np.clip(x.position, -1.0, 1.0)),)
-
     assert _compiled_step([Table()], False, 1e-3) is None
     torque = np.sin(np.arange(300) / 20)
     tabled, clipped = (paper_plant().add(kind(), [0.7]).simulate(1e-3, torque, 0.5, 0.0) for kind in (Table, Clipped))
