@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from agents import multisine
 from agents.foresight import foresee
 from agents.knowledge import COUNT, CRITERIA, NOMINAL
+from agents.network import load
 from agents.observer import CONSTRAINTS, EPISODE, TICK, Batch, Constraint, read
 from agents.structure import DISCRIMINATE, Structure, promised
 from pendulum_env._typing import Array
@@ -143,6 +145,41 @@ class Fixed:
         step = 0 if state is None or np.all(episode_start) else state[0]
         share = self._shares[step % len(self._shares)]
         return np.full((len(observation), 1), share, dtype=np.float32), (step + 1,)
+
+
+@dataclass(frozen=True)
+class InTurn:
+    """One policy, and after a while another: a verdict that does not come under the one may come under the other.
+
+    Attributes:
+        first: that begins.
+        then: that goes on, as if an episode began.
+        seconds: for which the first one plays.
+    """
+
+    first: Policy
+    then: Policy
+    seconds: float = 3.0
+
+    def predict(
+        self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Batch, State]:
+        """Torques (B, 1); the state holds the step, and the state of the policy whose turn it is."""
+        step, own = (0, None) if state is None or np.all(episode_start) else state
+        change = round(self.seconds / TICK)
+        begins = step in (0, change)
+        policy, own = (self.first if step < change else self.then), None if begins else own
+        action, own = policy.predict(observation, own, np.full(len(observation), begins), deterministic)
+        return action, (step + 1, own)
+
+
+def agent_in_turn(constraint: str = "peak") -> InTurn:
+    """The agent that tells structures apart and, where its verdict does not come, the multisine that does.
+
+    Raises:
+        ValueError: if no such agent ships.
+    """
+    return InTurn(load(f"{DISCRIMINATE}-{constraint}"), _optimised(CONSTRAINTS[constraint], DISCRIMINATE))
 
 
 def _signal(name: str) -> Callable[[Constraint, int], Policy]:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.baselines import BASELINE, SEPARATING
+from agents.baselines import BASELINE, SEPARATING, agent_in_turn
 from agents.evaluation import improvement, interval
 from agents.network import NAMES, load
 from agents.observer import CONSTRAINTS, INPUTS
@@ -34,7 +34,7 @@ TRAINED = tuple(
 UNSEEN = ("spring", "viscous_asymmetry", "coulomb_asymmetry", "torque_ripple", "cogging:order=7")
 EFFECTS = {"trained on": TRAINED, "not trained on": UNSEEN}
 EACH = 4  # plants of each effect
-AGENT, CONVERGING = "agent", "agent, to converge"
+AGENT, IN_TURN, CONVERGING = "agent", "agent for 3 s, then multisine", "agent, to converge"
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,7 @@ def policies(constraint: str) -> dict[str, Callable[[int], Policy]]:
     shipped = f"discriminate-{constraint}"
     if shipped in NAMES:
         known[AGENT] = lambda _: load(shipped)
+        known[IN_TURN] = lambda _: agent_in_turn(constraint)
     for name, make in SEPARATING.items():
         known.setdefault(name, lambda seed, make=make: make(CONSTRAINTS[constraint], seed))  # type: ignore[misc]
     return known

@@ -8,7 +8,7 @@ MuJoCo's `frictionloss` is regularised, as all its constraints: a joint that sho
 are at MuJoCo's bounds here, T two steps and d 0.9999: under 0.5 N m the paper's arm creeps by 0.6 urad/s, with MuJoCo's
 defaults of 20 ms and 0.9 by 5.7 mrad/s, and in the pymunk backend, where friction is set-valued, not at all. Over 30 s
 of the paper's excitation at 1 ms the motion is 2.3 mrad RMS off, 0.17 % of it, with the defaults 17 mrad, 1.3 %; four
-substeps leave 0.6 mrad. A step takes about 23 us, 5 us more than pymunk's. Source: MuJoCo's documentation, chapter
+substeps leave 0.6 mrad. A step takes about 15 us, 6 us more than pymunk's. Source: MuJoCo's documentation, chapter
 Computation, on the constraint model.
 """
 

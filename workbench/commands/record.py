@@ -7,6 +7,7 @@ import argparse
 import gymnasium as gym
 import numpy as np
 
+from agents.baselines import agent_in_turn
 from agents.network import NAMES as SHIPPED
 from agents.network import Network, load
 from agents.observer import EPISODE
@@ -52,7 +53,6 @@ BACKENDS = (
 SECONDS = 30.0  # length of a recording
 USUAL = "paper"  # excitation
 SUGGESTED = "suggested"  # excitation that a diagnosis holds
-UNTIL_POLICY = "discriminate-peak"  # that is meant for it
 LEARNT = "rl"  # excitation that a policy chooses while the arm moves
 
 
@@ -74,8 +74,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy",
         metavar="NAME",
-        help=f"{', '.join(SHIPPED)} (default peak, or {UNTIL_POLICY} with --until), or a file that `train` wrote, for "
-        f"--excitation {LEARNT}",
+        help=f"{', '.join(SHIPPED)}, or a file that `train` wrote, for --excitation {LEARNT} (default peak; with "
+        "--until discriminate-peak for three seconds, and then a multisine)",
     )
     parser.add_argument(
         "--until",
@@ -219,7 +219,9 @@ def learnt(arguments: argparse.Namespace, rate: float) -> tuple[Pilot, float]:
     until = arguments.until is not None
     seconds = arguments.seconds or (LONGEST if until else EPISODE)
     try:
-        network: Network = load(arguments.policy or (UNTIL_POLICY if until else "peak"))
+        if until and arguments.policy is None:
+            return Pilot(agent_in_turn(), "peak", seconds, rate, discriminates=True), seconds
+        network: Network = load(arguments.policy or "peak")
         return Pilot(network, network.constraint, seconds, rate, network.discriminates), seconds
     except ValueError as error:
         raise InputError(str(error)) from None
