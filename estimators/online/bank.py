@@ -18,6 +18,11 @@ def guards_of(schemes: Sequence[OnlineScheme]) -> tuple[float | None, ...]:
     return tuple(dict.fromkeys(scheme.guard for scheme in schemes))
 
 
+def gated(row: Any, gate: Any) -> Any:
+    """A row (P,) where a gate is open, and zero where it is not, whatever a law comes to there."""
+    return np.array([np.where(gate, value, 0.0) for value in row], dtype=object)
+
+
 def windows_of(schemes: Sequence[OnlineScheme], period: float) -> list[int]:
     """Rows over which the schemes that sum do so, 0 from the start on."""
     windows = [scheme.window for scheme in schemes if hasattr(scheme, "window")]
@@ -52,7 +57,7 @@ def equations(
         gate = clear[guard]
         if scheme.view != "torque":  # over the step up to the sample
             gate = gate * before["clear"][guard]
-        row = views[VIEWS.index(scheme.view)] * gate
+        row = gated(views[VIEWS.index(scheme.view)], gate)
         if hasattr(scheme, "cutoff"):
             gain = 1.0 - forgets(scheme.cutoff, period)
             for stage in range(getattr(scheme, "order", 1)):

@@ -88,7 +88,7 @@ class Clusters:
         return Judge(self._meat, self._known, squares, count, prior)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False)  # not frozen, as `Estimates`
 class Judge:
     """Covariance of estimates from their P for unit noise, as of one moment."""
 

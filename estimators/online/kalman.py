@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from estimators.online.recursion import SquareRootLeastSquares
+from estimators.online.recursion import SquareRootLeastSquares, check_ranges
 from estimators.regression.recursive import PRIOR
 from pendulum_env._typing import Array, Mask
 from pendulum_env.lookup import find
@@ -88,7 +88,7 @@ class KalmanLeastSquares:
         Raises:
             ValueError: if prior or forgetting is out of its range, or the filter cannot forget.
         """
-        SquareRootLeastSquares(batch, parameters, prior, forgetting)  # the same ranges
+        check_ranges(prior, forgetting)
         if forgetting < 1 and name not in FADING:
             raise ValueError(f"{name} has no fading memory: give forgetting=1, or one of {', '.join((OURS, *FADING))}")
         self.prior, self.forgetting = prior, forgetting

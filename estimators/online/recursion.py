@@ -34,10 +34,7 @@ class SquareRootLeastSquares:
         Raises:
             ValueError: if prior or forgetting is out of its range.
         """
-        if not 0 < prior < np.inf:
-            raise ValueError(f"the prior P(0) cannot be {prior:g}: give a positive number")
-        if not 0 < forgetting <= 1:
-            raise ValueError(f"the forgetting factor cannot be {forgetting:g}: give 1, or a little less")
+        check_ranges(prior, forgetting)
         self.prior, self.forgetting, self._batch = prior, forgetting, batch
         self._machine = Machine(_update, (parameters, forgetting, prior), int(np.prod(batch)))
         self.theta = np.zeros((*batch, parameters))
@@ -52,7 +49,7 @@ class SquareRootLeastSquares:
 
     @theta.setter
     def theta(self, theta: Array) -> None:
-        self._theta = theta
+        self._theta = np.array(theta)
         self._machine.now["theta"][:] = theta.reshape(-1, theta.shape[-1]).T
 
     @property
@@ -109,6 +106,18 @@ class SquareRootLeastSquares:
         diagonal = np.einsum("...ii->...i", spread)  # a view
         diagonal += np.minimum(increase, np.maximum(self.prior - diagonal, 0.0))  # no further than P(0)
         self.root = np.asarray(np.linalg.cholesky(spread), dtype=float)
+
+
+def check_ranges(prior: float, forgetting: float) -> None:
+    """Refuse what no recursion can do.
+
+    Raises:
+        ValueError: if prior or forgetting is out of its range.
+    """
+    if not 0 < prior < np.inf:
+        raise ValueError(f"the prior P(0) cannot be {prior:g}: give a positive number")
+    if not 0 < forgetting <= 1:
+        raise ValueError(f"the forgetting factor cannot be {forgetting:g}: give 1, or a little less")
 
 
 @functools.cache

@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pendulum_env._typing import ArrayLike
-from pendulum_env.physics import Column, Samples, Term
+from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.symbols import Operand, Symbol, names
-from pendulum_env.physics.term import Law
+from pendulum_env.physics.term import Law, zero
 
 VIEWS = ("torque", "impulse", "energy")
 TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, HELD = range(6)  # of an instant, as in `Measurements`
@@ -60,24 +59,11 @@ def laws(terms: Sequence[Term]) -> dict[str, Law]:
     """What the columns of terms contribute to the balances, those of linear parameters first."""
     columns = [column for term in terms for column in term.columns]
     columns += [column for term in terms for column in term.fixed]
-    parts = {"mass": _mass, "torque": _torque, "power": _power, "stored": _stored}
-    return {f"{what}.{j}": partial(part, c) for j, c in enumerate(columns) for what, part in parts.items()}
-
-
-def _mass(column: Column, x: Samples) -> ArrayLike:
-    return column.mass(x)
-
-
-def _torque(column: Column, x: Samples) -> ArrayLike:
-    return column.force(x) + column.dry(x) * np.sign(x.velocity)
-
-
-def _power(column: Column, x: Samples) -> ArrayLike:
-    return column.lossy(x) * x.velocity + column.dry(x) * np.abs(x.velocity)
-
-
-def _stored(column: Column, x: Samples) -> ArrayLike:
-    return 0.0 if column.potential is None else column.potential(x)
+    parts: dict[str, Law] = {}
+    for j, column in enumerate(columns):
+        parts[f"mass.{j}"], parts[f"torque.{j}"] = column.mass, partial(column.torque, acceleration=0.0)
+        parts[f"power.{j}"], parts[f"stored.{j}"] = column.power, column.potential or zero
+    return parts
 
 
 def rows(
@@ -146,7 +132,8 @@ def clear_of_stick(guarded: Guarded, index: Any, velocity: Any, halts: Any, cour
         guarded: how far it has to be.
         index: of the newest sample in its run.
         velocity: of the newest.
-        halts: index of the last halt, as it was as long before as each guard has it (G,).
+        halts: index of the last halt, as it was when the newest sample was as far ahead as each guard looks (G,); of no
+            use for the longest guard, which looks at the newest, and for none.
         course: what is remembered.
     """
     halt, (_, last) = names("halt"), course.of("newest", velocity, 1)

@@ -1,7 +1,7 @@
 """Samples in, equations out: what `measure` and the schemes make of a whole recording, as soon as it can be known.
 
-Two rings are all that is kept besides a compiled recurrence: of samples, that are smoothed, and of instants, until it
-is known whether they are clear of stick.
+Samples wait in a ring until they can be smoothed, instants until it is known whether they are clear of stick. All else
+is a compiled recurrence, but for what lies further back: halts, and sums a window ago.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.online.bank import equations, guards_of, windows_of
+from estimators.online.bank import equations, gated, guards_of, windows_of
 from estimators.online.rows import HELD, POSITION, TIME, TORQUE, VELOCITY, Course, Guarded, clear_of_stick, laws, rows
 from estimators.schemes.six import OnlineScheme
 from estimators.signals.measurements import Smoothing
@@ -187,7 +187,7 @@ class Stream:
         self._count += 1
         return Taken(
             index,
-            self.instant[TIME].copy(),
+            self._arrival.now["taken"][TIME] - self.delay * self._period,
             told["equations"].transpose(2, 0, 1),
             told["usable"].T > 0,
             told["regressor"].T.copy(),
@@ -247,5 +247,5 @@ def _step(terms: Sequence[Term], schemes: Sequence[OnlineScheme], guarded: Guard
     clear = clear_of_stick(guarded, index, newest, given["halts"], course)
     given["oldest"] = names("oldest", len(windows_of(schemes, period)), views.shape[1])
     found, usable = equations(schemes, views, clear, given["oldest"], index - guarded.behind, period, course)
-    told = {"regressor": views[0, :-1] * clear[0], "equations": found, "usable": usable}
+    told = {"regressor": gated(views[0, :-1], clear[0]), "equations": found, "usable": usable}
     return Step(given | own, course.before, course.after | told)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pendulum_env.backends.port import Sample, Setup, Start, Traits
 from pendulum_env.physics import Samples
-from pendulum_env.physics.simulation import Balance, CommandLine
+from pendulum_env.physics.simulation import Balance, CommandLine, substeps
 
 
 class Engine(Protocol):
@@ -57,7 +57,9 @@ class Simulator:
 
     def move(self, torque: float, duration: float) -> float:
         """Advance by any duration [s] under a torque that acts at once; returns the true angle [rad]."""
-        self._at = self._engine.step(torque, duration)
+        steps = substeps(duration, self.period / self.substeps)
+        for _ in range(steps):
+            self._at = self._engine.step(torque, duration / steps)
         return self._at[0]
 
     def disable(self) -> None:

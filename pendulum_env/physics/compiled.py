@@ -1,6 +1,7 @@
 """Recurrences compiled for the processor: loops over a batch that NumPy steps through one small array at a time.
 
-Laws are written once, for NumPy. As `symbols` they are lines of a program, which LLVM compiles in some milliseconds.
+Laws are written once, for NumPy. As `symbols` they are lines of a program, which LLVM compiles, in a hundredth of a
+second if it is small.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from pendulum_env._typing import Array, Mask
 from pendulum_env.physics.symbols import COMPARISONS, LOGICAL, NAME, WHERE, Operand, Symbol, boxed, distinct, names
 
 KEPT = 256  # programs
-MANY = 64  # lanes, from which on a program that runs faster is worth the time that it takes to compile
+MANY, SMALL = 64, 50  # lanes from which on, and values up to which, a faster program is worth the time to compile it
 DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
 CALLS = {  # by operation: LLVM's own functions, and those of the C library
     "absolute": "llvm.fabs.f64",
@@ -113,7 +114,7 @@ class Machine:
         self._inputs, self.given = _laid_out(step.given, lanes)
         self._states, self.now = _laid_out(step.after, lanes)
         addresses = self._inputs.ctypes.data, 0, self._states.ctypes.data, 0
-        self._program = step.compiled(quickly=lanes < MANY)  # and with it, LLVM's engine
+        self._program = step.compiled(quickly=lanes < MANY or len(self._states) > SMALL)  # and with it, LLVM's engine
         self.step = partial(self._program.program, 1, 2, 1, lanes, *addresses)  # none of the states is kept besides
 
     def reset(self, which: Mask) -> None:
@@ -157,6 +158,7 @@ def recurrence(
 
     The same expressions are compiled once: for speed or, for a program that runs beside a pendulum that waits, quickly.
     """
+    after = [x if isinstance(x, Symbol) else float(x) for x in after]  # `np.where` of numbers is an array
     key = tuple(inputs), tuple(constants), tuple(states), _spelled(after), quickly
     found = _known.get(key)
     if found is None:

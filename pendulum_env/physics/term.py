@@ -194,7 +194,7 @@ class Term:
 
     @classmethod
     def has_state(cls) -> bool:
-        """Whether it has state variables along a motion."""
+        """Whether it has state variables along a motion, those of a dead time included."""
         return cls.advance is not Term.advance or cls.trace is not Term.trace
 
     @property

@@ -1,6 +1,7 @@
 """Estimation sample by sample: equal to estimation from the whole recording, sure of itself as far as it may be."""
 
 import pickle
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -13,13 +14,19 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.online import Estimates, OnlineEstimator
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.recursive import PRIOR, history
-from estimators.schemes.six import PAPER, SCHEMES, Energy, FilteredDynamic
+from estimators.schemes.six import PAPER, SCHEMES, Dynamic, Energy, FilteredDynamic
 from estimators.signals.measurements import Smoothing, choose_smoothing, measure, remember
-from pendulum_env.physics import BASE, effect
+from pendulum_env.physics import BASE, Column, Term, effect
 from pendulum_env.recording import Recording
 from tests.terms import Clipped, Table
 
-MORE = (*SCHEMES, Energy(window=None), FilteredDynamic(order=2), FilteredDynamic(cutoff=60.0, guard=0.05))
+MORE = (
+    *SCHEMES,
+    Energy(window=None),
+    FilteredDynamic(order=2),
+    FilteredDynamic(cutoff=60.0, guard=0.05),
+    Dynamic(guard=None),
+)
 
 
 def run(estimator: OnlineEstimator, recording: Recording) -> list[Estimates]:
@@ -66,11 +73,12 @@ def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
     terms = (*BASE, effect(id)())
     recording = paper_run.recording
     smoothing = choose_smoothing(recording)
-    now = run(OnlineEstimator(recording.rate, terms, SCHEMES[:1], smoothing=smoothing), recording)[-1]
-    equations, usable = SCHEMES[0].regression(remember(measure(recording, smoothing), terms), terms)
-    course = history(equations, usable, np.array([len(equations.y) - 1]))
+    now = run(OnlineEstimator(recording.rate, terms, SCHEMES, smoothing=smoothing), recording)[-1]
     assert np.isfinite(now.theta).all()
-    np.testing.assert_allclose(now.theta[0, 0, :4], course.theta[0, :4], rtol=5e-3)
+    for s, scheme in enumerate(SCHEMES):
+        equations, usable = scheme.regression(remember(measure(recording, smoothing), terms), terms)
+        course = history(equations, usable, np.array([len(equations.y) - 1]))
+        np.testing.assert_allclose(now.theta[0, s, :4], course.theta[0, :4], rtol=5e-3)
 
 
 def test_a_law_that_is_no_formula_is_estimated_as_the_formula_it_holds(paper_run):
@@ -80,6 +88,40 @@ def test_a_law_that_is_no_formula_is_estimated_as_the_formula_it_holds(paper_run
     )
     assert np.abs(tables.theta[0, :, 4]).max() > 1e-3
     np.testing.assert_allclose(tables.theta, formulas.theta, rtol=1e-9, atol=1e-12)
+
+
+@dataclass(frozen=True)
+class Singular(Term):
+    """Friction whose law has no value where nothing moves, nor at time zero."""
+
+    id, law, kind = "singular", "k ln|q'| sgn q'", "dissipative"
+
+    @property
+    def columns(self):
+        return (Column("singular", "N m", dry=lambda x: np.log(np.abs(x.velocity)) / np.sqrt(x.time)),)
+
+
+def test_a_law_may_be_infinite_where_nothing_is_taken_from_it(paper_run):
+    recording = paper_run.recording.slice(0, 4000)
+    estimator = OnlineEstimator(recording.rate, (*BASE, Singular()))
+    with np.errstate(all="ignore"):
+        now = run(estimator, Recording("late", recording.time + 1.0, recording.position, recording.torque))[-1]
+    guarded = [s for s, scheme in enumerate(SCHEMES) if scheme.guard is not None]
+    assert now.usable[0].any()
+    assert np.isfinite(now.theta[0, guarded]).all()
+    assert np.isfinite(now.P[0, guarded]).all()
+
+
+def test_time_goes_on_across_resets_of_the_filters(paper_run):
+    recording = paper_run.recording.slice(0, 1500)
+    time = recording.time + np.where(np.arange(1500) < 700, 0.0, 2.0)  # a gap
+    estimator, told = OnlineEstimator(recording.rate), []
+    for k in range(1500):
+        position = np.nan if k == 300 else recording.position[k]
+        told.append(estimator.take(time[k : k + 1], np.full(1, position), recording.torque[k : k + 1]).time[0])
+    told = np.delete(told, 300)  # of a sample that is lost
+    assert (np.diff(told) > 0).all()
+    np.testing.assert_allclose(told[-1], time[-1] - estimator.delay / recording.rate, atol=1e-9)
 
 
 def test_batch_is_many_alone(paper_run):
@@ -100,7 +142,8 @@ def test_batch_is_many_alone(paper_run):
         np.testing.assert_allclose(now.covariance[b], one.covariance[0], rtol=1e-6)
 
 
-def test_reset_forgets_one_pendulum_and_leaves_the_other(paper_run):
+@pytest.mark.parametrize("terms", [BASE, (*BASE, effect("presliding")())], ids=lambda terms: terms[-1].id)
+def test_reset_forgets_one_pendulum_and_leaves_the_other(terms, paper_run):
     recording = paper_run.recording
     held = np.r_[0.0, recording.torque[:-1]]
 
@@ -109,12 +152,12 @@ def test_reset_forgets_one_pendulum_and_leaves_the_other(paper_run):
             now = estimator.take(*(np.full(batch, x[k]) for x in (recording.time, recording.position, held)))
         return now
 
-    both = OnlineEstimator(recording.rate, BASE, MORE, batch=2)
+    both = OnlineEstimator(recording.rate, terms, MORE, batch=2)
     feed(both, range(2000), 2)
     both.reset(np.array([False, True]))
     after = feed(both, range(2000, 4000), 2)
-    steady = feed(OnlineEstimator(recording.rate, BASE, MORE), range(4000), 1)
-    fresh = feed(OnlineEstimator(recording.rate, BASE, MORE), range(2000, 4000), 1)
+    steady = feed(OnlineEstimator(recording.rate, terms, MORE), range(4000), 1)
+    fresh = feed(OnlineEstimator(recording.rate, terms, MORE), range(2000, 4000), 1)
     np.testing.assert_allclose(after.theta[0], steady.theta[0], rtol=1e-9)
     np.testing.assert_allclose(after.theta[1], fresh.theta[0], rtol=1e-9)
     np.testing.assert_allclose(after.P[1], fresh.P[0], rtol=1e-9)
@@ -131,7 +174,7 @@ def test_estimates_that_were_handed_out_do_not_change(paper_run):
 
 def test_pickled_estimator_goes_on_as_before(paper_run):
     recording = paper_run.recording
-    estimator = OnlineEstimator(recording.rate, (*BASE, effect("stribeck")()))
+    estimator = OnlineEstimator(recording.rate, (*BASE, effect("stribeck")(), Table()))
     held = np.r_[0.0, recording.torque[:-1]]
     for k in range(4000):
         estimator.take(*(np.full(1, x[k]) for x in (recording.time, recording.position, held)))

@@ -1,5 +1,6 @@
 """Compiled programs: as NumPy computes them, for any expression, every effect, and laws that cannot be written down."""
 
+import gc
 import pickle
 from dataclasses import dataclass, replace
 
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, effects, simulate
+from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, compiled, effects, simulate
 from pendulum_env.physics.compiled import MANY, Machine, Step, recurrence
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.physics.simulation import Balance, _compiled_step, step
@@ -50,6 +51,11 @@ def test_an_expression_has_the_value_that_numpy_gives_it(expression, values):
     program = recurrence(["x"], [], ["y"], [result])
     path = program(x[None, None], np.empty((0, 1, len(x))), y[None, None])
     np.testing.assert_allclose(path[1, 0, 0], expression({"x": x, "y": y}) + 0.0 * x, rtol=1e-9, atol=1e-9)
+
+
+def test_a_choice_between_numbers_is_a_number():
+    program = recurrence(["x"], [], ["y"], [np.where(np.float64(1.0) > 0, np.float64(2.0), np.float64(3.0))])
+    assert program(np.zeros((1, 1, 1)), np.empty((0, 1, 1)), np.zeros((1, 1, 1)))[1, 0, 0] == 2.0
 
 
 @pytest.mark.parametrize("values", [[np.inf, -np.inf, 0.0, -0.0], [1e300, -1e300, 1e-300, 5.0]])
@@ -119,6 +125,16 @@ def test_a_machine_takes_one_step_after_the_other_and_each_lane_its_own(lanes):
         np.testing.assert_allclose(machine.now["speed"], speed, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(machine.now["height"], height, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(machine.now["sum"], (height**2).sum(axis=0), rtol=1e-12, atol=1e-12)
+
+
+def test_a_machine_outlives_the_programs_that_are_remembered(monkeypatch):
+    monkeypatch.setattr(compiled, "KEPT", 1)
+    machine = Machine(falling, (0.25,), 1)
+    for gravity in (0.5, 0.75, 1.0):
+        Machine(falling, (gravity,), 1)
+    gc.collect()
+    machine.step()
+    np.testing.assert_allclose(machine.now["speed"], [-0.25])
 
 
 def stepped(model, torque, load=UNLOADED) -> np.ndarray:
