@@ -109,10 +109,15 @@ def _apart(connection: Connection[Any, Any], rate: float, smoothing: Smoothing) 
 
 
 def told(said: OnlineDiagnosis, stood: bool) -> str:
-    """The verdict in words."""
+    """The verdict in words, and what was not tried, which may look like what was."""
+    after = f"after {said.motion:.1f} s of motion"
+    if said.kind == "calibrating":
+        return "too short to tell what is missing: record some seconds more of motion"
+    verdict = f"nothing is surely missing {after}"
     if said.kind == "missing":
         surely = "the verdict stands" if stood else "the verdict does not stand yet"
-        return (
-            f"missing: {listing([name(id) for id in said.group], 'or')} ({surely}, after {said.motion:.1f} s of motion)"
-        )
-    return f"nothing is surely missing after {said.motion:.1f} s of motion"
+        verdict = f"missing: {listing([name(id) for id in said.group], 'or')} ({surely}, {after})"
+    if not said.not_run:
+        return verdict
+    others = listing([name(id) for id in said.not_run], "and")
+    return f"{verdict}\nnot tried, as only `diagnose` on the recording does: {others}"

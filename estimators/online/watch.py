@@ -109,6 +109,8 @@ class Watch:
         Raises:
             ValueError: if a number is out of its range, or theta has another length.
         """
+        if not 0 < rate < np.inf:
+            raise ValueError(f"the rate cannot be {rate:g} Hz: give a positive number")
         if not 0 < alarms_per_hour < HOUR or not 1 <= calibrate < np.inf:
             raise ValueError(
                 f"alarms_per_hour ({alarms_per_hour:g}) has to be positive and below one a second, and calibrate "

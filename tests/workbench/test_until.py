@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.online import OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
+from pendulum_env.physics import BASE
 from pendulum_env.recording import read_recording
 from workbench.cli import main
 from workbench.until import Apart, Here, told
@@ -33,3 +35,13 @@ def test_a_process_of_its_own_says_the_same() -> None:
     here, apart = (judge.close() for judge in judges)
     assert stood[0] and (here.kind, here.group) == (apart.kind, apart.group) and "torque_offset" in here.group
     assert "stands" in told(here, True)
+
+
+def test_what_was_not_tried_is_said_and_a_run_too_short_says_nothing_of_what_is_missing():
+    not_run = {"backlash": "it has a state", "dead_time": "it delays"}
+    said = OnlineDiagnosis("missing", BASE, group=("torque_saturation",), motion=3.0, not_run=not_run)
+    assert told(said, True) == (
+        "missing: torque saturation (the verdict stands, after 3.0 s of motion)\n"
+        "not tried, as only `diagnose` on the recording does: backlash and dead time of the torque"
+    )
+    assert "too short to tell" in told(OnlineDiagnosis("calibrating", BASE), False)

@@ -141,6 +141,9 @@ def test_many_are_watched_like_one():
 
 
 def test_bad_options_are_refused():
+    for rate in (0.0, -5.0, np.nan):
+        with pytest.raises(ValueError, match="the rate cannot be"):
+            Watch(rate)
     with pytest.raises(ValueError, match="alarms_per_hour"):
         Watch(RATE, alarms_per_hour=0.0)
     with pytest.raises(ValueError, match="theta has 2 values, the model 4"):
