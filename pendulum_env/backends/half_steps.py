@@ -101,7 +101,7 @@ class Compiled:
 
     def place(self, x: Samples) -> None:
         """Begin there."""
-        self._until.given["memory"][:, 0] = [value for own in x.memory.values() for value in own]
+        self._until.given["memory"][:, 0] = _flat(x)
 
     def push(self, *state: float) -> Push:
         """See `HalfSteps`."""

@@ -19,6 +19,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import Column, Model, Samples, Term, effects
 from pendulum_env.physics.library import _registered
 from pendulum_env.plant import PAPER, hide, paper_plant
+from tests.terms import Table
 from workbench.cli import main
 from workbench.export import FORMATS, ExportError, Request, export
 from workbench.export.arm import G
@@ -136,14 +137,6 @@ def test_a_users_own_effect_is_exported_like_any_other(monkeypatch):
 
 
 def test_a_law_that_is_no_formula_is_refused_in_a_sentence():
-    @dataclass(frozen=True)
-    class Table(Term):
-        id, law, kind = "table", "t(q)", "potential"
-
-        @property
-        def columns(self):
-            return (Column("table", "N m", force=lambda x: np.interp(x.position, [0.0, 1.0], [0.0, 1.0])),)
-
     with pytest.raises(ExportError, match="law"):
         export(paper_plant().add(Table(), [0.4]), "c")
 
