@@ -7,6 +7,9 @@ While the model holds, the gains of blocks scatter about what they were; in stan
 a CUSUM, which then stands for a ratio of densities of mean one: false alarms are on average exp(threshold) blocks apart
 or more, and the threshold follows from alarms per hour.
 
+Rows say nothing of a joint that sticks or turns. There, the model itself is moved on and compared (`turns`), and what
+it misses by more than usual makes a CUSUM of its own: friction may change where nothing else does.
+
 After an alarm, the model is fitted anew to what came since the change. If its errors are then as they were, values
 changed, and the fit says which, when and by how much; if they stay larger, no value explains them.
 
@@ -24,10 +27,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from estimators.online.cusum import Cusum
 from estimators.online.evidence import HOUR, threshold_of
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.rows import POSITION, VELOCITY
 from estimators.online.stream import Stream
+from estimators.online.turns import HALF, Mover, Past, TurnFinder, Turns
 from estimators.schemes.six import Hamiltonian
 from estimators.selection.score import NU
 from estimators.signals.measurements import Smoothing
@@ -61,7 +66,7 @@ class Verdict:
     Attributes:
         kind: "calibrating", "predicts", "changed" (it is not clear yet how), "value" or "structure".
         since: time of the change [s]; None while there is none.
-        score: the CUSUM [nat].
+        score: the larger CUSUM, of rows and of turns [nat].
         threshold: of an alarm [nat].
         parameter: name of the parameter that changed most surely; empty if none has.
         changes: change and standard error of each parameter that changed, surest first, in its unit.
@@ -125,19 +130,23 @@ class Watch:
         self._stream = Stream(terms, [Hamiltonian()], smoothing, period, batch)
         self._every = max(1, round(BIN * rate))
         self.bin = self._every * period  # [s]
-        self.threshold = threshold_of(alarms_per_hour, BLOCK * self.bin)
+        self.threshold = threshold_of(alarms_per_hour / 2, BLOCK * self.bin)  # rows may alarm, and turns
+        self._mover = Mover(terms, period)
+        late = int(np.ceil(sum(term.delay for term in terms) / period)) + 1
+        self._turns = TurnFinder(batch, period, self._stream.delay, late, smoothing.slowest)
+        self._past = [Past() for _ in range(batch)]
         self._calibrate, self._given = calibrate, None if theta is None else np.asarray(theta, dtype=float)
         self._sum = np.zeros((batch, size + 3))  # phi, y, position, velocity over the bin to come
         self._count, self._step = np.zeros(batch, dtype=int), 0
         self._kept = np.zeros((max(2, round(KEPT / self.bin)), batch, size + 4))  # bins with motion, and their time
         self._squares = SquareRootLeastSquares((batch, 2), size)
-        self._motion, self._since, self._changed = np.zeros((3, batch), dtype=int)
+        self._motion, self._turned, self._changed = np.zeros((3, batch), dtype=int)
         self._alarmed, self._alarms, self._blocks = np.zeros((3, batch), dtype=int)
         self._settled = np.zeros(batch, dtype=bool)  # that it is the structure
-        self._scale, self._now, self._cusum = np.zeros((3, batch))  # squared scales of Student's t
+        self._scale, self._now = np.zeros((2, batch))  # squared scales of Student's t
+        self._by_rows, self._by_turns = Cusum(batch, size), Cusum(batch, size)
         self._block = np.zeros((batch, 2))  # gain and squared error of the block to come
         self._usual = np.zeros((batch, 2, 2))  # of both, mean and variance while the model holds
-        self._held = np.zeros((batch, size)), np.zeros((batch, size, size))  # the calm one when the CUSUM was zero
         self._moments = np.zeros((batch, size + 1))
         self.verdicts = [Verdict("calibrating", threshold=self.threshold)] * batch
         self._start(np.ones(batch, dtype=bool))
@@ -149,12 +158,15 @@ class Watch:
             exact = np.diag(SURELY * (np.abs(self._given) + SURELY))  # the model is as it is
             theta, root = (np.broadcast_to(part, (self.batch, *part.shape)) for part in (self._given, exact))
             self._put(which, theta, root)
-        for series in (self._motion, self._cusum, self._block, self._moments, self._since, self._alarms, self._blocks):
+        for series in (self._motion, self._turned, self._block, self._moments, self._alarms, self._blocks):
             series[which] = 0
+        for cusum in (self._by_rows, self._by_turns):
+            cusum.begin(which, self._motion, self._squares.theta[:, 0], self._squares.root[:, 0])
         self._settled[which] = False
         self._usual[which], self._scale[which], self._now[which], self._changed[which] = 0.0, 1.0, 1.0, -1
         for b in np.flatnonzero(which).tolist():
             self.verdicts[b] = Verdict("calibrating", threshold=self.threshold)
+            self._past[b] = Past()
 
     def reset(self, which: Mask | None = None) -> None:
         """Those pendulums (B,) start anew with the next sample; all without an argument."""
@@ -185,7 +197,38 @@ class Watch:
             if whole.any():
                 self._take_bin(self._sum / self._every, taken.time, whole)
             self._sum[:], self._count[:] = 0.0, 0
+        if self._mover.ready:
+            place, velocity = taken.place, self._stream.instant[VELOCITY]
+            for b, turn in self._turns.take(time, position, torque, velocity, place).items():
+                self._take_turn(b, turn)
         return self.verdicts
+
+    @property
+    def _calibrated(self) -> Mask:
+        """Which have been in motion for long enough (B,)."""
+        return np.asarray(self._motion * self.bin + self._turned * 2 * HALF > self._calibrate)
+
+    def _take_turn(self, b: int, turn: Turns) -> None:
+        """Compare a turn with those before."""
+        past, which, known = self._past[b], np.arange(self.batch) == b, self._calibrated[b]
+        earlier = past.since(-np.inf)
+        past.keep(turn)
+        self._turned[b] += 1
+        if self._changed[b] >= 0 or self._motion[b] <= BLOCK:
+            return
+        # of a model that is given and may be wrong, the quick one says how large errors are
+        theta = self._squares.theta[b, 0 if known or self._given is None else 1]
+        if not known and self._calibrated[b] and earlier is not None:  # with parameters as they are known by now
+            past.relearn(self._mover.missed(earlier, theta).sizes(self._least(b)))
+        size = self._mover.missed(turn, theta).sizes(self._least(b))
+        self._add(self._by_turns, which * past.surprise(size), which)
+        past.learn(size[0])
+        if self._changed[b] >= 0:
+            self._say(b, "changed", since=float(turn.time[0]))
+
+    def _least(self, b: int) -> float:
+        """Torque that does not matter [N m]."""
+        return float(LEAST * np.sqrt(self._moments[b, -1] / max(1, self._motion[b])) + 1e-9)
 
     def _take_bin(self, mean: Array, time: Array, whole: Mask) -> None:
         """Predict a bin's row, score both predictions, then learn from it."""
@@ -198,7 +241,7 @@ class Watch:
         holds = whole & (self._changed < 0)
         calm, quick = self._errors(phi, y)
         if self._given is not None:  # how large errors are is not for a model to say that may be wrong
-            new = self._motion * self.bin <= self._calibrate
+            new = ~self._calibrated
             holds, calm = holds & ~new, np.where(new, quick, calm)
             self._score(calm, quick, whole & new & (self._motion > BLOCK))
         self._score(calm, quick, holds & (self._motion > BLOCK))
@@ -211,7 +254,7 @@ class Watch:
             if self._changed[b] >= 0:
                 if not self._settled[b]:
                     self._judge(b)
-            elif self._motion[b] * self.bin > self._calibrate:
+            elif self._calibrated[b]:
                 self._say(b, "predicts", error=float(np.sqrt(self._now[b])))
 
     def _errors(self, phi: Array, y: Array) -> tuple[Array, Array]:
@@ -248,20 +291,8 @@ class Watch:
         new = np.clip((told - mean) / spread, -MOST, MOST)
         usual = mean[:, 0] if self._given is None else NOISE
         gain = np.clip((told[:, 0] - usual) / spread[:, 0], -MOST, MOST)
-        known = due & (self._motion * self.bin > self._calibrate)
         doubt = np.sqrt(self._blocks / (self._blocks + 10.0))  # few blocks do not know how they scatter
-        grown = np.where(known, self._cusum + doubt * gain - 0.5, self._cusum)
-        falls = due & (grown <= 0)
-        self._since = np.where(falls, self._motion, self._since)
-        theta, root = self._squares.theta[:, 0], self._squares.root[:, 0]
-        self._held = np.where(falls[:, None], theta, self._held[0]), np.where(falls[:, None, None], root, self._held[1])
-        self._cusum = np.maximum(grown, 0.0)
-        alarm = known & (self._cusum > self.threshold)
-        self._alarmed = np.where(alarm, self._motion, self._alarmed)
-        if alarm.any():  # the calm one has followed a little since the change, too
-            self._put(alarm, *self._held)
-        self._changed = np.where(alarm, self._since, self._changed)
-        self._alarms = self._alarms + alarm
+        self._add(self._by_rows, doubt * gain, due)
         self._blocks = self._blocks + due
         share = (due / np.minimum(np.maximum(self._blocks, 1), MEMORY))[:, None]
         step = np.where(self._blocks[:, None] > 5, new * spread, told - mean)
@@ -269,11 +300,22 @@ class Watch:
         self._usual[..., 1] = variance + share * ((1 - share) * step**2 - variance)
         self._block[due] = 0.0
 
+    def _add(self, cusum: Cusum, gain: Array, due: Mask) -> None:
+        """Add what those of the B that are due (B,) gained [standard deviations], and alarm where it is enough."""
+        known = due & self._calibrated
+        cusum.add(np.where(known, gain - 0.5, 0.0), due, self._motion, self._squares)
+        alarm = known & (cusum.value > self.threshold)
+        if alarm.any():  # the calm one has followed a little since the change, too
+            self._put(alarm, cusum.theta, cusum.root)
+        self._alarmed = np.where(alarm, self._motion, self._alarmed)
+        self._changed = np.where(alarm, cusum.since, self._changed)
+        self._alarms = self._alarms + alarm
+
     def _wander(self, due: Mask) -> None:
         """Parameters may have moved since the last time; those of a model that has changed wait."""
         walk = np.array([CALM, QUICK])[None, :, None] * self._sizes[:, None]
         noise = self._floored[:, None, None]
-        still = self._motion * self.bin <= self._calibrate if self._given is not None else False
+        still = ~self._calibrated if self._given is not None else False
         wander = np.column_stack([due & (self._changed < 0) & ~np.asarray(still), due])
         self._squares.widen(np.where(wander[..., None], walk**2 * BLOCK * self.bin / noise, 0.0))
 
@@ -309,6 +351,7 @@ class Watch:
         excess = np.mean(squares) - usual
         sure = excess * np.sqrt(len(squares)) / spread
         delta, std = theta - before, self._std(phi, error, b)
+        at_turns, speed = self._excess_at_turns(b, theta, std, float(time[0]))
         told = {
             self.names[j]: (float(delta[j]), float(std[j]))
             for j in np.argsort(-np.abs(delta) / std)
@@ -316,15 +359,27 @@ class Watch:
         }
         found = {"since": float(time[0]), "changes": told, "error": float(np.sqrt(np.mean(error**2)))}
         whole = bool(self._motion[b] - self._changed[b] >= len(self._kept))
-        if sure > KIND and len(y) >= 2 * least:
-            self._say(b, "structure", where=_where(error, motion, y), **found)
+        if np.hypot(max(sure, 0.0), max(at_turns, 0.0)) > KIND and len(y) >= 2 * least:
+            where = {"velocity": (-speed, speed)} if at_turns > sure else _where(error, motion, y)
+            self._say(b, "structure", where=where, **found)
             self._settled[b] = whole
-        elif len(y) * self.bin < SURE:
+        elif len(y) * self.bin < SURE or not (told or whole):
             self._say(b, "changed", **found)
         else:
             self._say(b, "value", **found)
             if whole:
                 self._adopt(b, theta)
+
+    def _excess_at_turns(self, b: int, theta: Array, std: Array, time: float) -> tuple[float, float]:
+        """Standard errors by which turns since a time [s] are missed by more than usual, with the best parameters.
+
+        Also the speed up to which they reach [rad/s].
+        """
+        past, turns = self._past[b], self._past[b].since(time)
+        if turns is None:
+            return 0.0, 0.0
+        new = past.surprise(self._mover.missed(turns, theta).fitted(std, past.usual).sizes(self._least(b)))
+        return float(np.mean(new) * np.sqrt(len(new))), float(np.median(np.abs(turns.velocity)))
 
     def _split(self, phi: Array, y: Array, b: int, least: int) -> tuple[int, Array]:
         """Row of the change, between the last zero of the CUSUM and the alarm, and the parameters (P,) after it."""
@@ -364,8 +419,10 @@ class Watch:
     def _adopt(self, b: int, theta: Array) -> None:
         """The changed values are the model's from now on."""
         self._put(np.arange(self.batch) == b, theta[None], self._squares.root[:, 1])
-        self._held[0][b], self._held[1][b] = theta, self._squares.root[b, 1]
-        self._changed[b], self._cusum[b], self._since[b] = -1, 0.0, self._motion[b]
+        which = np.arange(self.batch) == b
+        for cusum in (self._by_rows, self._by_turns):
+            cusum.begin(which, self._motion, self._squares.theta[:, 0], self._squares.root[:, 0])
+        self._changed[b] = -1
 
     def _put(self, which: Mask, theta: Array, root: Array) -> None:
         """Parameters (B, P) and the factor of their P (B, P, P) of the calm recursion, for those of the B."""
@@ -383,7 +440,7 @@ class Watch:
         parameter = next(iter(changes), "")  # type: ignore[call-overload]
         self.verdicts[b] = Verdict(
             kind,
-            score=float(self._cusum[b]),
+            score=float(max(self._by_rows.value[b], self._by_turns.value[b])),
             threshold=self.threshold,
             parameter=parameter,
             alarms=int(self._alarms[b]),

@@ -203,6 +203,7 @@ def simulate(
     longest_step: float = LONGEST_STEP,
     load: KnownLoad = UNLOADED,
     observe: Callable[[Samples], None] | None = None,
+    program: Prepared | None = None,
 ) -> Trajectory:
     """Simulate B pendulums in free run under a torque command that is held over each period.
 
@@ -219,6 +220,7 @@ def simulate(
         longest_step: longest integration step [s].
         load: known load, scalars or (B,).
         observe: called, after the run, with all that is known at the start of every period and at the end of the last.
+        program: of these terms, as `prepared` gives it; None prepares one.
     """
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
@@ -245,7 +247,9 @@ def simulate(
     x = Samples(t, q, v, commands[0] if len(commands) else np.zeros(1), load=load)
     own = balance.start(x)
     x = replace(x, memory={id: (memory or {}).get(id, state) for id, state in own.items()})
-    states = _compiled_run(terms, balance, x, commands, h, count)
+    states = None
+    if len(batch) == 1:
+        states = _compiled_run(program or prepared(terms, balance.loaded, h), balance, x, commands, h, count)
     if states is None:
         states = _run(balance, x, commands, h, count)
     if observe is not None:
@@ -279,22 +283,27 @@ def _run(balance: Balance, x: Samples, commands: Array, h: ArrayLike, every: int
 
 
 def _compiled_run(
-    terms: Sequence[Term], balance: Balance, x: Samples, commands: Array, h: ArrayLike, every: int
+    program: Prepared, balance: Balance, x: Samples, commands: Array, h: ArrayLike, every: int
 ) -> Array | None:
-    """The same by a compiled step; None if the laws of the terms are no formulas, or the batch has more dimensions."""
+    """The same by a compiled step; None if the laws of the terms are no formulas."""
     batch = x.position.shape
-    found = _compiled_step(terms, balance.loaded, h) if len(batch) == 1 else None
-    if found is None:
+    if program.step is None:
         return None
-    program, shapes = found
-    constants = [*balance.theta, *shapes, *(x.load if balance.loaded else ()), h]
+    constants = [*balance.theta, *program.shapes, *(x.load if balance.loaded else ()), h]
     own = np.array([np.broadcast_to(value, batch) for value in constants])
     inputs = np.broadcast_to(commands, (len(commands), *batch))
-    return program(inputs[:, None], own[:, None], _state(x)[:, None], every)[:, :, 0]
+    return program.step(inputs[:, None], own[:, None], _state(x)[:, None], every)[:, :, 0]
 
 
-def _compiled_step(terms: Sequence[Term], loaded: bool, h: ArrayLike) -> tuple[Recurrence, list[ArrayLike]] | None:
-    """A step of a model, compiled, with the values of its shape parameters; None if a law of it is no formula.
+class Prepared(NamedTuple):
+    """A step of a model, compiled, or None if a law of it is no formula, and the values of its shape parameters."""
+
+    step: Recurrence | None
+    shapes: Sequence[ArrayLike]
+
+
+def prepared(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = LONGEST_STEP) -> Prepared:
+    """Make ready to simulate some terms, with steps no longer than that [s].
 
     It is written down each time, as a law may depend on more than the terms hold; what is the same is compiled once.
     """
@@ -302,7 +311,7 @@ def _compiled_step(terms: Sequence[Term], loaded: bool, h: ArrayLike) -> tuple[R
 
     try:
         balance, x, shapes = in_symbols(terms, loaded)
-        duration: Any = name("h", most=upper(h))
+        duration: Any = name("h", most=upper(longest))
         after = step(balance, x, duration)
         given: Any = [x.torque]
         states: Any
@@ -312,10 +321,10 @@ def _compiled_step(terms: Sequence[Term], loaded: bool, h: ArrayLike) -> tuple[R
             [y.time, y.position, y.velocity, *(one for own in y.memory.values() for one in own)] for y in (x, after)
         )
         inputs, known, before = ([symbol.label for symbol in each] for each in (given, constants, states))
-        program = recurrence(inputs, known, before, results)
+        step_of = recurrence(inputs, known, before, results)
     except Exception:  # a user's law may do anything that NumPy does
-        return None
-    return program, list(shapes.values())
+        return Prepared(None, ())
+    return Prepared(step_of, list(shapes.values()))
 
 
 def in_symbols(terms: Sequence[Term], loaded: bool = False) -> tuple[Balance, Samples, dict[str, ArrayLike]]:

@@ -27,6 +27,7 @@ HIDDEN = {
     "torque_offset": {"offset": 0.3},
     "quadratic_drag": {"drag": 0.04},
     "cogging": {"cog_n": 12.0, "cog_s": 0.3},
+    "stribeck": {"strib_d": 0.6, "strib_v": 0.4},
 }
 
 
@@ -51,6 +52,12 @@ def test_an_effect_that_sets_in_is_structure_within_five_seconds(effect):
         kinds = [(t, verdict) for t, verdict in course if verdict.kind == "structure"]
         assert kinds and kinds[0][0] < CHANGE + 5.0
         assert course[-1][1].kind == "structure" and course[-1][1].where
+
+
+def test_friction_that_changes_at_low_speed_shows_where_the_joint_turns():
+    for course in told("stribeck"):
+        lowest, highest = course[-1][1].where["velocity"]
+        assert lowest < 0 < highest
 
 
 def test_a_payload_is_two_values_with_their_time_and_size():

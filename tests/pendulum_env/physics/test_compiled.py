@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, compiled, effects, simulate
 from pendulum_env.physics.compiled import MANY, Machine, Step, recurrence
 from pendulum_env.physics.potential import Cogging
-from pendulum_env.physics.simulation import Balance, _compiled_step, step
+from pendulum_env.physics.simulation import Balance, prepared, step
 from pendulum_env.physics.symbols import name, names
 from pendulum_env.physics.term import UNLOADED, _advance, traces
 from pendulum_env.plant import hide, paper_plant
@@ -155,7 +155,7 @@ def stepped(model, torque, load=UNLOADED) -> np.ndarray:
 def test_every_effect_moves_as_its_own_step_says(id, load):
     model = hide(paper_plant(), id)
     torque = 4.0 * np.random.default_rng(0).standard_normal((400, LANES)).cumsum(axis=0) / 8
-    assert _compiled_step(model.terms, bool(load), H) is not None
+    assert prepared(model.terms, bool(load), H).step is not None
     path = simulate(model.terms, model.theta, H, torque, [0.3, -1.0, 2.0], [0.0, 1.0, -2.0], load=load)
     np.testing.assert_allclose(path.position, stepped(model, torque, load), rtol=0, atol=1e-10)
 
@@ -179,7 +179,7 @@ def test_states_along_a_motion_are_those_that_each_advance_gives(id, period):
 
 
 def test_a_law_that_cannot_be_written_down_is_simulated_all_the_same():
-    assert _compiled_step([Table()], False, 1e-3) is None
+    assert prepared([Table()]).step is None
     torque = np.sin(np.arange(300) / 20)
     tabled, clipped = (paper_plant().add(kind(), [0.7]).simulate(1e-3, torque, 0.5, 0.0) for kind in (Table, Clipped))
     np.testing.assert_allclose(tabled.position, clipped.position, rtol=0, atol=1e-12)

@@ -1,0 +1,161 @@
+"""Through a turn, a model with the plant's own parameters goes where the plant went, and no other does."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.online.cusum import Cusum
+from estimators.online.recursion import SquareRootLeastSquares
+from estimators.online.turns import FEWEST, HALF, MOST, Mover, Past, TurnFinder, Turns
+from pendulum_env.physics import BASE
+
+RATE, DELAY, LATE = 500.0, 7, 1
+PLANT = Plant()
+THETA = np.array([PLANT.inertia, PLANT.gravity, PLANT.viscous, PLANT.coulomb])
+LEAST = 1e-3  # [N m]
+
+
+STRIBECK = {"strib_d": 0.5, "strib_v": 0.5}
+PLANTS = {
+    "own": PLANT,
+    "heavier": replace(PLANT, inertia=1.02 * PLANT.inertia, gravity=1.02 * PLANT.gravity),
+    "smoother": replace(PLANT, coulomb=0.8 * PLANT.coulomb),
+    "stribeck": replace(PLANT, effects={"stribeck": STRIBECK}),
+}
+
+
+@cache
+def turns_of(plant: str) -> Turns:
+    """Those that a plant makes in eight seconds, found as they come."""
+    (run,) = simulate([(PLANTS[plant], Experiment(rate=RATE, seconds=8.0, counts=2**24, seed=3))])
+    return Turns.joined(found(run.time, run.position, np.r_[0.0, run.torque[:-1]], run.velocity))
+
+
+def found(time, position, torque, velocity, begins=0):
+    finder = TurnFinder(1, 1 / RATE, DELAY, LATE, 0.01)
+    told = []
+    for k in range(len(time)):
+        late = velocity[max(0, k - DELAY)]
+        one = (np.array([value]) for value in (time[k], position[k], torque[k], late, k - DELAY - begins))
+        told += finder.take(*one).values()
+    return told
+
+
+def sizes(turns: Turns, theta=THETA) -> np.ndarray:
+    return Mover(BASE, 1 / RATE).missed(turns, theta).sizes(LEAST)
+
+
+def test_reversals_are_found_whole_and_do_not_overlap():
+    time = np.arange(0.0, 6.0, 1 / RATE)
+    told = found(time, np.cos(4 * time), time, -4 * np.sin(4 * time))
+    middles = np.array([turn.time[0] + HALF for turn in told])
+    np.testing.assert_allclose(middles, np.arange(1, len(middles) + 1) * np.pi / 4, atol=1.5 / RATE)
+    assert len(told) == 7
+    for turn in told:
+        at = turn.time[0] + np.arange(len(turn.position)) / RATE
+        np.testing.assert_allclose(turn.position[:, 0], np.cos(4 * at))
+        np.testing.assert_allclose(turn.velocity, -4 * np.sin(4 * at[:1]))
+        np.testing.assert_allclose(turn.torque[:, 0], at[1:])  # what acts in a period comes with its end
+        np.testing.assert_allclose(turn.before[-1], at[0])
+
+
+def test_no_turn_reaches_back_to_before_a_run_began_and_none_is_at_rest():
+    time = np.arange(0.0, 2.0, 1 / RATE)
+    told = found(time, np.cos(4 * time), time, -4 * np.sin(4 * time), begins=round(0.7 * RATE))
+    assert [round(turn.time[0] + HALF, 1) for turn in told] == [1.6]
+    flicker = 1e-3 * np.sign(np.sin(60 * time))
+    assert not found(time, 0.0 * time, time, flicker)
+
+
+def test_the_plants_own_parameters_explain_its_turns_and_those_of_another_do_not():
+    own = sizes(turns_of("own"))
+    assert len(own) > 5
+    assert np.exp(own[:, 1] / 2).max() < 0.01  # N m: of the two integrators
+    for other in ("smoother", "stribeck"):
+        assert np.median(sizes(turns_of(other))[:, 1]) > np.log(0.02**2)
+
+
+def test_parameters_explain_another_value_but_not_another_structure():
+    def left(plant: str) -> float:
+        missed = Mover(BASE, 1 / RATE).missed(turns_of(plant), THETA)
+        return float(np.median(missed.fitted(0.1 * THETA, 1e-10).sizes(LEAST)[:, 0]))
+
+    assert left("heavier") < left("own") + 0.5
+    assert left("stribeck") > left("own") + 3.0
+
+
+def test_derivatives_foresee_what_another_parameter_would_miss():
+    turns, mover = turns_of("own"), Mover(BASE, 1 / RATE)
+    here = mover.missed(turns, THETA)
+    for k, delta in enumerate(np.diag(3e-3 * THETA)):
+        moved = mover.missed(turns, THETA + delta).error - here.error
+        expected = here.by_parameter[..., k] * delta[k]
+        off = np.linalg.norm(moved - expected, axis=1) / np.linalg.norm(expected, axis=1)
+        assert np.median(off) < 0.05
+
+
+def test_an_error_in_newton_metres_is_the_torque_that_makes_it():
+    turns = turns_of("own")
+    push = 0.05
+    pushed = replace(turns, torque=turns.torque + push)  # said to be larger than what acted
+    told = np.exp(sizes(pushed)[:, 1] / 2)
+    assert np.median(told) == pytest.approx(push, rel=0.1)
+
+
+def test_a_joint_that_sticks_throughout_hides_any_torque_and_gives_numbers():
+    count = round(2 * HALF * RATE)
+    rest = Turns(np.zeros(1), np.full((count + 1, 1), 0.1), np.zeros(1), np.zeros((count, 1)), np.zeros((1, 1)))
+    for moved in (rest, replace(rest, position=rest.position + 1e-3 * np.arange(count + 1)[:, None])):
+        assert np.isfinite(sizes(moved)).all()
+
+
+@given(st.lists(st.floats(-20, 5), min_size=FEWEST, max_size=40), st.floats(-30, 30), st.floats(-20, 20))
+def test_what_is_usual_has_no_unit(told, unit, new):
+    """Sizes are logs: in another unit, all are larger by the same; and what is larger surprises more."""
+    pasts = Past(), Past()
+    for size in told:
+        for past, shift in zip(pasts, (0.0, unit), strict=True):
+            past.learn(np.full(2, size + shift))
+    asked = np.array([[new, new], [new + 1.0, new + 1.0]])
+    one, other = pasts[0].surprise(asked), pasts[1].surprise(asked + unit)
+    np.testing.assert_allclose(one, other, atol=1e-6)
+    assert one[1] >= one[0] and np.abs(one).max() <= MOST
+
+
+def test_few_turns_know_little():
+    past = Past()
+    for _ in range(FEWEST - 1):
+        past.learn(np.zeros(2))
+    assert past.surprise(np.full((1, 2), 100.0)) == 0.0
+    past.learn(np.zeros(2))
+    first = past.surprise(np.full((1, 2), 1.5))[0]
+    for _ in range(30):
+        past.learn(np.zeros(2))
+    assert 0.0 < first < past.surprise(np.full((1, 2), 1.5))[0]
+
+
+def test_a_turn_is_larger_than_usual_only_if_it_is_both_in_rad_and_in_newton_metres():
+    past = Past()
+    for size in np.random.default_rng(0).normal(size=30):
+        past.learn(np.array([size, size]))
+    assert past.surprise(np.array([[9.0, 0.0], [0.0, 9.0]])).max() < 1.0
+    assert past.surprise(np.array([[9.0, 9.0]]))[0] == MOST
+
+
+@given(st.lists(st.tuples(st.floats(-3, 3), st.booleans()), min_size=1, max_size=30))
+def test_a_cusum_is_the_largest_sum_up_to_now(gains):
+    cusum, squares = Cusum(1, 2), SquareRootLeastSquares((1, 2), 2)
+    for moment, (gain, due) in enumerate(gains):
+        squares.theta = np.full((1, 2, 2), float(moment))
+        cusum.add(np.array([gain]), np.array([due]), np.array([moment]), squares)
+    taken = [gain if due else 0.0 for gain, due in gains]
+    largest = max(0.0, *(sum(taken[k:]) for k in range(len(taken))))
+    assert cusum.value[0] == pytest.approx(largest, abs=1e-9)
+    if cusum.value[0] > 0:
+        assert sum(taken[cusum.since[0] + 1 :]) == pytest.approx(cusum.value[0], abs=1e-9) or cusum.since[0] == 0
+        assert (cusum.theta == cusum.since[0]).all()  # what was known then
