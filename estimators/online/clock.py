@@ -22,9 +22,13 @@ class Clock:
         """Take the time of a sample [s]; whether a gap lies before it.
 
         Raises:
-            ValueError: if more than a tenth of a period is missing or too much.
+            ValueError: if time does not go on, or more than a tenth of a period is missing or too much.
         """
         passed = time - self._time
+        if passed <= 0:
+            raise ValueError(
+                f"a sample of {time:.6g} s comes after one of {self._time:.6g} s: reset where time begins anew"
+            )
         on_time, follows = 0.9 < passed * self._rate < 1.1, math.isfinite(passed)
         gap = follows and not on_time
         if gap and not (self._came and passed * self._rate > LONG):

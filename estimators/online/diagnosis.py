@@ -127,11 +127,11 @@ class Diagnoser:
         """
         if not 0 < rate < np.inf:
             raise ValueError(f"rate ({rate:g}) has to be positive")
-        reasons = {term.id: reason for term in terms if (reason := _hindrance(type(term)))}
+        reasons = {term.id: reason for term in terms if (reason := hindrance(type(term)))}
         if reasons:
             raise ValueError(f"{next(iter(reasons))} cannot be in a model that is diagnosed online: take it out of it")
         library = effects() if library is None else library
-        self.not_run = {id: reason for id, effect in library.items() if (reason := _hindrance(effect))}
+        self.not_run = {id: reason for id, effect in library.items() if (reason := hindrance(effect))}
         self.library = {id: effect for id, effect in library.items() if id not in self.not_run}
         self.rate, self.criterion, self._seed = rate, criterion or Criterion(), seed
         self._base, self._period = tuple(terms), 1.0 / rate
@@ -354,7 +354,7 @@ def _with(term: Term, values: Mapping[str, float]) -> Term:
     return type(term)(**{**term.shape, **values}) if values else term
 
 
-def _hindrance(effect: type[Term]) -> str:
+def hindrance(effect: type[Term]) -> str:
     """Why an effect cannot be followed online; empty if it can."""
     if effect.start is not Term.start:
         return "depends on the past beyond what a sample tells"

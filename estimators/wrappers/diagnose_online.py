@@ -11,7 +11,7 @@ from gymnasium.vector import VectorEnv
 
 from estimators.arguments import chosen_terms
 from estimators.online.diagnosers import Diagnosers
-from estimators.online.diagnosis import Diagnoser, OnlineDiagnosis
+from estimators.online.diagnosis import Diagnoser, OnlineDiagnosis, hindrance
 from estimators.wrappers.options import AnyEnv, SampleClock, rate_of, smoothing_of
 from estimators.wrappers.vector import MeasuringVector
 from pendulum_env.physics import Term
@@ -58,8 +58,8 @@ class DiagnoseOnline(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
 
         Raises:
-            ValueError: if a name is unknown, a number is out of its range, or a term of the model depends on the past;
-                when running, if samples do not come at the rate.
+            ValueError: if a name is unknown, a number out of its range, a term of the model depends on the past, or no
+                candidate can be followed; when running, if samples do not come at the rate.
         """
         options: dict[str, Any] = {"rate": rate, "add_from": add_from, "alarms_per_hour": alarms_per_hour}
         gym.utils.RecordConstructorArgs.__init__(self, terms=terms, candidates=candidates, **options)
@@ -149,12 +149,20 @@ def _of(
     rate: float | None,
     alarms_per_hour: float,
 ) -> dict[str, Any]:
-    """What a diagnoser of an environment needs."""
+    """What a diagnoser of an environment needs.
+
+    Raises:
+        ValueError: if a name is unknown, or none of the candidates can be followed online.
+    """
     rate = rate_of(env, rate)
+    library = None if candidates is None else {id: effect(id) for id in candidates}
+    if library is not None and all(map(hindrance, library.values())):
+        why = ", ".join(f"{id} {hindrance(one)}" for id, one in library.items())
+        raise ValueError(f"candidates leave no effect to try{': ' * bool(why)}{why}; name others, or None for all")
     return {
         "rate": rate,
         "terms": chosen_terms(terms),
-        "library": None if candidates is None else {id: effect(id) for id in candidates},
+        "library": library,
         "smoothing": smoothing_of(env, rate),
         "alarms_per_hour": alarms_per_hour,
     }

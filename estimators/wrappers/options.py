@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, cast
 
 import gymnasium as gym
+import numpy as np
 
 from estimators.arguments import chosen_schemes, chosen_terms
 from estimators.online import JointState, OnlineEstimator
@@ -55,11 +56,13 @@ def rate_of(env: AnyEnv, rate: float | None) -> float:
     """Samples per second of an environment [Hz].
 
     Raises:
-        ValueError: if neither the caller nor the environment knows.
+        ValueError: if neither the caller nor the environment knows, or it is no positive number.
     """
     known = _attribute(env, "rate") if rate is None else rate
     if known is None:
         raise ValueError("the environment does not say its sampling rate: pass rate=... in Hz")
+    if not 0 < float(known) < np.inf:
+        raise ValueError(f"the rate cannot be {known:g} Hz: give a positive number")
     return float(known)
 
 

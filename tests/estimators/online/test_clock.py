@@ -11,6 +11,8 @@ def test_a_refused_sample_does_not_move_the_clock():
     assert not any(clock.tick(time) for time in (0.0, 0.01))
     with pytest.raises(ValueError, match="not at 100 Hz"):
         clock.tick(0.015)
+    with pytest.raises(ValueError, match=r"0\.005 s comes after one of 0\.01 s"):
+        clock.tick(0.005)
     assert not any(clock.tick(time) for time in (0.02, 0.03))
 
 

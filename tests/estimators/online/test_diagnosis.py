@@ -132,6 +132,15 @@ def test_what_cannot_be_followed_is_refused():
         DiagnoseOnline(gym.make(PENDULUM), ["inertia", "actuator_lag"])
     with pytest.raises(ValueError, match="did you mean stribeck"):
         DiagnoseOnline(gym.make(PENDULUM), candidates=["stribek"])
+    for candidates, why in (
+        ([], "no effect to try;"),
+        (["backlash"], "no effect to try: backlash depends on the past"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            DiagnoseOnline(gym.make(PENDULUM), candidates=candidates)
+    for rate in (np.nan, 0.0):
+        with pytest.raises(ValueError, match="give a positive number"):
+            DiagnoseOnline(gym.make(PENDULUM), rate=rate)
     with pytest.raises(ValueError, match="add_from"):
         DiagnoseOnline(gym.make(PENDULUM), add_from=0.2)
 
