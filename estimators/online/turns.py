@@ -163,12 +163,16 @@ class Mover:
 
 
 class Past:
-    """The last turns of one pendulum, and how large errors of them are while the model holds."""
+    """The last turns of one pendulum, and how large errors of them are while the model holds.
+
+    Attributes:
+        learnt: how many turns are usual, of the last ones.
+    """
 
     def __init__(self) -> None:
         """Nothing is known yet."""
         self._turns: list[Turns] = []
-        self._learnt, self._mean, self._squares = 0, np.zeros(2), np.zeros(2)
+        self.learnt, self._mean, self._squares = 0, np.zeros(2), np.zeros(2)
 
     def keep(self, turn: Turns) -> None:
         """One more."""
@@ -179,24 +183,20 @@ class Past:
         found = [turn for turn in self._turns if turn.time[0] > time]
         return Turns.joined(found) if found else None
 
-    def learn(self, size: Array) -> None:
-        """One more size (2,) is usual."""
-        bound = LEARNT * self._scatter if self._learnt >= FEWEST else np.inf
-        step = np.clip(size - self._mean, -bound, bound)
-        self._learnt = min(self._learnt + 1, MEMORY)
-        share = 1.0 / self._learnt
-        self._mean = self._mean + share * step
-        kept = 1.0 if self._learnt < MEMORY else 1.0 - share
-        self._squares = kept * (self._squares + (1.0 - share) * step**2)
-
-    def relearn(self, sizes: Array) -> None:
-        """These sizes (S, 2) are usual, and no others."""
-        self._learnt, self._mean = len(sizes), np.mean(sizes, axis=0)
-        self._squares = np.sum((sizes - self._mean) ** 2, axis=0)
+    def learn(self, *sizes: Array) -> None:
+        """These sizes (2,) are usual, too."""
+        for size in sizes:
+            bound = LEARNT * self._scatter if self.learnt >= FEWEST else np.inf
+            step = np.clip(size - self._mean, -bound, bound)
+            self.learnt = min(self.learnt + 1, MEMORY)
+            share = 1.0 / self.learnt
+            self._mean = self._mean + share * step
+            kept = 1.0 if self.learnt < MEMORY else 1.0 - share
+            self._squares = kept * (self._squares + (1.0 - share) * step**2)
 
     @property
     def _scatter(self) -> Array:
-        return np.asarray(np.sqrt((PRIOR * SCATTER**2 + self._squares) / (PRIOR + self._learnt - 1)))
+        return np.asarray(np.sqrt((PRIOR * SCATTER**2 + self._squares) / (PRIOR + self.learnt - 1)))
 
     @property
     def usual(self) -> float:
@@ -205,9 +205,9 @@ class Past:
 
     def surprise(self, sizes: Array) -> Array:
         """By how many standard deviations sizes (S, 2) are larger than usual, in rad and in N m (S,)."""
-        if self._learnt < FEWEST:
+        if self.learnt < FEWEST:
             return np.zeros(len(sizes))
-        new = (sizes - self._mean) / (self._scatter * np.sqrt(1 + 1 / self._learnt))
+        new = (sizes - self._mean) / (self._scatter * np.sqrt(1 + 1 / self.learnt))
         return np.clip(np.min(new, axis=1), -MOST, MOST)
 
 

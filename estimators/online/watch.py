@@ -32,7 +32,7 @@ from estimators.online.evidence import HOUR, threshold_of
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.rows import POSITION, VELOCITY
 from estimators.online.stream import Stream
-from estimators.online.turns import HALF, Mover, Past, TurnFinder, Turns
+from estimators.online.turns import Mover, Past, TurnFinder, Turns
 from estimators.schemes.six import Hamiltonian
 from estimators.selection.score import NU
 from estimators.signals.measurements import Smoothing
@@ -133,14 +133,17 @@ class Watch:
         self.threshold = threshold_of(alarms_per_hour / 2, BLOCK * self.bin)  # rows may alarm, and turns
         self._mover = Mover(terms, period)
         late = int(np.ceil(sum(term.delay for term in terms) / period)) + 1
-        self._turns = TurnFinder(batch, period, self._stream.delay, late, smoothing.slowest)
+        self._turns, self._slowest = (
+            TurnFinder(batch, period, self._stream.delay, late, smoothing.slowest),
+            smoothing.slowest,
+        )
         self._past = [Past() for _ in range(batch)]
         self._calibrate, self._given = calibrate, None if theta is None else np.asarray(theta, dtype=float)
         self._sum = np.zeros((batch, size + 3))  # phi, y, position, velocity over the bin to come
         self._count, self._step = np.zeros(batch, dtype=int), 0
         self._kept = np.zeros((max(2, round(KEPT / self.bin)), batch, size + 4))  # bins with motion, and their time
         self._squares = SquareRootLeastSquares((batch, 2), size)
-        self._motion, self._turned, self._changed = np.zeros((3, batch), dtype=int)
+        self._motion, self._moved, self._changed = np.zeros((3, batch), dtype=int)
         self._alarmed, self._alarms, self._blocks = np.zeros((3, batch), dtype=int)
         self._settled = np.zeros(batch, dtype=bool)  # that it is the structure
         self._scale, self._now = np.zeros((2, batch))  # squared scales of Student's t
@@ -158,7 +161,7 @@ class Watch:
             exact = np.diag(SURELY * (np.abs(self._given) + SURELY))  # the model is as it is
             theta, root = (np.broadcast_to(part, (self.batch, *part.shape)) for part in (self._given, exact))
             self._put(which, theta, root)
-        for series in (self._motion, self._turned, self._block, self._moments, self._alarms, self._blocks):
+        for series in (self._motion, self._moved, self._block, self._moments, self._alarms, self._blocks):
             series[which] = 0
         for cusum in (self._by_rows, self._by_turns):
             cusum.begin(which, self._motion, self._squares.theta[:, 0], self._squares.root[:, 0])
@@ -197,32 +200,33 @@ class Watch:
             if whole.any():
                 self._take_bin(self._sum / self._every, taken.time, whole)
             self._sum[:], self._count[:] = 0.0, 0
+        velocity = self._stream.instant[VELOCITY]
+        self._moved += np.abs(velocity) > self._slowest
         if self._mover.ready:
-            place, velocity = taken.place, self._stream.instant[VELOCITY]
-            for b, turn in self._turns.take(time, position, torque, velocity, place).items():
+            for b, turn in self._turns.take(time, position, torque, velocity, taken.place).items():
                 self._take_turn(b, turn)
         return self.verdicts
 
     @property
     def _calibrated(self) -> Mask:
-        """Which have been in motion for long enough (B,)."""
-        return np.asarray(self._motion * self.bin + self._turned * 2 * HALF > self._calibrate)
+        """Which have been in motion for long enough (B,), whether rows are made of it or not."""
+        return np.asarray(self._moved > self._calibrate * self.rate)
 
     def _take_turn(self, b: int, turn: Turns) -> None:
         """Compare a turn with those before."""
-        past, which, known = self._past[b], np.arange(self.batch) == b, self._calibrated[b]
+        past, which, squares, least = self._past[b], np.arange(self.batch) == b, self._squares, self._least(b)
         earlier = past.since(-np.inf)
         past.keep(turn)
-        self._turned[b] += 1
-        if self._changed[b] >= 0 or self._motion[b] <= BLOCK:
+        if self._changed[b] >= 0 or not self._calibrated[b] or self._motion[b] <= BLOCK:
             return
-        # of a model that is given and may be wrong, the quick one says how large errors are
-        theta = self._squares.theta[b, 0 if known or self._given is None else 1]
-        if not known and self._calibrated[b] and earlier is not None:  # with parameters as they are known by now
-            past.relearn(self._mover.missed(earlier, theta).sizes(self._least(b)))
-        size = self._mover.missed(turn, theta).sizes(self._least(b))
-        self._add(self._by_turns, which * past.surprise(size), which)
-        past.learn(size[0])
+        calm, quick = squares.theta[b]
+        if not past.learnt:
+            self._by_turns.begin(which, self._motion, squares.theta[:, 0], squares.root[:, 0])
+            if earlier is not None:  # a model that is given may be wrong, and does not say how large errors are
+                past.learn(*self._mover.missed(earlier, calm if self._given is None else quick).sizes(least))
+        (size,) = self._mover.missed(turn, calm).sizes(least)
+        self._add(self._by_turns, which * past.surprise(size[None]), which)
+        past.learn(size)
         if self._changed[b] >= 0:
             self._say(b, "changed", since=float(turn.time[0]))
 
