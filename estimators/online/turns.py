@@ -219,7 +219,7 @@ class TurnFinder:
 
         Below the least speed [rad/s], a velocity has no direction.
         """
-        self._half, self._delay, self._late, self._slowest = round(HALF / period), delay, late, slowest
+        self._half, self._delay, self._late, self._slowest = max(2, round(HALF / period)), delay, late, slowest
         self._ring = np.zeros((2 * self._half + delay + late + 2, 4, batch))  # time, position, torque, velocity
         self._free = np.zeros(batch, dtype=np.intp)  # sample from which on the next may begin
         self._count = 0

@@ -147,6 +147,14 @@ def test_many_are_watched_like_one():
     assert [verdict.kind for verdict in info["watch"]] == ["predicts"] * 2
 
 
+@pytest.mark.parametrize("rate", [2.0, 20.0, 200.0])
+def test_a_free_swing_that_dies_out_is_no_alarm_at_any_rate(rate):
+    watch = Watch(rate)
+    for t in np.arange(0.0, 30.0, 1 / rate):
+        (verdict,) = watch.take(np.array([t]), np.array([np.exp(-t / 8) * np.cos(4.5 * t)]), np.zeros(1))
+    assert verdict.kind == ("calibrating" if rate < 10 else "predicts") and not verdict.alarms
+
+
 def test_bad_options_are_refused():
     for rate in (0.0, -5.0, np.nan):
         with pytest.raises(ValueError, match="the rate cannot be"):
