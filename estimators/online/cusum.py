@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimators.online.recursion import SquareRootLeastSquares
 from pendulum_env._typing import Array, Index, Mask
 
 
@@ -23,10 +22,10 @@ class Cusum:
         self.value, self.since = np.zeros(batch), np.zeros(batch, dtype=np.intp)
         self.theta, self.root = np.zeros((batch, size)), np.zeros((batch, size, size))
 
-    def add(self, gain: Array, due: Mask, moment: Index, squares: SquareRootLeastSquares) -> None:
-        """Add gains (B,) of those that are due, at a moment (B,) with the parameters of the first recursion."""
+    def add(self, gain: Array, due: Mask, moment: Index, theta: Array, root: Array) -> None:
+        """Add gains (B,) of those that are due, at a moment (B,) and with the parameters there are, as `begin`."""
         grown = self.value + np.where(due, gain, 0.0)
-        self.begin(due & (grown <= 0), moment, squares.theta[:, 0], squares.root[:, 0])
+        self.begin(due & (grown <= 0), moment, theta, root)
         self.value = np.maximum(grown, 0.0)
 
     def begin(self, which: Mask, moment: Index, theta: Array, root: Array) -> None:

@@ -16,9 +16,9 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Term
-from pendulum_env.physics.simulation import prepared, simulate
+from pendulum_env.physics.simulation import Balance, prepared, simulate
 
 HALF = 0.1  # [s], before and after a turn
 SHARES = np.array([1.0, 0.3, 0.0])  # of a step of the state at the start, that are tried
@@ -74,8 +74,8 @@ class Missed:
     by_parameter: Array
     by_torque: Array
 
-    def sizes(self, least: float) -> Array:
-        """Log mean square of errors, in rad and in N m (S, 2); one of `least` [N m] does not matter."""
+    def sizes(self, least: ArrayLike) -> Array:
+        """Log mean square of errors, in rad and in N m (S, 2); one of `least` [N m] does not matter, () or (S,)."""
         square, unit = (np.mean(values**2, axis=1) for values in (self.error, self.by_torque))
         unit = unit + square / (LARGEST * least) ** 2 + FINEST  # a joint that sticks hides any torque
         square = square + least**2 * unit
@@ -94,64 +94,95 @@ class Missed:
         return replace(self, error=self.error + self.by_parameter @ delta)
 
 
+class Passage:
+    """A model on its way through S turns, one simulation after the other.
+
+    Attributes:
+        turns: that were measured.
+        theta: parameters, one column for each turn (P, S).
+    """
+
+    def __init__(self, turns: Turns, theta: Array) -> None:
+        """Take the turns and theta, (P,) for all or (P, S)."""
+        count = len(turns.time)
+        self.turns, self.theta = turns, np.broadcast_to(theta.reshape(len(theta), -1), (len(theta), count))
+        self.state: Array = np.array([turns.position[0], turns.velocity])  # at the start (2, S)
+        self.step: Array = np.zeros((2, count))  # of the state, to be tried
+        self.error: Array = np.zeros(0)  # (S, N + 1, 1)
+        self.frames: Array = np.zeros(0)  # of what other states at the start would do (S, N + 1, 2)
+        self.rounds = 0
+
+
 class Mover:
     """Moves a model through turns.
 
     Attributes:
-        ready: whether its laws are formulas; others would take too long.
+        ready: whether it can: its laws are formulas, others would take too long; none of its terms remembers what was
+            before a turn; and samples come often enough to tell what happens in one.
     """
 
     def __init__(self, terms: Sequence[Term], period: float) -> None:
         """Take the terms and the time between samples [s]."""
         self._terms, self._period = tuple(terms), period
         self._program = prepared(terms)
-        self.ready = self._program.step is not None
+        remembers = Balance(terms, np.ones(sum(len(term.columns) for term in terms))).remembers
+        self.ready = self._program.step is not None and not remembers and round(HALF / period) > 1
 
     def __reduce__(self) -> tuple[type[Mover], tuple[Sequence[Term], float]]:
         return Mover, (self._terms, self._period)  # a program cannot be pickled
 
     def missed(self, turns: Turns, theta: Array) -> Missed:
-        """What the model with parameters theta (P,) misses turns by."""
-        state, error, frames = self._started(turns, theta)
+        """What the model with parameters theta, (P,) or (P, S), misses turns by."""
+        passage, found = Passage(turns, theta), None
+        while found is None:
+            found = self.go_on(passage)
+        return found
+
+    def go_on(self, passage: Passage) -> Missed | None:
+        """One more simulation; what is missed, once that is known."""
+        if passage.rounds == ROUNDS:
+            return self._compared(passage)
+        turns, state = passage.turns, passage.state
+        nudges = np.column_stack([np.zeros(2), np.diag(NUDGE)])  # (2, 3)
+        shares = SHARES if passage.rounds else SHARES[:1]
+        tried = state[:, None] + shares[:, None] * passage.step[:, None]  # (2, shares, S)
+        paths = self._move(passage, (tried[:, :, None] + nudges[:, None, :, None]).reshape(2, -1))
+        errors = paths.reshape(len(paths), len(shares), 3, -1) - turns.position[:, None, None]
+        best = np.argmin(np.sum(errors[:, :, 0] ** 2, axis=0), axis=0)
+        each = np.arange(len(best))
+        nearby = errors[:, best, :, each]  # (S, N + 1, 3)
+        error = nearby[..., :1]
+        frames, triangle = np.linalg.qr((nearby[..., 1:] - error) / NUDGE)
+        step = -np.linalg.solve(triangle + 1e-12 * np.eye(2), np.swapaxes(frames, 1, 2) @ error)[..., 0].T
+        passage.state, passage.step = np.asarray(tried[:, best, each]), np.asarray(step)
+        passage.error, passage.frames, passage.rounds = error, frames, passage.rounds + 1
+        return None
+
+    def _compared(self, passage: Passage) -> Missed:
+        """Errors from the states that were found, and their derivatives."""
+        turns, theta, error, frames = passage.turns, passage.theta, passage.error, passage.frames
         count, variants = len(turns.time), len(theta) + 1
-        nudge = DIFFERENCE * np.maximum(np.abs(theta), SMALLEST)
+        nudge = DIFFERENCE * np.maximum(np.abs(theta), SMALLEST)  # (P, S)
         push = DIFFERENCE * np.maximum(np.sqrt(np.mean(turns.torque**2, axis=0)), SMALLEST)
-        thetas = theta[:, None] + np.column_stack([np.diag(nudge), np.zeros(len(theta))])
+        thetas = np.repeat(theta[:, None], variants, axis=1)  # (P, P + 1, S)
+        thetas[np.arange(len(theta)), np.arange(len(theta))] += nudge
         torque = np.repeat(turns.torque[:, None], variants, axis=1)
         torque[:, -1] += push
-        states = np.repeat(state[:, None], variants, axis=1).reshape(2, -1)
-        paths = self._move(turns, np.repeat(thetas, count, axis=1), states, torque.reshape(len(torque), -1))
+        states = np.repeat(passage.state[:, None], variants, axis=1).reshape(2, -1)
+        paths = self._move(passage, states, thetas.reshape(len(theta), -1), torque.reshape(len(torque), -1))
         nearby = np.transpose(paths.reshape(-1, variants, count) - turns.position[:, None], (2, 0, 1))
-        slopes = (nearby - error) / np.column_stack([np.tile(nudge, (count, 1)), push])[:, None]
+        slopes = (nearby - error) / np.vstack([nudge, push]).T[:, None]
         both = np.concatenate([error, slopes], axis=2)
         both = both - frames @ (np.swapaxes(frames, 1, 2) @ both)
         return Missed(both[..., 0], both[..., 1:-1], both[..., -1])
 
-    def _started(self, turns: Turns, theta: Array) -> tuple[Array, Array, Array]:
-        """States at the start (2, S), errors (S, N + 1, 1) and a frame of what other states would do (S, N + 1, 2)."""
-        each, nudges = np.arange(len(turns.time)), np.column_stack([np.zeros(2), np.diag(NUDGE)])  # (2, 3)
-        state: Array = np.array([turns.position[0], turns.velocity])
-        step: Array = np.zeros(state.shape)
-        for _ in range(ROUNDS):
-            tried = state[:, None] + SHARES[:, None] * step[:, None]  # (2, shares, S)
-            paths = self._move(turns, theta, (tried[:, :, None] + nudges[:, None, :, None]).reshape(2, -1))
-            errors = paths.reshape(len(paths), len(SHARES), 3, -1) - turns.position[:, None, None]
-            best = np.argmin(np.sum(errors[:, :, 0] ** 2, axis=0), axis=0)
-            state = tried[:, best, each]
-            nearby = errors[:, best, :, each]  # (S, N + 1, 3)
-            error = nearby[..., :1]
-            frames, triangle = np.linalg.qr((nearby[..., 1:] - error) / NUDGE)
-            step = np.asarray(
-                -np.linalg.solve(triangle + 1e-12 * np.eye(2), np.swapaxes(frames, 1, 2) @ error)[..., 0].T
-            )
-        return state, error, frames
-
-    def _move(self, turns: Turns, theta: Array, states: Array, torque: Array | None = None) -> Array:
+    def _move(self, passage: Passage, states: Array, theta: Array | None = None, torque: Array | None = None) -> Array:
         """Positions (N + 1, V S) of V variants of all turns, from states (2, V S)."""
+        turns = passage.turns
         times = states.shape[1] // len(turns.time)
         return simulate(
             self._terms,
-            theta,
+            np.tile(passage.theta, times) if theta is None else theta,
             self._period,
             np.tile(turns.torque, times) if torque is None else torque,
             states[0],
@@ -163,16 +194,12 @@ class Mover:
 
 
 class Past:
-    """The last turns of one pendulum, and how large errors of them are while the model holds.
-
-    Attributes:
-        learnt: how many turns are usual, of the last ones.
-    """
+    """The last turns of one pendulum, and how large errors of them are while the model holds."""
 
     def __init__(self) -> None:
         """Nothing is known yet."""
         self._turns: list[Turns] = []
-        self.learnt, self._mean, self._squares = 0, np.zeros(2), np.zeros(2)
+        self._learnt, self._mean, self._squares = 0, np.zeros(2), np.zeros(2)
 
     def keep(self, turn: Turns) -> None:
         """One more."""
@@ -183,32 +210,31 @@ class Past:
         found = [turn for turn in self._turns if turn.time[0] > time]
         return Turns.joined(found) if found else None
 
-    def learn(self, *sizes: Array) -> None:
-        """These sizes (2,) are usual, too."""
-        for size in sizes:
-            bound = LEARNT * self._scatter if self.learnt >= FEWEST else np.inf
-            step = np.clip(size - self._mean, -bound, bound)
-            self.learnt = min(self.learnt + 1, MEMORY)
-            share = 1.0 / self.learnt
-            self._mean = self._mean + share * step
-            kept = 1.0 if self.learnt < MEMORY else 1.0 - share
-            self._squares = kept * (self._squares + (1.0 - share) * step**2)
+    def learn(self, size: Array) -> None:
+        """One more size (2,) is usual."""
+        bound = LEARNT * self._scatter if self._learnt >= FEWEST else np.inf
+        step = np.clip(size - self._mean, -bound, bound)
+        self._learnt = min(self._learnt + 1, MEMORY)
+        share = 1.0 / self._learnt
+        self._mean = self._mean + share * step
+        kept = 1.0 if self._learnt < MEMORY else 1.0 - share
+        self._squares = kept * (self._squares + (1.0 - share) * step**2)
 
     @property
     def _scatter(self) -> Array:
-        return np.asarray(np.sqrt((PRIOR * SCATTER**2 + self._squares) / (PRIOR + self.learnt - 1)))
+        return np.asarray(np.sqrt((PRIOR * SCATTER**2 + self._squares) / (PRIOR + self._learnt - 1)))
 
     @property
     def usual(self) -> float:
         """Mean square of errors [rad^2]."""
         return float(np.exp(self._mean[0]))
 
-    def surprise(self, sizes: Array) -> Array:
-        """By how many standard deviations sizes (S, 2) are larger than usual, in rad and in N m (S,)."""
-        if self.learnt < FEWEST:
-            return np.zeros(len(sizes))
-        new = (sizes - self._mean) / (self._scatter * np.sqrt(1 + 1 / self.learnt))
-        return np.clip(np.min(new, axis=1), -MOST, MOST)
+    def surprise(self, *sizes: Array) -> float:
+        """By how many standard errors the mean of sizes (2,) is larger than usual, both in rad and in N m."""
+        if self._learnt < FEWEST:
+            return 0.0
+        new = np.clip((np.array(sizes) - self._mean) / self._scatter, -MOST, MOST)
+        return float(np.min(np.mean(new, axis=0)) / np.sqrt(1 / len(new) + 1 / self._learnt))
 
 
 class TurnFinder:
@@ -219,7 +245,7 @@ class TurnFinder:
 
         Below the least speed [rad/s], a velocity has no direction.
         """
-        self._half, self._delay, self._late, self._slowest = max(2, round(HALF / period)), delay, late, slowest
+        self._half, self._delay, self._late, self._slowest = round(HALF / period), delay, late, slowest
         self._ring = np.zeros((2 * self._half + delay + late + 2, 4, batch))  # time, position, torque, velocity
         self._free = np.zeros(batch, dtype=np.intp)  # sample from which on the next may begin
         self._count = 0
@@ -231,15 +257,15 @@ class TurnFinder:
         ring[end % length, 3] = velocity
         self._count += 1
         turn, first = end - self._half, end - 2 * self._half
-        turns = (ring[turn % length, 3] > 0) != (ring[(turn - 1) % length, 3] > 0)
-        if not turns.any():
+        reverses = (ring[turn % length, 3] > 0) != (ring[(turn - 1) % length, 3] > 0)
+        if not reverses.any():
             return {}
         moves = np.maximum(np.abs(ring[first % length, 3]), np.abs(ring[end % length, 3])) > self._slowest
-        due = np.flatnonzero(turns & moves & (place > 2 * self._half + self._late) & (first >= self._free))
+        due = np.flatnonzero(reverses & moves & (place > 2 * self._half + self._late) & (first >= self._free))
         self._free[due] = end
         rows = np.arange(first - self._late, end + 1) % length
-        return {int(b): self._turn(ring[rows, :, b]) for b in due}
+        return {int(b): self._around(ring[rows, :, b]) for b in due}
 
-    def _turn(self, rows: Array) -> Turns:
+    def _around(self, rows: Array) -> Turns:
         late, (time, position, torque, velocity) = self._late, rows.T[..., None]
         return Turns(time[late], position[late:], velocity[late], torque[late + 1 :], torque[1 : late + 1])

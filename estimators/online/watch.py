@@ -32,7 +32,7 @@ from estimators.online.evidence import HOUR, threshold_of
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.rows import POSITION, VELOCITY
 from estimators.online.stream import Stream
-from estimators.online.turns import Mover, Past, TurnFinder, Turns
+from estimators.online.turns import HALF, Missed, Mover, Passage, Past, TurnFinder, Turns
 from estimators.schemes.six import Hamiltonian
 from estimators.selection.score import NU
 from estimators.signals.measurements import Smoothing
@@ -44,6 +44,7 @@ BIN = 0.01  # [s], over which rows are averaged: noise of the encoder averages o
 BLOCK = 20  # bins, over which gains and squared errors are summed
 CALM, QUICK = 0.003, 0.1  # of each parameter, by which the two may wander [1/sqrt(s)]
 LEAST = 0.004  # of the RMS torque, below which errors and changes do not matter
+LEARN = 0.5  # of the time to calibrate, after which errors at turns are learnt, too
 MEMORY = 300  # blocks, of how gains and errors are while the model holds
 NOW = 0.5  # [s] of motion, of the scale of errors as they are now
 MOST = 4.0  # standard deviations that a block counts for
@@ -130,8 +131,11 @@ class Watch:
         self._stream = Stream(terms, [Hamiltonian()], smoothing, period, batch)
         self._every = max(1, round(BIN * rate))
         self.bin = self._every * period  # [s]
-        self.threshold = threshold_of(alarms_per_hour / 2, BLOCK * self.bin)  # rows may alarm, and turns
         self._mover = Mover(terms, period)
+        # rows may alarm, and turns, neither more often than this
+        each, block = alarms_per_hour / (1 + self._mover.ready), min(BLOCK * self.bin, 2 * HALF)
+        self.threshold = threshold_of(each, block)
+        self._passages: list[tuple[dict[int, Past], Passage]] = []  # that the mover is at, and by pendulum whose
         late = int(np.ceil(sum(term.delay for term in terms) / period)) + 1
         self._turns, self._slowest = (
             TurnFinder(batch, period, self._stream.delay, late, smoothing.slowest),
@@ -203,8 +207,7 @@ class Watch:
         velocity = self._stream.instant[VELOCITY]
         self._moved += np.abs(velocity) > self._slowest
         if self._mover.ready:
-            for b, turn in self._turns.take(time, position, torque, velocity, taken.place).items():
-                self._take_turn(b, turn)
+            self._take_turns(self._turns.take(time, position, torque, velocity, taken.place))
         return self.verdicts
 
     @property
@@ -212,27 +215,41 @@ class Watch:
         """Which have been in motion for long enough (B,), whether rows are made of it or not."""
         return np.asarray(self._moved > self._calibrate * self.rate)
 
-    def _take_turn(self, b: int, turn: Turns) -> None:
-        """Compare a turn with those before."""
-        past, which, squares, least = self._past[b], np.arange(self.batch) == b, self._squares, self._least(b)
-        earlier = past.since(-np.inf)
-        past.keep(turn)
-        if self._changed[b] >= 0 or not self._calibrated[b] or self._motion[b] <= BLOCK:
-            return
-        calm, quick = squares.theta[b]
-        if not past.learnt:
-            self._by_turns.begin(which, self._motion, squares.theta[:, 0], squares.root[:, 0])
-            if earlier is not None:  # a model that is given may be wrong, and does not say how large errors are
-                past.learn(*self._mover.missed(earlier, calm if self._given is None else quick).sizes(least))
-        (size,) = self._mover.missed(turn, calm).sizes(least)
-        self._add(self._by_turns, which * past.surprise(size[None]), which)
-        past.learn(size)
-        if self._changed[b] >= 0:
-            self._say(b, "changed", since=float(turn.time[0]))
+    def _take_turns(self, found: Mapping[int, Turns]) -> None:
+        """Keep turns, by pendulum, and go on with those that are compared: a sample has time for one simulation."""
+        for b, turn in found.items():
+            self._past[b].keep(turn)
+        late = self._moved > LEARN * self._calibrate * self.rate  # parameters are known a little by then
+        pasts = {b: self._past[b] for b in found if late[b] and self._changed[b] < 0}
+        if pasts:
+            # of a model that is given and may be wrong, the quick one says how large errors are
+            says = np.where(self._calibrated | (self._given is None), 0, 1)
+            theta = np.column_stack([self._squares.theta[b, says[b]] for b in pasts])
+            self._passages.append((pasts, Passage(Turns.joined([found[b] for b in pasts]), theta)))
+        going = self._passages
+        self._passages = []
+        for pasts, passage in going:
+            missed = self._mover.go_on(passage)
+            if missed is None:
+                self._passages.append((pasts, passage))
+            else:
+                self._compare(pasts, missed)
 
-    def _least(self, b: int) -> float:
-        """Torque that does not matter [N m]."""
-        return float(LEAST * np.sqrt(self._moments[b, -1] / max(1, self._motion[b])) + 1e-9)
+    def _compare(self, pasts: Mapping[int, Past], missed: Missed) -> None:
+        """Errors of a turn of each of some pendulums, with what is usual of each."""
+        due, gain = np.zeros(self.batch, dtype=bool), np.zeros(self.batch)
+        for (b, past), size in zip(pasts.items(), missed.sizes(self._least[list(pasts)]), strict=True):
+            due[b] = self._changed[b] < 0 and past is self._past[b]  # it may have begun anew meanwhile
+            gain[b] = past.surprise(size)
+            past.learn(size)
+        self._add(self._by_turns, gain, due)
+        for b in np.flatnonzero(due & (self._changed >= 0) & (self._motion > self._changed)).tolist():
+            self._judge(b)
+
+    @property
+    def _least(self) -> Array:
+        """Torque that does not matter (B,) [N m]."""
+        return np.asarray(LEAST * np.sqrt(self._moments[:, -1] / np.maximum(1, self._motion)) + 1e-9)
 
     def _take_bin(self, mean: Array, time: Array, whole: Mask) -> None:
         """Predict a bin's row, score both predictions, then learn from it."""
@@ -307,7 +324,8 @@ class Watch:
     def _add(self, cusum: Cusum, gain: Array, due: Mask) -> None:
         """Add what those of the B that are due (B,) gained [standard deviations], and alarm where it is enough."""
         known = due & self._calibrated
-        cusum.add(np.where(known, gain - 0.5, 0.0), due, self._motion, self._squares)
+        now = self._motion, self._squares.theta[:, 0], self._squares.root[:, 0]
+        cusum.add(np.where(known, gain - 0.5, 0.0), due, *now)
         alarm = known & (cusum.value > self.threshold)
         if alarm.any():  # the calm one has followed a little since the change, too
             self._put(alarm, cusum.theta, cusum.root)
@@ -368,7 +386,8 @@ class Watch:
             self._say(b, "structure", where=where, **found)
             self._settled[b] = whole
         elif len(y) * self.bin < SURE or not (told or whole):
-            self._say(b, "changed", **found)
+            if self.verdicts[b].kind != "structure":  # what is not clear does not take back what was
+                self._say(b, "changed", **found)
         else:
             self._say(b, "value", **found)
             if whole:
@@ -382,8 +401,8 @@ class Watch:
         past, turns = self._past[b], self._past[b].since(time)
         if turns is None:
             return 0.0, 0.0
-        new = past.surprise(self._mover.missed(turns, theta).fitted(std, past.usual).sizes(self._least(b)))
-        return float(np.mean(new) * np.sqrt(len(new))), float(np.median(np.abs(turns.velocity)))
+        sizes = self._mover.missed(turns, theta).fitted(std, past.usual).sizes(self._least[b])
+        return past.surprise(*sizes), float(np.median(np.abs(turns.velocity)))
 
     def _split(self, phi: Array, y: Array, b: int, least: int) -> tuple[int, Array]:
         """Row of the change, between the last zero of the CUSUM and the alarm, and the parameters (P,) after it."""

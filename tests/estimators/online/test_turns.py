@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.online.cusum import Cusum
-from estimators.online.recursion import SquareRootLeastSquares
-from estimators.online.turns import FEWEST, HALF, MOST, Mover, Past, TurnFinder, Turns
+from estimators.online.turns import FEWEST, HALF, LARGEST, MOST, Mover, Past, TurnFinder, Turns
 from pendulum_env.physics import BASE
+from pendulum_env.physics import simulate as pendulum
+from pendulum_env.physics.library import effect
+from tests.terms import Table
 
 RATE, DELAY, LATE = 500.0, 7, 1
 PLANT = Plant()
@@ -36,12 +38,12 @@ def turns_of(plant: str) -> Turns:
     return Turns.joined(found(run.time, run.position, np.r_[0.0, run.torque[:-1]], run.velocity))
 
 
-def found(time, position, torque, velocity, begins=0):
-    finder = TurnFinder(1, 1 / RATE, DELAY, LATE, 0.01)
+def found(time, position, torque, velocity, begins=0, late=LATE):
+    finder = TurnFinder(1, 1 / RATE, DELAY, late, 0.01)
     told = []
     for k in range(len(time)):
-        late = velocity[max(0, k - DELAY)]
-        one = (np.array([value]) for value in (time[k], position[k], torque[k], late, k - DELAY - begins))
+        smoothed = velocity[max(0, k - DELAY)]
+        one = (np.array([value]) for value in (time[k], position[k], torque[k], smoothed, k - DELAY - begins))
         told += finder.take(*one).values()
     return told
 
@@ -107,11 +109,13 @@ def test_an_error_in_newton_metres_is_the_torque_that_makes_it():
     assert np.median(told) == pytest.approx(push, rel=0.1)
 
 
-def test_a_joint_that_sticks_throughout_hides_any_torque_and_gives_numbers():
+def test_a_joint_that_sticks_throughout_hides_any_torque():
+    """Its errors are no larger a torque than the largest there is."""
     count = round(2 * HALF * RATE)
     rest = Turns(np.zeros(1), np.full((count + 1, 1), 0.1), np.zeros(1), np.zeros((count, 1)), np.zeros((1, 1)))
-    for moved in (rest, replace(rest, position=rest.position + 1e-3 * np.arange(count + 1)[:, None])):
-        assert np.isfinite(sizes(moved)).all()
+    jump = 1e-3 * (np.arange(count + 1) > count // 2)[:, None]
+    for turns, torque in ((rest, LEAST), (replace(rest, position=rest.position + jump), LARGEST * LEAST)):
+        np.testing.assert_allclose(sizes(turns)[0, 1], 2 * np.log(torque), atol=0.01)
 
 
 @given(st.lists(st.floats(-20, 5), min_size=FEWEST, max_size=40), st.floats(-30, 30), st.floats(-20, 20))
@@ -121,41 +125,76 @@ def test_what_is_usual_has_no_unit(told, unit, new):
     for size in told:
         for past, shift in zip(pasts, (0.0, unit), strict=True):
             past.learn(np.full(2, size + shift))
-    asked = np.array([[new, new], [new + 1.0, new + 1.0]])
+    asked = np.full(2, new)
     one, other = pasts[0].surprise(asked), pasts[1].surprise(asked + unit)
-    np.testing.assert_allclose(one, other, atol=1e-6)
-    assert one[1] >= one[0] and np.abs(one).max() <= MOST
+    assert one == pytest.approx(other, abs=1e-6)
+    assert pasts[0].surprise(asked + 1.0) >= one and abs(one) <= MOST
 
 
 def test_few_turns_know_little():
     past = Past()
     for _ in range(FEWEST - 1):
         past.learn(np.zeros(2))
-    assert past.surprise(np.full((1, 2), 100.0)) == 0.0
+    assert past.surprise(np.full(2, 100.0)) == 0.0
     past.learn(np.zeros(2))
-    first = past.surprise(np.full((1, 2), 1.5))[0]
+    first = past.surprise(np.full(2, 1.5))
     for _ in range(30):
         past.learn(np.zeros(2))
-    assert 0.0 < first < past.surprise(np.full((1, 2), 1.5))[0]
+    assert 0.0 < first < past.surprise(np.full(2, 1.5))
+
+
+def test_what_is_usual_surprises_by_a_standard_error_however_many_are_asked():
+    """The mean of sizes as those learnt is off by as much as both means are uncertain."""
+    rng, told = np.random.default_rng(0), []
+    for _ in range(400):
+        past = Past()
+        for size in rng.normal(size=(12, 2)):
+            past.learn(np.full(2, size[0]))
+        told.append([past.surprise(*np.repeat(rng.normal(size=(n, 1)), 2, axis=1)) for n in (1, 24)])
+    np.testing.assert_allclose(np.std(told, axis=0), 1.0, atol=0.2)
 
 
 def test_a_turn_is_larger_than_usual_only_if_it_is_both_in_rad_and_in_newton_metres():
     past = Past()
     for size in np.random.default_rng(0).normal(size=30):
         past.learn(np.array([size, size]))
-    assert past.surprise(np.array([[9.0, 0.0], [0.0, 9.0]])).max() < 1.0
-    assert past.surprise(np.array([[9.0, 9.0]]))[0] == MOST
+    for one in ([9.0, 0.0], [0.0, 9.0]):
+        assert past.surprise(np.array(one)) < 1.0
+    assert past.surprise(np.array([9.0, 9.0])) > 0.95 * MOST
+
+
+OTHERS = [effect("dead_time")(0.013), effect("torque_offset")(), effect("friction_drift")(10.0)]
+
+
+@pytest.mark.parametrize("term", OTHERS, ids=lambda term: term.id)
+def test_a_model_of_any_terms_goes_where_it_goes_from_any_moment_on(term):
+    """What it was told before a turn, and when that was, is what makes it."""
+    terms, theta = (*BASE, term), np.r_[THETA, [0.3] * len(term.columns)]
+    time = np.arange(0.0, 8.0, 1 / RATE)
+    torque = 3.0 * np.sin(6.0 * time) + 2.0 * np.sin(2.3 * time)
+    path = pendulum(terms, theta, 1 / RATE, torque, 0.0, 0.0)
+    position, velocity = path.position[:-1, 0], path.velocity[:-1, 0]
+    mover = Mover(terms, 1 / RATE)
+    turns = Turns.joined(found(time, position, np.r_[0.0, torque[:-1]], velocity, late=10))
+    assert mover.ready and len(turns.time) > 8
+    assert np.exp(mover.missed(turns, theta).sizes(LEAST)[:, 1] / 2).max() < 2 * LEAST
+
+
+def test_what_cannot_be_moved_through_a_turn_is_left_alone():
+    assert not Mover((*BASE, effect("actuator_lag")(0.05)), 1e-3).ready  # it is not known what it held before
+    assert not Mover((*BASE, Table()), 1e-3).ready
+    assert not Mover(BASE, 0.2).ready
 
 
 @given(st.lists(st.tuples(st.floats(-3, 3), st.booleans()), min_size=1, max_size=30))
 def test_a_cusum_is_the_largest_sum_up_to_now(gains):
-    cusum, squares = Cusum(1, 2), SquareRootLeastSquares((1, 2), 2)
-    for moment, (gain, due) in enumerate(gains):
-        squares.theta = np.full((1, 2, 2), float(moment))
-        cusum.add(np.array([gain]), np.array([due]), np.array([moment]), squares)
+    cusum = Cusum(1, 2)
+    for moment, (gain, due) in enumerate(gains, 1):
+        known = np.full((1, 2), float(moment)), np.full((1, 2, 2), float(moment))
+        cusum.add(np.array([gain]), np.array([due]), np.array([moment]), *known)
     taken = [gain if due else 0.0 for gain, due in gains]
     largest = max(0.0, *(sum(taken[k:]) for k in range(len(taken))))
     assert cusum.value[0] == pytest.approx(largest, abs=1e-9)
     if cusum.value[0] > 0:
-        assert sum(taken[cusum.since[0] + 1 :]) == pytest.approx(cusum.value[0], abs=1e-9) or cusum.since[0] == 0
-        assert (cusum.theta == cusum.since[0]).all()  # what was known then
+        assert sum(taken[cusum.since[0] :]) == pytest.approx(cusum.value[0], abs=1e-9)
+        assert (cusum.theta == cusum.since[0]).all() and (cusum.root == cusum.since[0]).all()  # what was known then

@@ -27,7 +27,7 @@ HIDDEN = {
     "torque_offset": {"offset": 0.3},
     "quadratic_drag": {"drag": 0.04},
     "cogging": {"cog_n": 12.0, "cog_s": 0.3},
-    "stribeck": {"strib_d": 0.6, "strib_v": 0.4},
+    "stribeck": {"strib_d": 0.7, "strib_v": 0.5},
 }
 
 
@@ -55,9 +55,9 @@ def test_an_effect_that_sets_in_is_structure_within_five_seconds(effect):
 
 
 def test_friction_that_changes_at_low_speed_shows_where_the_joint_turns():
-    for course in told("stribeck"):
-        lowest, highest = course[-1][1].where["velocity"]
-        assert lowest < 0 < highest
+    where = [verdict.where for _, verdict in told("stribeck")[0] if verdict.kind == "structure"]
+    lowest, highest = where[0]["velocity"]
+    assert lowest == -highest < 0
 
 
 def test_a_payload_is_two_values_with_their_time_and_size():
