@@ -42,7 +42,7 @@ class DiagnoseOnline(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         env: gym.Env[Any, Any],
         terms: Sequence[str | Term] | None = None,
         *,
-        candidates: Sequence[str] | None = None,
+        candidates: str | Sequence[str] | None = None,
         rate: float | None = None,
         add_from: float | None = None,
         alarms_per_hour: float = 1.0,
@@ -52,7 +52,7 @@ class DiagnoseOnline(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         Args:
             env: the environment.
             terms: of the model, by id or as they are; None are the paper's four.
-            candidates: ids of effects that it may lack; None are all of the library.
+            candidates: ids of effects that it may lack, or one; None are all of the library.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             add_from: probability from which an effect that is surely missing is added by itself; None adds none.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
@@ -126,7 +126,7 @@ class DiagnoseOnlineVector(MeasuringVector):
         env: VectorEnv[Any, Any, Any],
         terms: Sequence[str | Term] | None = None,
         *,
-        candidates: Sequence[str] | None = None,
+        candidates: str | Sequence[str] | None = None,
         rate: float | None = None,
         alarms_per_hour: float = 1.0,
     ) -> None:
@@ -145,7 +145,7 @@ class DiagnoseOnlineVector(MeasuringVector):
 def _of(
     env: AnyEnv,
     terms: Sequence[str | Term] | None,
-    candidates: Sequence[str] | None,
+    candidates: str | Sequence[str] | None,
     rate: float | None,
     alarms_per_hour: float,
 ) -> dict[str, Any]:
@@ -155,6 +155,7 @@ def _of(
         ValueError: if a name is unknown, or none of the candidates can be followed online.
     """
     rate = rate_of(env, rate)
+    candidates = [candidates] if isinstance(candidates, str) else candidates
     library = None if candidates is None else {id: effect(id) for id in candidates}
     if library is not None and all(map(hindrance, library.values())):
         why = ", ".join(f"{id} {hindrance(one)}" for id, one in library.items())
