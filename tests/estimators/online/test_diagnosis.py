@@ -134,7 +134,7 @@ def test_what_cannot_be_followed_is_refused():
         DiagnoseOnline(gym.make(PENDULUM), candidates=["stribek"])
     for candidates, why in (
         ([], "no effect to try;"),
-        (["backlash"], "no effect to try: backlash depends on the past"),
+        ("backlash", "no effect to try: backlash depends on the past"),
     ):
         with pytest.raises(ValueError, match=why):
             DiagnoseOnline(gym.make(PENDULUM), candidates=candidates)
