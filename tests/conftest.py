@@ -4,12 +4,17 @@ import signal
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 from scipy.integrate import solve_ivp
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from pendulum_env.recording import Recording
 
 WALLS = (-4.17, 5.0)  # [rad]
+
+# a busy machine is no mistake: no test asserts how long it takes
+settings.register_profile("unhurried", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("unhurried")
 
 if (
     signal.getsignal(signal.SIGINT) == signal.SIG_IGN

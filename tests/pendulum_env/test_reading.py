@@ -40,7 +40,7 @@ from tests.fuzzing import ANYTHING, READERS, changed, check, written
 
 
 @pytest.mark.parametrize("name", READERS)
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(data=st.data())
 def test_whatever_is_in_a_file_it_is_read_or_refused_in_one_sentence(
     tmp_path_factory: pytest.TempPathFactory, name: str, data: st.DataObject
@@ -53,7 +53,7 @@ def test_whatever_is_in_a_file_it_is_read_or_refused_in_one_sentence(
 
 
 @pytest.mark.parametrize("name", ["model", "diagnosis"])
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(data=st.data())
 def test_a_document_with_any_value_anywhere_is_read_or_refused_in_one_sentence(
     tmp_path_factory: pytest.TempPathFactory, name: str, data: st.DataObject

@@ -20,7 +20,7 @@ def printed(width: int, headers, rows, left) -> str:
     return terminal._out.file.getvalue()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(40, 140), st.lists(st.tuples(NUMBER, NUMBER, NUMBER), min_size=1, max_size=4))
 def test_numbers_stay_whole_at_any_width(width, numbers):
     words = "friction that grows where the speed falls, as between dry surfaces"

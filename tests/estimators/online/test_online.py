@@ -186,7 +186,7 @@ def test_pickled_estimator_goes_on_as_before(paper_run):
     np.testing.assert_array_equal(a.theta, b.theta)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 5), st.integers(0, 2**32 - 1), st.sampled_from([1.0, 0.99]))
 def test_recursion_equals_filterpy(parameters, seed, forgetting):
     """Once P is far below P(0), towards which ours fades."""
@@ -207,7 +207,7 @@ def test_recursion_equals_filterpy(parameters, seed, forgetting):
     np.testing.assert_allclose(ours.P[0, 0], kalman.P, rtol=1e-8, atol=1e-12)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.tuples(*3 * [st.floats(-1e6, 1e6)], st.booleans()), min_size=1, max_size=60))
 def test_covariance_stays_positive_definite_whatever_comes(rows):
     ours = SquareRootLeastSquares((1, 1), 2, PRIOR, 0.9)

@@ -117,7 +117,7 @@ def test_round_trip_is_exact(swing: Recording, tmp_path: Path, suffix: str) -> N
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(
     torque=arrays(np.float64, 150, elements=st.floats(-1e9, 1e9)),
     start=st.floats(-1e6, 1e6),
@@ -450,7 +450,7 @@ ROW = st.lists(CELL, max_size=5).map(",".join)
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     content=st.binary(max_size=400)
     | st.lists(ROW | st.just("time,position,torque"), max_size=20).map(lambda rows: "\n".join(rows).encode())

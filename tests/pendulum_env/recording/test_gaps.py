@@ -232,7 +232,7 @@ def test_segments_and_reference_come_back_exactly(tmp_path: Path, suffix: str) -
         np.testing.assert_array_equal(getattr(back, quantity), getattr(recording, quantity))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     gone=st.lists(st.tuples(st.integers(0, 1990), st.integers(1, 150)), max_size=8),
     jitter=st.sampled_from([0.0, 0.0, 0.1]),

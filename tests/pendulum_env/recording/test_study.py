@@ -48,7 +48,7 @@ def studies(draw: st.DrawFn) -> list[Source]:
     ]
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(sources=studies())
 def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, sources: list[Source]) -> None:
     folder = tmp_path_factory.getbasetemp() / "studies"
@@ -79,7 +79,7 @@ def toml(value: object) -> str:
     return {"None": '""'}.get(repr(value), repr(value))
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(
     keys=st.lists(
         st.tuples(st.sampled_from(["file", "role", "columns", "unwrap", "range", "load", "rnage", "torque"]), VALUES),
@@ -101,7 +101,7 @@ def test_any_study_is_read_or_refused_in_one_sentence(
         assert sources and tomllib.loads(text)["recording"]
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(content=st.binary(max_size=60))
 def test_any_bytes_are_refused_in_one_sentence(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
     path = tmp_path_factory.getbasetemp() / "bytes.toml"
