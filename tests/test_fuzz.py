@@ -26,7 +26,7 @@ def test_files_with_sizes_that_lie_are_read_or_refused_in_one_sentence(name, tmp
     ending, read, _ = BINARY[name]
     path = tmp_path_factory.getbasetemp() / f"fuzz-{os.getpid()}{ending}"
 
-    @settings(deadline=None, max_examples=25, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=25, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
     @given(content=changed(good(name)))
     def each(content):
         path.write_bytes(content)
@@ -40,7 +40,7 @@ def test_files_with_sizes_that_lie_are_read_or_refused_in_one_sentence(name, tmp
 def test_whatever_the_page_asks_for_it_gets_an_answer():
     page = Page()
 
-    @settings(deadline=None, max_examples=60, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=60, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
     @given(data=st.data())
     def each(data):
         ask_anything(page, data)

@@ -137,10 +137,8 @@ class Watch:
         self.threshold = threshold_of(each, block)
         self._passages: list[tuple[dict[int, Past], Passage]] = []  # that the mover is at, and by pendulum whose
         late = int(np.ceil(sum(term.delay for term in terms) / period)) + 1
-        self._turns, self._slowest = (
-            TurnFinder(batch, period, self._stream.delay, late, smoothing.slowest),
-            smoothing.slowest,
-        )
+        self._slowest = smoothing.slowest  # [rad/s], that is motion
+        self._turns = TurnFinder(batch, period, self._stream.delay, late, self._slowest)
         self._past = [Past() for _ in range(batch)]
         self._calibrate, self._given = calibrate, None if theta is None else np.asarray(theta, dtype=float)
         self._sum = np.zeros((batch, size + 3))  # phi, y, position, velocity over the bin to come
@@ -167,8 +165,7 @@ class Watch:
             self._put(which, theta, root)
         for series in (self._motion, self._moved, self._block, self._moments, self._alarms, self._blocks):
             series[which] = 0
-        for cusum in (self._by_rows, self._by_turns):
-            cusum.begin(which, self._motion, self._squares.theta[:, 0], self._squares.root[:, 0])
+        self._trust(which)
         self._settled[which] = False
         self._usual[which], self._scale[which], self._now[which], self._changed[which] = 0.0, 1.0, 1.0, -1
         for b in np.flatnonzero(which).tolist():
@@ -216,16 +213,9 @@ class Watch:
         return np.asarray(self._moved > self._calibrate * self.rate)
 
     def _take_turns(self, found: Mapping[int, Turns]) -> None:
-        """Keep turns, by pendulum, and go on with those that are compared: a sample has time for one simulation."""
-        for b, turn in found.items():
-            self._past[b].keep(turn)
-        late = self._moved > LEARN * self._calibrate * self.rate  # parameters are known a little by then
-        pasts = {b: self._past[b] for b in found if late[b] and self._changed[b] < 0}
-        if pasts:
-            # of a model that is given and may be wrong, the quick one says how large errors are
-            says = np.where(self._calibrated | (self._given is None), 0, 1)
-            theta = np.column_stack([self._squares.theta[b, says[b]] for b in pasts])
-            self._passages.append((pasts, Passage(Turns.joined([found[b] for b in pasts]), theta)))
+        """Take turns, by pendulum, and go on with those that are compared: a sample has time for one simulation."""
+        if found:
+            self._begin_passage(found)
         going = self._passages
         self._passages = []
         for pasts, passage in going:
@@ -234,6 +224,19 @@ class Watch:
                 self._passages.append((pasts, passage))
             else:
                 self._compare(pasts, missed)
+
+    def _begin_passage(self, found: Mapping[int, Turns]) -> None:
+        """Keep turns, by pendulum, and begin to compare those of models that are known a little."""
+        for b, turn in found.items():
+            self._past[b].keep(turn)
+        known = self._moved > LEARN * self._calibrate * self.rate
+        pasts = {b: self._past[b] for b in found if known[b] and self._changed[b] < 0}
+        if not pasts:
+            return
+        # of a model that is given and may be wrong, the quick one says how large errors are
+        says = np.where(self._calibrated | (self._given is None), 0, 1)
+        theta = np.column_stack([self._squares.theta[b, says[b]] for b in pasts])
+        self._passages.append((pasts, Passage(Turns.joined([found[b] for b in pasts]), theta)))
 
     def _compare(self, pasts: Mapping[int, Past], missed: Missed) -> None:
         """Errors of a turn of each of some pendulums, with what is usual of each."""
@@ -441,11 +444,15 @@ class Watch:
 
     def _adopt(self, b: int, theta: Array) -> None:
         """The changed values are the model's from now on."""
-        self._put(np.arange(self.batch) == b, theta[None], self._squares.root[:, 1])
         which = np.arange(self.batch) == b
+        self._put(which, theta[None], self._squares.root[:, 1])
+        self._trust(which)
+        self._changed[b] = -1
+
+    def _trust(self, which: Mask) -> None:
+        """There is no evidence against the models of those of the B as they are."""
         for cusum in (self._by_rows, self._by_turns):
             cusum.begin(which, self._motion, self._squares.theta[:, 0], self._squares.root[:, 0])
-        self._changed[b] = -1
 
     def _put(self, which: Mask, theta: Array, root: Array) -> None:
         """Parameters (B, P) and the factor of their P (B, P, P) of the calm recursion, for those of the B."""
