@@ -8,26 +8,39 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 demo: .venv/core
 	$(BIN)/pendulum-ident demo
 
-# What runs against the clock mostly waits, so that it runs beside what only computes, which makes way for it. What the
-# pages show must come out with the kernels of another processor, too: a quick one's here, an old one's in `kernels`.
-test: lint
-	$(MAKE) --no-print-directory --keep-going --jobs=2 computing realtime
-	$(MAKE) --no-print-directory kernels
+# Every module, in eight minutes on two cores; PART=estimators/online takes the tests of one folder or file alone.
+# What runs against the clock mostly waits, so that it runs beside what only computes.
+PART ?=
+HERE := $(if $(PART),tests/$(PART:tests/%=%),tests)
+ONE := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+test: style
+	$(MAKE) --no-print-directory --keep-going --jobs=3 computing realtime types
 
-.PHONY: computing realtime kernels
+# What takes longer: statistics over many runs, every drive, and what README, docs/ and the tutorial show, which must
+# come out with the kernels of an old processor, too.
+test-slow: .venv/dev
+	$(MAKE) --no-print-directory --keep-going --jobs=2 computing realtime WHICH="slow and not pages"
+	$(MAKE) --no-print-directory shown
+
+.PHONY: test-slow computing realtime shown style types
+WHICH ?= not slow
+NONE_THERE = || test $$? = 5  # a part may have no tests of a kind
 computing: .venv/dev
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 nice $(BIN)/pytest -n 2 --dist loadfile -m "not realtime"
+	$(ONE) $(BIN)/pytest -q -n 2 --dist worksteal -m "$(WHICH) and not realtime" $(HERE) $(NONE_THERE)
 
 realtime: .venv/dev
-	$(BIN)/pytest -q -m realtime
+	$(BIN)/pytest -q -m "$(WHICH) and realtime" $(HERE) $(NONE_THERE)
 
-kernels: .venv/dev
-	OPENBLAS_CORETYPE=Prescott OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-		$(BIN)/pytest -q -n 2 --dist worksteal tests/test_documents.py tests/test_tutorial.py -k "workflow or page_runs or tutorial"
+shown: .venv/dev
+	OPENBLAS_CORETYPE=Prescott $(ONE) $(BIN)/pytest -q -n 2 --dist worksteal -m pages
 
-lint: .venv/dev
+lint: style types
+
+style: .venv/dev
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
+
+types: .venv/dev
 	$(BIN)/mypy
 
 # Files and requests that nobody meant, for MINUTES; what is found is kept in tests/corpus, which the tests read.

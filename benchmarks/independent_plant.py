@@ -32,9 +32,9 @@ from benchmarks.excitation import CLOSED_LOOP, EXCITATIONS, OPEN_LOOP
 
 Array = NDArray[np.float64]
 
-MAX_STEP = 0.5e-3  # s, inner step of a rigid joint
-STIFF_STEP = 0.25e-3  # s, inner step with walls or presliding
-CONTACT_STEP = 0.1e-3  # s, inner step with two masses: the damper of a contact sets in with a jump of torque
+MAX_STEP = 1e-3  # s, inner step of a rigid joint
+STIFF_STEP = 0.5e-3  # s, inner step with walls or presliding
+CONTACT_STEP = 0.2e-3  # s, inner step with two masses: the damper of a contact sets in with a jump of torque
 PUSH_RATE = 1000  # Hz, at which random disturbing torques change
 NEVER = 1e9  # a limit that is not reached
 

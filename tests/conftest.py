@@ -7,10 +7,10 @@ import pytest
 from hypothesis import HealthCheck, settings
 from scipy.integrate import solve_ivp
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
 from pendulum_env.recording import Recording
-
-WALLS = (-4.17, 5.0)  # [rad]
+from tests import once
+from tests.cases import recording
+from tests.pendulum_env.rigs import in_time
 
 # a busy machine is no mistake: no test asserts how long it takes
 settings.register_profile("unhurried", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -20,6 +20,18 @@ if (
     signal.getsignal(signal.SIGINT) == signal.SIG_IGN
 ):  # as where a shell runs the tests behind: commands would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):  # once, by the process that starts the others
+        once.forget()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What runs against the clock does so until it was in time."""
+    for item in items:
+        if isinstance(item, pytest.Function) and item.get_closest_marker("realtime"):
+            item.obj = in_time(item.obj)
 
 
 @pytest.fixture(scope="session")
@@ -40,9 +52,5 @@ def swing() -> Recording:
 
 @pytest.fixture(scope="session")
 def bouncing() -> Recording:
-    """A light arm that is driven against two stiff stops at `WALLS`, where it turns round within a few samples."""
-    stops = {"wall_lo": WALLS[0], "wall_hi": WALLS[1], "wall_k": 230.0, "wall_d": 2.1}
-    plant = Plant(0.03, 2.25, 0.0136, 0.05, {"hard_stop": stops})
-    experiment = Experiment(excitation="steps", rate=500, seconds=15, seed=1, counts=16_384, torque_noise=0.03)
-    (run,) = simulate([(plant, experiment)])
-    return Recording("bouncing", run.time, run.position, run.torque)
+    """A light arm that is driven against two stiff stops, where it turns round within a few samples."""
+    return recording("bouncing")

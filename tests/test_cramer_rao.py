@@ -30,6 +30,7 @@ def test_the_recursion_gives_the_information_of_all_measurements_at_once():
     np.testing.assert_allclose(bound(steps, position_noise, torque_noise), expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_fit_over_windows_comes_near_the_bound_and_does_not_beat_it():
     study = STUDIES[0]
     experiment = Experiment(rate=500.0, seconds=4.0, seed=1)

@@ -34,11 +34,15 @@ def own_folder(tmp_path):
         yield
 
 
+@pytest.mark.slow
+@pytest.mark.pages
 def test_the_workflow_of_the_readme_is_what_happens(own_folder):
     assert len(prose.runnable(README)) > 5
     check(README)
 
 
+@pytest.mark.slow
+@pytest.mark.pages
 @pytest.mark.parametrize("path", PAGES, ids=[str(path.relative_to(ROOT / "docs")) for path in PAGES])
 def test_code_of_a_page_runs_and_prints_what_it_shows(own_folder, path):
     check(path)

@@ -108,6 +108,7 @@ def test_two_masses_with_play_agree_with_dop853(friction_side: str) -> None:
     np.testing.assert_allclose(run.position, path, atol=1e-5, rtol=0)
 
 
+@pytest.mark.slow
 def test_halving_the_inner_step_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     effects = ("presliding", "joint_flexibility", "actuator_lag", "hard_stop", "torque_ripple", "friction_drift")
     cases = [random_case(np.random.default_rng(5), [e], excitation="two_tone", seconds=1.0, **EXACT) for e in effects]
@@ -163,6 +164,7 @@ def test_encoder_counts_and_torque_noise_are_as_stated() -> None:
     assert np.std(noisy.torque - noisy.command) == pytest.approx(0.05, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_recording_does_not_depend_on_its_batch() -> None:
     rng = np.random.default_rng(8)
     rates, effects = (200, 500, 1000, 2000), (*LIBRARY, "knocks", "random_walk_torque")
@@ -183,6 +185,7 @@ def test_dead_time_delays_the_command() -> None:
     np.testing.assert_allclose(one.position, other.position, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_every_effect_has_a_share_and_nothing_hidden_has_none() -> None:
     def case(effect: str) -> tuple[Plant, Experiment]:
         drawn = random_case(np.random.default_rng(2), [effect], excitation="two_tone", rate=200.0, seconds=3)

@@ -5,12 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from estimators import diagnose
 from pendulum_env.recording import read_recording
+from tests.cases import diagnosed
 
 PRACTICE = Path(__file__).parents[2] / "shared" / "practice"
 
-pytestmark = pytest.mark.skipif(not PRACTICE.is_dir(), reason="the practice recordings are not here")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not PRACTICE.is_dir(), reason="the practice recordings are not here"),
+]
 
 
 @pytest.mark.parametrize(
@@ -19,7 +22,7 @@ pytestmark = pytest.mark.skipif(not PRACTICE.is_dir(), reason="the practice reco
 def test_what_is_hidden_is_found_and_nothing_else(name):
     hidden = json.loads((PRACTICE / "truth.json").read_text())[name]["hidden"]
     train, holdout = (read_recording(PRACTICE / f"{name}.{part}.csv.gz") for part in ("train", "holdout"))
-    found = diagnose([train], [holdout])
+    found = diagnosed([train], [holdout])
     assert list(found.selected) == hidden
     assert found.ambiguous == ()
     assert found.unexplained == ()

@@ -74,6 +74,7 @@ def runs() -> dict[str, SimulatedRecording]:
     return dict(zip(EXPLAINED, simulate([(case.plant, case.train) for case in cases]), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("id", EXPLAINED)
 def test_the_true_parameters_explain_the_recording(id: str, runs: dict[str, SimulatedRecording]) -> None:
     run = runs[id]

@@ -19,6 +19,7 @@ pytest.importorskip("material", reason="building the pages needs the extra docs"
 pytest.importorskip("mkdocstrings", reason="building the pages needs the extra docs")
 pytest.importorskip("latex2mathml", reason="building the pages needs the extra docs")
 
+pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[1]
 
 

@@ -23,6 +23,8 @@ def words(cell) -> str:
     return unescape(re.sub("<[^>]+>", " ", "\n".join(told)))
 
 
+@pytest.mark.slow
+@pytest.mark.pages
 def test_tutorial_runs_and_its_stored_output_is_what_comes_out():
     import nbformat
 

@@ -44,6 +44,7 @@ def test_every_policy_meets_the_same_plants_and_the_estimator_finds_them(two_ton
     assert (np.diff(first.errors, axis=0).mean(axis=1) < 0).all()
 
 
+@pytest.mark.slow
 def test_no_estimate_beats_the_cramer_rao_bound_and_online_ones_come_near():
     outcome = observe(baseline("two-tone", "peak", 1), "peak", 60, seed=5)
     ratio = np.sqrt(np.mean((outcome.errors / outcome.bound) ** 2, axis=1))
@@ -62,6 +63,7 @@ def test_the_bound_is_that_of_least_squares_with_known_motion():
     assert np.isinf(cramer_rao(truth, np.full((10_000, 1), 0.1))).all()  # it never moves
 
 
+@pytest.mark.slow
 def test_where_it_is_worked_out_changes_nothing(monkeypatch):
     monkeypatch.setattr("agents.evaluation.PART", 2)
     contenders = {name: partial(baseline, name, "peak") for name in ("two-tone",)}

@@ -17,9 +17,10 @@ from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS
 from agents.tasks import PriceTorque
 from agents.training import CheckpointError, export, make_model, train
+from tests import slow
 from workbench.cli import main
 
-SMALL = {"steps": 1200, "pendulums": 8, "rollout": 50, "batch": 200, "epochs": 2, "checkpoint": 400}
+SMALL = {"steps": 288, "pendulums": 8, "rollout": 12, "batch": 48, "epochs": 2, "checkpoint": 96}
 
 
 def weights(network: Network) -> np.ndarray:
@@ -32,16 +33,16 @@ def test_training_repeats_itself_and_keeps_policies_on_the_way(tmp_path):
     np.testing.assert_array_equal(weights(first), weights(train(Config.of(SMALL))))
     assert told[-1] == 1.0 and told == sorted(told)
     policies = sorted(path.name for path in tmp_path.glob("*.npz"))
-    assert policies == ["steps-1200.npz", "steps-400.npz", "steps-800.npz"]
+    assert policies == ["steps-192.npz", "steps-288.npz", "steps-96.npz"]
     assert (tmp_path / "training.pkl").exists() and list(tmp_path.glob("tensorboard/*/events*"))
-    np.testing.assert_allclose(weights(load(str(tmp_path / "steps-1200.npz"))), weights(first), rtol=1e-6)
+    np.testing.assert_allclose(weights(load(str(tmp_path / "steps-288.npz"))), weights(first), rtol=1e-6)
     other = train(Config.of({**SMALL, "seed": 1}))
     assert (weights(other) != weights(first)).any()
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+@pytest.mark.parametrize("algorithm", slow.but_first(["ppo", "sac"]))
 def test_a_training_that_was_killed_goes_on_to_the_same_policy(algorithm, tmp_path):
-    settings = {**SMALL, "algorithm": algorithm, "replay": 800, "updates": 1, "hidden": 16}
+    settings = {**SMALL, "algorithm": algorithm, "replay": 200, "updates": 1, "hidden": 16}
     whole = train(Config.of(settings))
     killed = (
         "import os, signal; from pathlib import Path; from agents.config import Config\n"
@@ -50,7 +51,7 @@ def test_a_training_that_was_killed_goes_on_to_the_same_policy(algorithm, tmp_pa
         f"Path({str(tmp_path)!r}))"
     )
     assert subprocess.run([sys.executable, "-c", killed]).returncode == -signal.SIGKILL
-    assert not (tmp_path / "steps-1200.npz").exists()
+    assert not (tmp_path / "steps-288.npz").exists()
     np.testing.assert_array_equal(weights(train(Config.of(settings), folder=tmp_path, resume=True)), weights(whole))
     with pytest.raises(ValueError, match="holds a training already"):
         train(Config.of(settings), folder=tmp_path)

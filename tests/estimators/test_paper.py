@@ -28,7 +28,7 @@ def independent(rng: np.random.Generator, seconds: float, name: str) -> Recordin
 
 @pytest.fixture(scope="module")
 def experiment() -> Experiment:
-    return paper_experiment(runs=3, seconds=8.0, seed=5, rollout=independent)
+    return paper_experiment(runs=2, seconds=6.0, seed=5, rollout=independent)
 
 
 def test_truth_is_the_dynamic_row_of_table_2(experiment):

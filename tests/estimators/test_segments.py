@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import Diagnosis, compare, diagnose, identify
+from estimators import Diagnosis, compare, identify
 from estimators.selection.data import Evidence, fit_terms
 from estimators.simulation.free_running import take_off
 from estimators.simulation.link_segments import tiles
@@ -15,6 +15,7 @@ from pendulum_env.physics import BASE
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.friction import Presliding
 from pendulum_env.recording import Recording, read_recording
+from tests.cases import diagnosed
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +37,8 @@ def with_gaps(recording: Recording, gaps: list[tuple[int, int]]) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def diagnosed(whole) -> Diagnosis:
-    return diagnose([whole])
+def verdict(whole) -> Diagnosis:
+    return diagnosed(whole)
 
 
 GAPS = [(900, 1000), (2300, 2301), (2307, 2500), (3600, 3850)]
@@ -87,6 +88,7 @@ def test_memory_starts_anew_in_each_segment(gapped, term):
             assert state[begin:end] == pytest.approx(own, abs=0.05 * np.abs(own).max())
 
 
+@pytest.mark.slow
 def test_parameters_are_found_across_gaps_within_their_intervals(whole, gapped):
     for id, found in identify([gapped]).schemes.items():
         full = identify([whole], BASE, [id] if "hamiltonian" not in id else [id.replace("hamiltonian", "dynamic"), id])
@@ -95,15 +97,16 @@ def test_parameters_are_found_across_gaps_within_their_intervals(whole, gapped):
             assert abs(estimate.value - other.value) < 4 * max(estimate.std, other.std)
 
 
-def test_the_verdict_is_that_of_the_recording_without_gaps(whole, gapped, diagnosed):
-    found = diagnose([gapped])
+@pytest.mark.slow
+def test_the_verdict_is_that_of_the_recording_without_gaps(whole, gapped, verdict):
+    found = diagnosed([gapped])
     assert found.selected == ("stribeck",)
     assert found.model.estimates["stribeck"].value == pytest.approx(0.4, rel=0.1)
     errors = compare(found.model, [whole]).joint.errors
-    assert errors.torque_rms < 1.3 * diagnosed.steps[-1].errors["train"].torque_rms
+    assert errors.torque_rms < 1.3 * verdict.steps[-1].errors["train"].torque_rms
 
 
-def test_lost_rows_gaps_and_a_jittering_clock_change_no_verdict_and_no_parameter(whole, diagnosed, tmp_path):
+def test_lost_rows_gaps_and_a_jittering_clock_change_no_verdict_and_no_parameter(whole, verdict, tmp_path):
     rng = np.random.default_rng(7)
     time = whole.time + np.clip(rng.normal(0.0, 0.1, len(whole)), -0.45, 0.45) / whole.rate
     kept = rng.random(len(whole)) > 0.02
@@ -111,9 +114,9 @@ def test_lost_rows_gaps_and_a_jittering_clock_change_no_verdict_and_no_parameter
         kept &= (time < begin) | (time > begin + rng.uniform(0.02, 0.5))
     rows = np.column_stack([time, np.interp(time, whole.time, whole.position), whole.torque])[kept]
     np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="time,position,torque", comments="")
-    found = diagnose([read_recording(tmp_path / "log.csv")])
-    assert found.selected == diagnosed.selected == ("stribeck",)
-    for name, estimate in diagnosed.model.estimates.items():
+    found = diagnosed([read_recording(tmp_path / "log.csv")])
+    assert found.selected == verdict.selected == ("stribeck",)
+    for name, estimate in verdict.model.estimates.items():
         other = found.model.estimates[name]
         assert abs(estimate.value - other.value) < 2 * np.hypot(estimate.std, other.std)
 

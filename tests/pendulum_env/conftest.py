@@ -21,6 +21,8 @@ def emulated(tmp_path):
             need(kind)
         except ModuleNotFoundError as error:
             pytest.skip(str(error))
+        for last in rigs:  # of an attempt that was not in time
+            last.close()
         folder = tmp_path / f"rig{len(rigs)}"
         folder.mkdir()
         rigs.append(EmulatedRig(folder, kind, **options))

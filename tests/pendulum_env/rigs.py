@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import select
@@ -9,9 +10,12 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from tests.patience import PATIENCE, wait_until
 
 FIRST = """
 import contextlib, os
@@ -34,7 +38,8 @@ emulate(
 """
 KINDS = ("serial", "canopen402", "nidaq")
 RATES = {"serial": 500.0, "canopen402": 250.0, "nidaq": 100.0}  # [Hz], that they hold on a machine that is busy
-ATTEMPTS = 6  # a machine that stops both processes for 70 ms by itself trips the guard: then nothing was tested
+ATTEMPTS = 6  # at what is disturbed every time: a mistake
+UNHURRIED = 40  # attempts at what the machine was too slow for: it tripped the guard by itself, nothing was tested
 PATIENT = {"watchdog": 2.0, "gap": 1.5, "reply": 1.5}  # where something else than the watchdog is tested
 
 
@@ -46,16 +51,28 @@ class Disturbed(AssertionError):
     """The rig failed before anything was done to it: a busy machine does that now and then, a mistake every time."""
 
 
-def once_in_time(attempt):
-    """Try again what the machine was too slow for, or disturbed."""
-    for _ in range(ATTEMPTS):
-        try:
-            return attempt()
-        except (TooSlow, Disturbed) as error:
-            last = error
-    if isinstance(last, Disturbed):
-        raise last
-    pytest.skip(f"the machine is too busy to run a rig: {last}")
+def in_time(test: Callable[..., None]) -> Callable[..., None]:
+    """A test that begins anew where the machine was too slow for it or disturbed it, and fails if it never was in time.
+
+    What has to be safe is never tried twice: an assertion that fails, fails.
+    """
+
+    @functools.wraps(test)
+    def until_tested(*args: object, **kwargs: object) -> None:
+        disturbed = 0
+        for attempt in range(1, UNHURRIED + 1):
+            try:
+                return test(*args, **kwargs)
+            except Disturbed:
+                disturbed += 1
+                if disturbed == ATTEMPTS:
+                    raise
+            except TooSlow as error:
+                last = error
+            time.sleep(0.1 * attempt)
+        pytest.fail(f"the machine is too busy to run a rig, in {UNHURRIED} attempts: {last}")
+
+    return until_tested
 
 
 class EmulatedRig:
@@ -97,12 +114,9 @@ class EmulatedRig:
         rows = [line.split() for line in self.log.read_text().splitlines()]
         return [(float(at), event, float(value)) for at, event, value in rows]
 
-    def wait_for(self, event: str, value: float, seconds: float = 10.0) -> None:
+    def wait_for(self, event: str, value: float) -> None:
         """Wait until the log has an event."""
-        until = time.monotonic() + seconds
-        while not any(row[1:] == (event, value) for row in self.events()):
-            assert time.monotonic() < until, f"no {event} {value} in {self.events()[-5:]}"
-            time.sleep(0.02)
+        wait_until(lambda: any(row[1:] == (event, value) for row in self.events()))
 
     def off_after(self) -> float:
         """Time from the last command with torque until the torque was zero for good [s]; the power is off too."""
@@ -147,7 +161,7 @@ class Host:
         """Whether it says something within a time."""
         return bool(select.select([self.process.stdout], [], [], seconds)[0])
 
-    def finish(self, seconds: float = 15.0) -> tuple[int, str, str]:
+    def finish(self, seconds: float = PATIENCE) -> tuple[int, str, str]:
         """Exit code and what is left of both streams."""
         out, err = self.process.communicate(timeout=seconds)
         return self.process.returncode, out, err

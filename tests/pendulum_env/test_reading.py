@@ -37,6 +37,7 @@ from pendulum_env.reading import (
 )
 from pendulum_env.recording import read_recording
 from tests.fuzzing import ANYTHING, READERS, changed, check, written
+from tests.patience import PATIENCE
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -305,7 +306,9 @@ print(most(), most() - before)
 
 def told_and_most(path: Path) -> tuple[str, int, int]:
     """What is said of a file, the most memory that was in use, and how much of it for reading [kB]."""
-    run = subprocess.run([sys.executable, "-c", READ, path], capture_output=True, text=True, timeout=60, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", READ, path], capture_output=True, text=True, timeout=PATIENCE, check=True
+    )
     told, most = run.stdout.splitlines()
     assert run.stderr == ""
     all_of_it, reading = map(int, most.split())

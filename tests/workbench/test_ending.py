@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.disks import full_after
+from tests.patience import PATIENCE
 from workbench.cli import main
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and devices of Unix")
@@ -35,7 +36,9 @@ if __name__ == "__main__":
 
 def run(redirection: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     line = f'"$@" {redirection}'
-    return subprocess.run(["sh", "-c", line, "sh", *COMMAND, *arguments], capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        ["sh", "-c", line, "sh", *COMMAND, *arguments], capture_output=True, text=True, timeout=PATIENCE
+    )
 
 
 @pytest.mark.parametrize("redirection", [">&-", "2>&-", ">&- 2>&- <&-", ">/dev/null"])
@@ -44,6 +47,7 @@ def test_a_stream_that_is_closed_is_no_mistake(redirection):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_a_file_does_not_become_the_standard_output_that_was_closed(tmp_path):
     done = run(">&-", "record", "--seconds", "2", "-o", str(tmp_path / "run.csv"))
     assert (done.returncode, done.stderr) == (0, "")
@@ -71,7 +75,7 @@ def test_workers_end_with_their_command_and_say_nothing(tmp_path, moment, number
     ) as process:  # fmt: skip
         assert process.stdout.readline() == "running\n"
         (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
-        out, err = process.communicate(timeout=60)  # ends when the last process has closed the streams
+        out, err = process.communicate(timeout=PATIENCE)  # ends when the last process has closed the streams
     if number == signal.SIGINT:
         assert (out, err) == ("ended\n", "")
     else:

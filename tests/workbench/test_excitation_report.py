@@ -48,6 +48,7 @@ def test_curves_end_where_the_table_says(folder):
         assert curves[name]["y"][-1] == pytest.approx(100 * figures["error"]["10 s"][1], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_figures(folder, capsys):
     distributed = pytest.importorskip("distributed")
     quiet = {"dashboard_address": ":0", "processes": False, "protocol": "tcp://"}  # any port that is free
@@ -59,6 +60,7 @@ def test_a_cluster_gives_the_same_figures(folder, capsys):
         assert {**figures, "seconds_per_action": 0} == {**there["policies"][name], "seconds_per_action": 0}
 
 
+@pytest.mark.slow
 def test_a_cluster_that_is_not_there_is_one_line(capsys, monkeypatch):
     distributed = pytest.importorskip("distributed")
 

@@ -38,6 +38,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_every_command_says_the_torque_constant(
     bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -61,6 +62,7 @@ def test_every_command_says_the_torque_constant(
     assert found.search(page.read_text())
 
 
+@pytest.mark.slow
 def test_without_loads_that_differ_nothing_is_said_in_newton_metres(
     bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

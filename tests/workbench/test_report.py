@@ -10,11 +10,11 @@ import pytest
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.checks.residual import Region
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
-from estimators.diagnosis.run import diagnose
 from estimators.schemes.identification import identify
 from pendulum_env.physics import BASE, Model
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import Recording
+from tests.cases import diagnosed
 from tests.workbench.pages import Page, values
 from workbench.report import render, write_report
 from workbench.report.case import Case
@@ -48,7 +48,7 @@ def holdout() -> Recording:
 
 @pytest.fixture(scope="module")
 def diagnosis(train: Recording, holdout: Recording) -> Diagnosis:
-    return diagnose([train], [holdout])
+    return diagnosed([train], [holdout])
 
 
 @pytest.fixture(scope="module")
@@ -155,9 +155,10 @@ def test_open_questions_are_told(train: Recording, holdout: Recording, diagnosis
     assert "Something is missing, and no known effect explains it" in Page(render([train], [holdout], stuck)).text
 
 
+@pytest.mark.slow
 def test_ends_of_several_recordings_are_held_out_and_drawn() -> None:
     recordings = [recorded(f"part {k}", k, seconds=12.0) for k in range(2)]
-    found = Page(render(recordings, [], diagnose(recordings)))
+    found = Page(render(recordings, [], diagnosed(recordings)))
     assert "the last 30 % of each recording" in found.text
     assert "1 more recording" in found.text
     assert "--holdout" not in found.text
@@ -222,8 +223,9 @@ def test_one_recording_need_not_be_a_list_and_a_file_is_no_recording(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_what_knocked_the_joint_is_among_the_windows_of_a_report(bouncing):
-    found = diagnose([bouncing])
+    found = diagnosed([bouncing])
     case = Case.of([bouncing], [], found)
     assert found.knocks_beside is not None
     told, drawn = found.steps[-1].errors["train"], case.training.errors(found.model)

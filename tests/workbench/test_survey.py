@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from datetime import UTC, datetime, timedelta
 from itertools import product
 
@@ -20,6 +19,7 @@ import pytest
 from estimators import diagnose
 from pendulum_env.reading import Unreadable
 from pendulum_env.recording import RecordingError, read_recording, write_recording
+from tests.patience import PATIENCE, wait_until
 from tests.workbench.pages import Page, values
 from workbench.cli import main
 from workbench.commands.survey import configure
@@ -270,6 +270,7 @@ def test_rows_wait_while_the_disk_is_full(folder, tmp_path, client, monkeypatch)
         survey(cases(folder), dataset, client, look=stub)
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_costs_its_case_at_most(folder, tmp_path):
     (folder / "arm/elbow/2026-01-05.csv").write_text("deadly")
     import dask
@@ -348,6 +349,7 @@ def test_the_page_says_what_was_found_and_loads_nothing(page):
     assert sum(tag == "tr" for tag, _ in found.tags) > 144
 
 
+@pytest.mark.slow
 def test_a_browser_walks_the_page(page):
     sync_api = pytest.importorskip("playwright.sync_api")
     chromium = shutil.which("chromium")
@@ -510,14 +512,12 @@ def test_ctrl_c_ends_all_processes_and_keeps_what_is_done(tmp_path, swing, momen
         text=True,
         start_new_session=True,
     ) as process:
-        deadline = time.monotonic() + 120
-        while not (dataset.parts if moment == "working" else dataset.folder.exists()) and time.monotonic() < deadline:
-            time.sleep(0.1)
+        wait_until(lambda: dataset.parts if moment == "working" else dataset.folder.exists())
         children = psutil.Process(process.pid).children(recursive=True)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-        told = process.communicate(timeout=60)[0]
+        told = process.communicate(timeout=PATIENCE)[0]
     assert process.returncode == 130 and "Traceback" not in told
-    assert psutil.wait_procs(children, timeout=10)[1] == []
+    assert psutil.wait_procs(children, timeout=PATIENCE)[1] == []
     if moment == "working":
         assert "what is done is kept" in told and 0 < len(dataset.rows(["name"])) < 169
 

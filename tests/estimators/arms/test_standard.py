@@ -41,6 +41,7 @@ def test_what_the_torque_does_not_tell_is_as_in_the_file(body):
         assert found[f"m@{joint}"].value == pytest.approx(mass, rel=0.1)
 
 
+@pytest.mark.slow
 def test_base_parameters_that_no_body_has_are_not_followed(body):
     standard = body.standard_values
     standard[60:] = six_joint.ROTORS

@@ -15,6 +15,7 @@ from estimators.selection.score import Bootstrap
 from estimators.signals.channel import Channel
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
+from tests import slow
 
 KINDS = ("two_tone", "multisine", "chirp", "prbs", "steps")
 
@@ -100,7 +101,10 @@ def test_torque_in_time_is_left_alone(excitation):
 
 @pytest.mark.parametrize(
     "effect",
-    ["joint_flexibility", "presliding", "encoder_eccentricity", "load_dependent_friction"],
+    slow.but(
+        ["encoder_eccentricity", "load_dependent_friction"],
+        ["joint_flexibility", "presliding", "encoder_eccentricity", "load_dependent_friction"],
+    ),
 )
 def test_no_effect_of_the_plant_makes_torque_look_logged_late(effect):
     rng = np.random.default_rng(12)

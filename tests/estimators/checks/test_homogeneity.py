@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-import estimators.arguments
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, random_case, simulate
-from estimators import compare, diagnose, identify
+from estimators import compare, identify
 from estimators.checks.homogeneity import disagreements, misfits
 from estimators.weak_form.dataset import prepare
-from pendulum_env.physics import BASE, effect, effects
+from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
+from tests.cases import diagnosed
 
 PLANT = Plant()
 HEAVIER = replace(PLANT, inertia=1.1 * PLANT.inertia, gravity=1.1 * PLANT.gravity)
@@ -68,9 +68,10 @@ def test_the_one_recording_with_a_heavier_payload_is_named_and_measured(heavier)
     assert "% higher" in one.text
 
 
+@pytest.mark.slow
 def test_another_payload_is_no_missing_effect():
     *training, holdout = recorded([PLANT, PLANT, HEAVIER, PLANT])
-    found = diagnose(training, [holdout])
+    found = diagnosed(training, [holdout])
     assert found.selected == ()
     assert found.unexplained == ()
     assert [one.recording for one in found.disagreements] == [3]
@@ -78,17 +79,17 @@ def test_another_payload_is_no_missing_effect():
     assert found.model.estimates["inertia"].value == pytest.approx(PLANT.inertia, rel=0.01)
 
 
-def test_a_missing_effect_is_found_beside_another_payload(monkeypatch):
-    few = {id: effects()[id] for id in ("quadratic_drag", "stribeck", "gravity_tilt")}  # a search among them is quick
-    monkeypatch.setattr(estimators.arguments, "effects", lambda: few)
+@pytest.mark.slow
+def test_a_missing_effect_is_found_beside_another_payload():
+    few = ("quadratic_drag", "stribeck", "gravity_tilt")  # a search among them is quick
     hidden = {"quadratic_drag": {"drag": 0.04}}
-    found = diagnose(recorded([replace(plant, effects=hidden) for plant in (PLANT, HEAVIER, PLANT)]))
+    found = diagnosed(recorded([replace(plant, effects=hidden) for plant in (PLANT, HEAVIER, PLANT)]), only=few)
     assert found.selected == ("quadratic_drag",)
     assert [one.recording for one in found.disagreements] == [2]
 
 
 def test_a_held_out_recording_may_disagree_too():
-    found = diagnose(recorded([PLANT]), recorded([PLANT, HEAVIER])[1:], only=["stribeck"])
+    found = diagnosed(recorded([PLANT]), recorded([PLANT, HEAVIER])[1:], only=["stribeck"])
     (one,) = found.disagreements
     assert (one.recording, one.others) == (2, ("run 0",))
 
@@ -137,6 +138,7 @@ def test_a_torque_in_other_units_is_told_from_another_plant():
     assert "its torque is 2 times" in one.text
 
 
+@pytest.mark.slow
 def test_a_recording_that_no_parameters_fit_is_named_beside_good_ones():
     runs = recorded([PLANT] * 3)
     runs[2] = replace(runs[2], position=runs[2].position + 0.3)  # of another encoder zero

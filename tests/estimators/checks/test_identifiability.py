@@ -3,12 +3,12 @@ import pytest
 
 from benchmarks.independent_plant import Plant
 from estimators.checks.identifiability import identifiability
-from estimators.diagnosis.run import diagnose
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.signals.measurements import measure
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
+from tests.cases import diagnosed
 
 PLANT = Plant()
 TIME = np.arange(3000) / 500
@@ -66,7 +66,7 @@ def test_a_parameter_whose_error_alone_is_more_than_all_torque_is_not_told():
     assert all(own.model.estimates["gravity"].std > 2.0 for own in found.schemes.values())
     assert all("gravity" in own.withheld and "viscous" not in own.withheld for own in found.schemes.values())
     assert any("gravity cannot be told, the best fit has" in doubt.text for doubt in found.doubts)
-    assert any("gravity cannot be told" in line for line in diagnose(moved_along(swing, 2.0), only=["spring"]).advice)
+    assert any("gravity cannot be told" in line for line in diagnosed(moved_along(swing, 2.0), only=["spring"]).advice)
 
 
 def test_a_scheme_that_cannot_tell_a_parameter_shows_none_though_another_can():

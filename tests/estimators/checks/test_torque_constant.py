@@ -13,7 +13,6 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.checks.torque_constant import Calibrated, torque_constant
 from estimators.comparison import compare
 from estimators.diagnosis.addition import add
-from estimators.diagnosis.run import diagnose
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
@@ -23,6 +22,7 @@ from pendulum_env.physics import simulate as fly
 from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import TorqueConstant
+from tests.cases import diagnosed
 
 K = 0.873  # [N m/A]
 UNLOADED = {"inertia": 0.03, "gravity": 0.6, "viscous": 0.15, "coulomb": 0.25}
@@ -75,6 +75,7 @@ EXACT = {"excitation": "two_tone", "rate": 1000.0, "counts": None, "torque_noise
 THREE = (LOADS[0], LOADS[2], LOADS[4])
 
 
+@pytest.mark.slow
 def test_all_schemes_find_the_joint_without_its_known_loads():
     runs = in_newton_metres(bench("none", THREE, **EXACT))
     found = identify(runs)
@@ -86,6 +87,7 @@ def test_all_schemes_find_the_joint_without_its_known_loads():
     assert found.torque_constant is None and found.torque_unit == "N m"
 
 
+@pytest.mark.slow
 def test_all_schemes_find_it_from_a_current_alike():
     found = identify(bench("none", THREE, **EXACT))
     assert found.torque_constant.value == pytest.approx(K, rel=1e-4)
@@ -116,7 +118,7 @@ def test_a_simulation_with_a_load_is_that_of_a_heavier_pendulum():
 
 def test_nothing_is_missing_under_known_loads_and_much_without_them():
     runs = in_newton_metres(bench(loads=(LOADS[0], LOADS[4], LOADS[7])))
-    found = diagnose(runs)
+    found = diagnosed(runs)
     assert not found.selected and not found.disagreements and found.torque_constant is None
     theta = {name: e.value for name, e in found.model.estimates.items()}
     assert theta["inertia"] == pytest.approx(UNLOADED["inertia"], rel=0.01)
@@ -223,8 +225,9 @@ def test_errors_of_parameters_include_that_of_the_torque_constant():
     )
 
 
+@pytest.mark.slow
 def test_a_diagnosis_in_amperes_names_friction_under_load_and_finds_the_joint():
-    found = diagnose(bench("motor", seconds=7.0))
+    found = diagnosed(bench("motor", seconds=7.0))
     assert found.selected == ("load_dependent_friction",)
     assert found.torque_constant.value == pytest.approx(K, rel=0.01)
     theta = {name: e.value for name, e in found.model.estimates.items()}

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import Diagnosis, diagnose
+from estimators import Diagnosis
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from pendulum_env.recording import Recording
+from tests import slow
+from tests.cases import diagnosed
 
 RATE = 500.0
 TIME = np.arange(6000) / RATE
@@ -45,7 +47,7 @@ def first() -> Callable[[str], tuple[Recording, Diagnosis]]:
 
     @cache
     def made(name: str) -> tuple[Recording, Diagnosis]:
-        return recordings[name], diagnose([recordings[name]])
+        return recordings[name], diagnosed([recordings[name]])
 
     return made
 
@@ -55,16 +57,19 @@ def suggested(found: Diagnosis) -> Suggestion:
     return found.suggestion
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "hidden", "before"),
-    [
-        ("a spring at small angles", "spring", ()),
-        ("nothing at small angles", None, ()),
-        ("a tilt at small angles", "gravity_tilt", ("torque_offset", "gravity_tilt")),
-        ("an offset while spinning", "torque_offset", ()),
-        ("asymmetric fluid friction while spinning", "viscous_asymmetry", ()),
-        ("nothing while spinning", None, ()),
-    ],
+    slow.but_first(
+        [
+            ("a spring at small angles", "spring", ()),
+            ("nothing at small angles", None, ()),
+            ("a tilt at small angles", "gravity_tilt", ("torque_offset", "gravity_tilt")),
+            ("an offset while spinning", "torque_offset", ()),
+            ("asymmetric fluid friction while spinning", "viscous_asymmetry", ()),
+            ("nothing while spinning", None, ()),
+        ]
+    ),
 )
 def test_the_suggested_experiment_settles_what_was_open(first, name, hidden, before):
     recording, found = first(name)
@@ -72,16 +77,17 @@ def test_the_suggested_experiment_settles_what_was_open(first, name, hidden, bef
     suggestion = suggested(found)
     assert any(aim.effect == hidden or aim.instead == hidden or hidden is None for aim in suggestion.settles)
     time = np.arange(round(suggestion.seconds * RATE)) / RATE
-    settled = diagnose([recording, play(name, suggestion.signal.signal(time))])
+    settled = diagnosed([recording, play(name, suggestion.signal.signal(time))])
     assert settled.selected == (() if hidden is None else (hidden,))
     assert settled.suggestion is None
     assert settled.ambiguous == ((("torque_offset", "coulomb_asymmetry"),) if hidden == "torque_offset" else ())
 
 
+@pytest.mark.slow
 def test_what_no_torque_tells_apart_is_said_and_not_tried():
     plant = Plant(effects={"coulomb_asymmetry": {"asym_c": 0.2}})
     (run,) = simulate([(plant, Experiment(seed=3, seconds=9.0, rate=RATE))])
-    found = diagnose([Recording("run", run.time, run.position, run.torque)])
+    found = diagnosed([Recording("run", run.time, run.position, run.torque)])
     assert found.ambiguous == (("torque_offset", "coulomb_asymmetry"),)
     assert found.inseparable == (("torque_offset", "coulomb_asymmetry"),)
     assert found.suggestion is None
@@ -103,19 +109,20 @@ def test_a_suggestion_says_what_to_expect_and_survives_json(first):
 
 def test_the_suggested_torque_stays_within_what_the_motor_gives(first):
     recording, _ = first("a spring at small angles")
-    suggestion = suggested(diagnose([recording], max_torque=2.5))
+    suggestion = suggested(diagnosed([recording], max_torque=2.5))
     assert suggestion.peak_torque <= 2.5
     assert np.abs(suggestion.signal.signal(np.linspace(0, suggestion.seconds, 9999))).max() <= 2.5
 
 
+@pytest.mark.slow
 def test_the_suggested_motion_stays_within_what_the_rig_bears(first):
     name = "a spring at small angles"
     recording, _ = first(name)
-    suggestion = suggested(diagnose([recording], max_angle=1.0, max_speed=4.0))
+    suggestion = suggested(diagnosed([recording], max_angle=1.0, max_speed=4.0))
     run = play(name, suggestion.signal.signal(np.arange(round(suggestion.seconds * RATE)) / RATE))
     assert np.abs(run.position).max() <= 1.0
     assert np.abs(np.gradient(run.position[::10], 10 / RATE)).max() <= 4.0
-    assert diagnose([recording, run]).selected == ("spring",)
+    assert diagnosed([recording, run]).selected == ("spring",)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +134,7 @@ def test_the_suggested_motion_stays_within_what_the_rig_bears(first):
 )
 def test_limits_that_leave_no_experiment_are_said(first, limits, within):
     recording, _ = first("a spring at small angles")
-    found = diagnose([recording], **limits)
+    found = diagnosed([recording], **limits)
     assert found.suggestion is None and found.inseparable == ()
     assert found.forbidden in found.advice
     assert found.forbidden.startswith(f"no experiment within {within} tell spring from gravity: allow more")

@@ -3,12 +3,13 @@
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import diagnose
 from estimators.diagnosis.run import gather
 from estimators.diagnosis.sensitivity import in_words, smallest
 from estimators.selection.search import Search
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
+from tests import slow
+from tests.cases import diagnosed
 
 EXPERIMENT = Experiment(rate=500.0, seconds=10.0, seed=4)
 
@@ -23,15 +24,19 @@ def search() -> Search:
     return Search(*gather([recorded(Plant())]))
 
 
-@pytest.mark.parametrize(("id", "parameter", "others"), [("quadratic_drag", "drag", {}), ("spring", "spring_k", {})])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("id", "parameter", "others"),
+    slow.but_first([("quadratic_drag", "drag", {}), ("spring", "spring_k", {})]),
+)
 def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(search, id, parameter, others):
     size = smallest(search, BASE, effects()[id])
     assert size is not None
     plants = [Plant(effects={id: {parameter: share * size, **others}}) for share in (2, 0.1)]
     large, small = (Recording("run", r.time, r.position, r.torque) for r in simulate([(p, EXPERIMENT) for p in plants]))
-    found = diagnose([large])
+    found = diagnosed([large])
     assert id in {*found.selected, *(one for group in found.ambiguous for one in group)}
-    assert diagnose([small]).selected == ()
+    assert diagnosed([small]).selected == ()
 
 
 def test_it_is_said_with_sizes_and_with_the_angles_that_were_reached(search):

@@ -22,6 +22,7 @@ from pendulum_env.physics.library import effect
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 from pendulum_env.registration import PENDULUM
+from tests import slow
 
 RATE, COUNTS, SECONDS = 250.0, 65_536, 18.0
 HIDDEN = {
@@ -59,7 +60,7 @@ def run(one, recording, first=0.0, last=np.inf):
     return one.said
 
 
-@pytest.mark.parametrize("hidden", HIDDEN)
+@pytest.mark.parametrize("hidden", slow.but(["cogging"], HIDDEN))
 def test_what_is_hidden_comes_first_and_once_added_the_model_predicts_as_the_true_one_does(hidden):
     recording = recorded(hidden)
     found, true = diagnoser(library=FEW), diagnoser((*BASE, HIDDEN[hidden][1]), library={})
@@ -85,7 +86,8 @@ def test_where_nothing_is_hidden_nothing_is_missing():
     assert run(diagnoser(), recorded("")).kind == "nothing"
 
 
-@pytest.mark.parametrize("hidden", ["cogging", "quadratic_drag"])
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", slow.but_first(["cogging", "quadratic_drag"]))
 def test_what_is_said_online_is_what_diagnose_says_of_the_recording(hidden):
     recording = recorded(hidden)
     said = run(diagnoser(), recording)

@@ -14,6 +14,7 @@ from estimators.signals.measurements import of_steps
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.physics import BASE, effect
 from pendulum_env.registration import PENDULUM
+from tests import slow
 
 TRUTH = np.array([0.09, 2.0, 0.35, 0.8])
 PERIOD = 0.02  # [s]
@@ -45,6 +46,7 @@ def slowly() -> tuple[OnlineEstimator, list[Estimates]]:
     return one, run(one, slow_runs())
 
 
+@pytest.mark.slow
 def test_at_50_hz_it_is_twice_as_right_and_its_intervals_hold_the_truth():
     """An independent integrator, twelve runs: 95 % intervals hold 88 to 100 % of 48 parameters."""
     _, course = slowly()
@@ -57,12 +59,14 @@ def test_at_50_hz_it_is_twice_as_right_and_its_intervals_hold_the_truth():
     assert 0.5 < np.sqrt(np.mean((errors[:, 2] / std[:, 2]) ** 2)) < 1.5
 
 
+@pytest.mark.slow
 def test_it_learns_how_far_the_torque_that_acts_differs_from_the_measured_one():
     one, _ = slowly()
     learnt = [np.exp(filter.log_variance / 2) for filter in one._joint.filters]
     assert np.mean(learnt) == pytest.approx(0.05, rel=0.25)
 
 
+@pytest.mark.slow
 def test_it_borrows_a_regression_until_that_knows_enough_and_then_waits_for_nothing():
     _, course = slowly()
     running = np.array([now.usable[0, 2] for now in course])
@@ -74,7 +78,12 @@ def test_it_borrows_a_regression_until_that_knows_enough_and_then_waits_for_noth
     assert (early.theta[0, 2] != 0).all() and np.isfinite(early.covariance[0, 2]).all()
 
 
-@pytest.mark.parametrize("memory", [{"forgetting": 0.98}, {"random_walk": 0.1}], ids=lambda memory: next(iter(memory)))
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "memory",
+    slow.but_first([{"forgetting": 0.98}, {"random_walk": 0.1}]),
+    ids=lambda memory: next(iter(memory)),
+)
 def test_a_payload_picked_up_in_mid_run_is_tracked(memory):
     runs = slow_runs(3, pay_t=8.0, pay_I=0.03, pay_mgl=0.6)
     theta = run(estimator(3, schemes=[JointState()], **memory), runs)[-1].theta[:, 0]
@@ -120,7 +129,8 @@ def test_a_copy_goes_on_alike_and_lost_samples_keep_the_parameters():
     assert after.usable[0, 0]
 
 
-@pytest.mark.parametrize("id", ["actuator_lag", "dead_time"])
+@pytest.mark.slow
+@pytest.mark.parametrize("id", slow.but_first(["actuator_lag", "dead_time"]))
 def test_terms_with_memory_and_delay_are_those_of_the_model(id):
     hidden = {"actuator_lag": {"lag_T": 0.03}, "dead_time": {"dead_n": 2.0}}[id]
     term = {"actuator_lag": effect("actuator_lag")(0.03), "dead_time": effect("dead_time")(2 * PERIOD)}[id]

@@ -18,6 +18,7 @@ from estimators.schemes.six import PAPER, SCHEMES, Dynamic, Energy, FilteredDyna
 from estimators.signals.measurements import Smoothing, choose_smoothing, measure, remember
 from pendulum_env.physics import BASE, Column, Term, effect
 from pendulum_env.recording import Recording
+from tests import slow
 from tests.terms import Clipped, Table
 
 MORE = (
@@ -42,7 +43,7 @@ def run(estimator: OnlineEstimator, recording: Recording) -> list[Estimates]:
     "terms",
     [
         BASE,
-        (*BASE, effect("stribeck")(stribeck_velocity=0.6), effect("cogging")(order=7.0)),
+        pytest.param((*BASE, effect("stribeck")(0.6), effect("cogging")(order=7.0)), marks=pytest.mark.slow),
         (*BASE, effect("payload_change")(moment=4.0), effect("load_dependent_friction")()),
         (*BASE, effect("torque_saturation")(limit=6.0)),
     ],
@@ -67,7 +68,7 @@ def test_online_equals_offline(terms, paper_run):
             np.testing.assert_allclose(now.P[0, s] / scale, course.P[k] / scale, atol=1e-9)
 
 
-@pytest.mark.parametrize("id", ["presliding", "actuator_lag", "dead_time", "joint_flexibility"])
+@pytest.mark.parametrize("id", slow.but_first(["actuator_lag", "presliding", "dead_time", "joint_flexibility"]))
 def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
     """The base parameters, as offline to what happens within a sample."""
     terms = (*BASE, effect(id)())
@@ -247,6 +248,7 @@ def coverage(now: Estimates, truth: np.ndarray) -> np.ndarray:
     return (np.abs(now.theta - truth) < 1.96 * std).mean(axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("forgetting", [1.0, 0.998])
 def test_intervals_hold_the_truth_as_often_as_they_say(forgetting):
     """200 seeded runs: 90 to 99 %, for every scheme on average over its parameters; also after many memories."""
@@ -260,6 +262,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(forgetting):
             assert ((share.mean(axis=1) > 0.90) & (share.mean(axis=1) < 0.99)).all(), share
 
 
+@pytest.mark.slow
 def test_parameters_that_may_wander_are_not_claimed_to_be_known_better():
     """They stand still here, so that the intervals hold more than they say; but errors come near them."""
     time, position, torque, truth = stick_and_slip(50, 10.0)
@@ -271,6 +274,7 @@ def test_parameters_that_may_wander_are_not_claimed_to_be_known_better():
     assert (np.sqrt(np.mean(z**2, axis=0)) > 0.1).all()
 
 
+@pytest.mark.slow
 def test_what_cannot_be_told_is_not_said_to_be_known():
     """Turning one way only, dry friction and an offset of the torque are the same, and no stop is reached."""
     terms = (*BASE, effect("torque_offset")(), effect("hard_stop")(upper=1e3))
@@ -294,6 +298,7 @@ def whole(paper_run) -> list[Estimates]:
     return run(OnlineEstimator(paper_run.recording.rate), paper_run.recording)
 
 
+@pytest.mark.slow
 def test_a_lost_sample_costs_some_equations_and_nothing_else(paper_run, whole):
     recording = paper_run.recording
     estimator, held = OnlineEstimator(recording.rate), np.r_[0.0, recording.torque[:-1]]
@@ -333,7 +338,12 @@ def after_a_payload_was_picked_up(**memory: float) -> Estimates:
     return now
 
 
-@pytest.mark.parametrize("memory", [{"forgetting": 0.997}, {"random_walk": 0.1}], ids=lambda memory: next(iter(memory)))
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "memory",
+    slow.but_first([{"forgetting": 0.997}, {"random_walk": 0.1}]),
+    ids=lambda memory: next(iter(memory)),
+)
 def test_a_payload_picked_up_in_mid_run_is_tracked(memory):
     now, stays = after_a_payload_was_picked_up(**memory), after_a_payload_was_picked_up()
     *_, before = stick_and_slip(20, 14.0, change=7.0)

@@ -76,6 +76,7 @@ def test_drag_shows_where_the_joint_is_fast_or_with_the_torque_that_drives_it():
     assert where and where <= {"velocity", "torque"}
 
 
+@pytest.mark.slow
 def test_a_plant_that_holds_and_one_that_drifts_slowly_are_not_alarmed_about():
     """Six minutes in all; friction that falls by a tenth over a minute is a walk that the model may take."""
     drift = {"friction_drift": {"drift_a": 0.1, "drift_T": 60.0}}
@@ -118,6 +119,7 @@ def test_a_wrapper_watches_beside_others_and_a_reset_begins_anew():
     assert info["watch"].kind == "calibrating"
 
 
+@pytest.mark.slow
 def test_a_model_that_is_given_is_compared_with_the_plant_as_it_is(tmp_path):
     """One whose gravity is a fifth too small is found out at once; `accept` takes the plant as it is."""
     theta = np.array([0.0895, 2.01, 0.3638, 0.9163])

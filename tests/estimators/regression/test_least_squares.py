@@ -162,6 +162,7 @@ def test_standard_errors_from_clusters_cover_the_truth_under_correlated_noise(me
     assert np.mean(np.abs(scores) < 2) > 0.88
 
 
+@pytest.mark.slow
 def test_standard_errors_that_take_noise_for_white_do_not():
     scores = coverage(0.8, clustered=False, trials=40)  # of many clusters, which take time
     assert np.all(np.sqrt(np.mean(scores**2, axis=0)) > 1.7)

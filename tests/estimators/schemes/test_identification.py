@@ -9,6 +9,7 @@ from estimators.schemes.identification import identify
 from estimators.schemes.six import PAPER, SCHEMES, Energy, Hamiltonian
 from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.recording import Recording, read_recording
+from tests import slow
 
 PLANT = Plant()
 PRACTICE = Path(__file__).parents[3] / "../shared/practice"
@@ -30,6 +31,7 @@ def test_all_schemes_find_the_truth_in_recordings_of_another_simulator(name, tol
         np.testing.assert_allclose(found[scheme.id].model.theta, truth, rtol=tolerance)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_honest():
     """Errors in standard errors have a root mean square near one over 18 recordings, the paper's energy included."""
     rng, z = np.random.default_rng(0), {}
@@ -115,7 +117,7 @@ def test_result_is_plain_json(paper_run):
     assert len(found["schemes"]["dynamic"]["convergence"]["theta"]) == 5
 
 
-@pytest.mark.parametrize("hidden", [True, False])
+@pytest.mark.parametrize("hidden", slow.but_first([True, False]))
 def test_a_missing_effect_biases_and_its_term_cures(record, hidden):
     """Test the no as well: Stribeck friction left out of the model biases Coulomb friction."""
     run = record([Plant(effects={"stribeck": {"strib_d": 0.45, "strib_v": 0.6}})], rate=500.0, seconds=8.0)[0]

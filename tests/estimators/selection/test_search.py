@@ -23,6 +23,7 @@ def searched(plant: Plant, train: Experiment, test: Experiment) -> tuple[Search,
     return search, [step.added for step in steps[1:]], new / old
 
 
+@pytest.mark.slow
 def test_an_effect_is_found_that_held_out_data_only_bear_out_beside_another():
     hidden = {"torque_offset": {"offset": -0.4}, "hard_stop": {"wall_hi": 0.9, "wall_k": 60.0}}
     train, test = (Experiment(rate=500.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
@@ -31,12 +32,14 @@ def test_an_effect_is_found_that_held_out_data_only_bear_out_beside_another():
     assert left < 0.05
 
 
+@pytest.mark.slow
 def test_a_torque_that_wanders_is_given_no_name():
     walk = {"random_walk_torque": {"walk_rms": 0.5}}
     train, test = (Experiment(rate=200.0, seconds=10.0, seed=seed, excitation="chirp") for seed in (2, 3))
     assert searched(Plant(effects=walk), train, test)[1] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "hidden",
     [
@@ -52,6 +55,7 @@ def test_what_a_law_without_a_name_hides_is_found_beside_it(hidden):
     assert search.unnamed is not None
 
 
+@pytest.mark.slow
 def test_a_motor_whose_gain_fades_is_given_no_name():
     """A battery that empties: the torque at the joint falls short of what is recorded, by more and more."""
     experiments = [Experiment(rate=200.0, seconds=8.0, seed=seed, excitation="multisine") for seed in (2, 3)]
@@ -79,6 +83,7 @@ def test_what_explains_one_recording_and_not_the_next_explains_little(later, exp
     assert least <= search.explained(trial.terms, BASE) <= most
 
 
+@pytest.mark.slow
 def test_a_drive_that_clips_deep_is_named_by_its_limit():
     """A limit of the current at a third of what the controller asks for: no tanh is like that."""
     hidden = {"torque_saturation": {"sat": 3.0, "sat_law": 1.0}}
@@ -98,6 +103,7 @@ def test_no_body_has_a_link_of_negative_inertia():
     assert (column.name, value) == ("joint_flexibility", -0.05)
 
 
+@pytest.mark.slow
 def test_a_law_without_a_name_takes_the_place_of_what_imitates_it_alone():
     """A rough spot and an offset: the offset keeps its name, and what the spot is like is said."""
     hidden = {"torque_offset": {"offset": -0.3}, "friction_spot": {"spot_f": 0.8, "spot_q": 0.2}}
@@ -107,6 +113,7 @@ def test_a_law_without_a_name_takes_the_place_of_what_imitates_it_alone():
     assert search.unnamed is not None and search.unnamed.id == "any_friction_of_position"
 
 
+@pytest.mark.slow
 def test_a_law_that_imitates_another_does_not_fit_where_the_joint_moves_otherwise():
     """Cubic damping looks like quadratic drag in each recording alone, with another coefficient in each."""
     slow, fast = (Experiment(rate=250.0, seconds=12.0, seed=seed, scale=scale) for seed, scale in ((2, 0.6), (3, 1.2)))

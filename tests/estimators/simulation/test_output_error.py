@@ -37,6 +37,7 @@ def test_standard_errors_cover_the_truth():
     assert all(0 < model.estimates[name].std < 0.05 * true for name, true in TRUTH.items())
 
 
+@pytest.mark.slow
 def test_friction_that_windows_hardly_see_is_found_by_what_it_does_to_motion():
     # 8192 counts: windows clear of reversals hold little of presliding, which lasts a hundredth of a turn after them
     stiffness = 60.0

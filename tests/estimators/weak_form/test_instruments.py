@@ -7,13 +7,14 @@ import pytest
 
 from benchmarks.excitation import smooth_reference
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import Evidence, IdentificationError, diagnose, fit_terms
+from estimators import Evidence, IdentificationError, fit_terms
 from estimators.arguments import within_limits
 from estimators.diagnosis.run import gather
 from estimators.weak_form.dataset import prepare
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
+from tests.cases import diagnosed
 
 TRUTH = np.array([0.09, 2.0, 0.35, 0.8])
 
@@ -48,9 +49,10 @@ def test_instruments_are_unbiased_where_least_squares_finds_the_controller(distu
     assert (off < np.abs(least_squares - TRUTH))[:2].all()  # inertia and gravity
 
 
+@pytest.mark.slow
 def test_a_diagnosis_begins_from_the_base_model_that_instruments_find(disturbed):
     some = disturbed[:2]
-    found = diagnose(some, only=["quadratic_drag"], by_reference=True)
+    found = diagnosed(some, only=["quadratic_drag"], by_reference=True)
     assert found.selected == ()
     assert found.model.theta == pytest.approx(fit_by_reference(gather(some)[0].data, BASE).theta)
     std = np.array([estimate.std for estimate in found.model.estimates.values()])

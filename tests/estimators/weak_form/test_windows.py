@@ -15,7 +15,7 @@ from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, pr
 from estimators.weak_form.windows import bump, cut
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
-from tests.conftest import WALLS
+from tests.cases import WALLS
 
 TRUTH = np.array([0.09, 2.0, 0.35, 0.8])  # of the default plant
 
@@ -257,7 +257,7 @@ def test_a_turn_that_friction_makes_is_no_knock(sticky_runs, which):
     ("hidden", "terms"),
     [
         ({"stribeck": {"strib_d": 0.8, "strib_v": 0.3}}, (effect("stribeck")(0.3),)),
-        ({"presliding": {"dahl_sigma": 40.0}}, (effect("presliding")(0.02),)),
+        pytest.param({"presliding": {"dahl_sigma": 40.0}}, (effect("presliding")(0.02),), marks=pytest.mark.slow),
         ({"load_dependent_friction": {"load_mu": 0.3}}, (effect("load_dependent_friction")(),)),
     ],
 )

@@ -69,7 +69,7 @@ def test_every_order_of_wrappers_works(tmp_path):
         "plant": lambda env: RandomizePlant(env, 0.2),
         "record": lambda env: RecordMeasurements(env, tmp_path / "run.csv", overwrite=True),
         "estimate": EstimateParameters,
-        "limit": lambda env: TimeLimit(env, 150),
+        "limit": lambda env: TimeLimit(env, 50),
         "rescale": lambda env: RescaleAction(env, np.float32(-1), np.float32(1)),
     }
     estimates = []
@@ -270,6 +270,7 @@ def test_wrong_use_is_explained():
         EstimateParameters(gym.make(PENDULUM), forgeting=0.9)
 
 
+@pytest.mark.slow
 def test_a_replay_with_a_gap_is_estimated_like_one_without(paper_run, tmp_path):
     """Nothing is told across the gap, and nothing is refused."""
     recording = paper_run.recording

@@ -8,6 +8,7 @@ import pytest
 
 from pendulum_env.backends.hardware.check import STEPS, CheckFailed, check
 from pendulum_env.backends.hardware.config import load
+from tests import slow
 from workbench.cli import main
 
 pytestmark = pytest.mark.realtime
@@ -42,7 +43,7 @@ def wired(emulated, kind, *, top="", **encoder):
     return rig
 
 
-@pytest.mark.parametrize("kind", ["serial", "nidaq"])
+@pytest.mark.parametrize("kind", slow.but_first(["serial", "nidaq"]))
 def test_a_rig_that_is_wired_right_passes_and_may_use_its_torque(emulated, kind):
     rig = wired(emulated, kind)
     helper = Helper(rig)

@@ -12,7 +12,8 @@ import time
 import numpy as np
 import pytest
 
-from tests.pendulum_env.rigs import KINDS, Disturbed, TooSlow, once_in_time
+from tests import slow
+from tests.pendulum_env.rigs import KINDS, Disturbed, TooSlow
 
 pytestmark = [
     pytest.mark.realtime,
@@ -31,6 +32,7 @@ SLOW = (
 HOST = """
 import sys, time
 import gymnasium as gym, numpy as np
+from tests import slow
 from pendulum_env.wrappers import RecordMeasurements
 config, path, trouble = sys.argv[1:]
 env = gym.make("pendulum_env/DirectDrivePendulum-v0", backend="dm1015b", config=config, max_episode_steps=-1)
@@ -106,7 +108,7 @@ class Scene:
         assert np.isfinite(table).all() and np.ptp(table[:, 1]) > 0.1
 
 
-each = pytest.mark.parametrize("kind", KINDS)
+each = pytest.mark.parametrize("kind", slow.but_first(KINDS))
 one = pytest.mark.parametrize("kind", KINDS[:1])  # what does not depend on the adapter
 
 
@@ -117,14 +119,11 @@ def scene(emulated, host, tmp_path):
 
 @each
 def test_a_host_that_is_killed(scene, kind):
-    def attempt():
-        s = scene(kind)
-        s.host.process.kill()
-        s.rig.wait_for("power", 0.0)
-        s.safe()
-        assert any(event == "expired" for _, event, _ in s.rig.events())  # nobody else could have
-
-    once_in_time(attempt)
+    s = scene(kind)
+    s.host.process.kill()
+    s.rig.wait_for("power", 0.0)
+    s.safe()
+    assert any(event == "expired" for _, event, _ in s.rig.events())  # nobody else could have
 
 
 @one
@@ -133,146 +132,113 @@ def test_a_host_that_is_told_to_end(scene, kind, number):
     if signal.getsignal(number) == signal.SIG_IGN:
         pytest.skip("whoever started these tests has them ignore this signal, as nohup does")
 
-    def attempt():
-        s = scene(kind)
-        os.kill(s.host.process.pid, number)
-        code, err = s.ended()
-        assert code in (128 + number, -number)
-        assert ("KeyboardInterrupt" in err) == (number == signal.SIGINT)
-        s.safe()
-        assert not any(event == "expired" for _, event, _ in s.rig.events())  # the watchdog was not needed
-
-    once_in_time(attempt)
+    s = scene(kind)
+    os.kill(s.host.process.pid, number)
+    code, err = s.ended()
+    assert code in (128 + number, -number)
+    assert ("KeyboardInterrupt" in err) == (number == signal.SIGINT)
+    s.safe()
+    assert not any(event == "expired" for _, event, _ in s.rig.events())  # the watchdog was not needed
 
 
 @one
 def test_an_exception_in_the_policy(scene, kind):
-    def attempt():
-        s = scene(kind, "exception")
-        code, err = s.ended()
-        assert code == 1 and "the policy has a mistake" in err
-        s.safe()
-
-    once_in_time(attempt)
+    s = scene(kind, "exception")
+    code, err = s.ended()
+    assert code == 1 and "the policy has a mistake" in err
+    s.safe()
 
 
 @one
 def test_a_host_that_is_frozen(scene, kind):
-    def attempt():
-        s = scene(kind)
-        os.kill(s.host.process.pid, signal.SIGSTOP)
-        s.rig.wait_for("power", 0.0)
-        assert s.rig.off_after() < IN_TIME
-        os.kill(s.host.process.pid, signal.SIGCONT)
-        text = s.fault()
-        assert any(part in text for part in SLOW)
-        s.safe()  # it did not go on where it was
-
-    once_in_time(attempt)
+    s = scene(kind)
+    os.kill(s.host.process.pid, signal.SIGSTOP)
+    s.rig.wait_for("power", 0.0)
+    assert s.rig.off_after() < IN_TIME
+    os.kill(s.host.process.pid, signal.SIGCONT)
+    text = s.fault()
+    assert any(part in text for part in SLOW)
+    s.safe()  # it did not go on where it was
 
 
 @each
 def test_a_drive_that_dies(scene, kind):
-    def attempt():
-        s = scene(kind)
-        s.rig.process.kill()
-        text = s.fault()
-        if any(slow in text for slow in SLOW):
-            raise TooSlow(text)
-        assert "check" in text and ("lost" in text or "did not answer within 250 ms" in text)
-        s.recorded()
-
-    once_in_time(attempt)
+    s = scene(kind)
+    s.rig.process.kill()
+    text = s.fault()
+    if any(slow in text for slow in SLOW):
+        raise TooSlow(text)
+    assert "check" in text and ("lost" in text or "did not answer within 250 ms" in text)
+    s.recorded()
 
 
 @each
 def test_a_drive_that_is_frozen(scene, kind):
-    def attempt():
-        s = scene(kind)
-        s.rig.signal(signal.SIGSTOP)
-        text = s.fault()
-        s.rig.signal(signal.SIGCONT)
-        if any(slow in text for slow in SLOW):
-            raise TooSlow(text)
-        assert "did not answer within 250 ms" in text and "check" in text
-        s.safe()
-
-    once_in_time(attempt)
+    s = scene(kind)
+    s.rig.signal(signal.SIGSTOP)
+    text = s.fault()
+    s.rig.signal(signal.SIGCONT)
+    if any(slow in text for slow in SLOW):
+        raise TooSlow(text)
+    assert "did not answer within 250 ms" in text and "check" in text
+    s.safe()
 
 
-@pytest.mark.parametrize("kind", ["serial", "nidaq"])  # a pseudo-terminal, and a network
+@pytest.mark.parametrize("kind", slow.but_first(["serial", "nidaq"]))  # a pseudo-terminal, and a network
 def test_a_cable_that_is_pulled(scene, kind):
-    def attempt():
-        s = scene(kind)
-        s.rig.tell("unplug")
-        text = s.fault()
-        if any(slow in text for slow in SLOW):
-            raise TooSlow(text)
-        assert "check" in text and ("lost" in text or "did not answer" in text)
-        s.safe()
-
-    once_in_time(attempt)
+    s = scene(kind)
+    s.rig.tell("unplug")
+    text = s.fault()
+    if any(slow in text for slow in SLOW):
+        raise TooSlow(text)
+    assert "check" in text and ("lost" in text or "did not answer" in text)
+    s.safe()
 
 
 @one
 def test_a_cable_beside_a_strong_motor(scene, kind):
-    def attempt():
-        s = scene(kind)
-        s.rig.tell("corrupt 0.01")
-        s.expect("did not answer within 250 ms", "damaged frames", "check cable")
-
-    once_in_time(attempt)
+    s = scene(kind)
+    s.rig.tell("corrupt 0.01")
+    s.expect("did not answer within 250 ms", "damaged frames", "check cable")
 
 
 @each
 def test_a_fault_of_the_drive(scene, kind):
-    def attempt():
-        s = scene(kind)
-        s.rig.tell("fault")
-        s.expect("the drive reports", "fault, on Dev1" if kind == "nidaq" else "over-temperature")
-
-    once_in_time(attempt)
+    s = scene(kind)
+    s.rig.tell("fault")
+    s.expect("the drive reports", "fault, on Dev1" if kind == "nidaq" else "over-temperature")
 
 
 @one
 def test_an_arm_that_runs_away(scene, kind):
-    def attempt():
-        s = scene(kind, limits={"hard_velocity": 20.0, "soft_velocity": 15.0}, plant={"watch": False})
-        s.rig.tell("push 12")
-        s.expect("rad/s, 20 are allowed (limits.hard_velocity)", "look for what drives it")
-
-    once_in_time(attempt)
+    s = scene(kind, limits={"hard_velocity": 20.0, "soft_velocity": 15.0}, plant={"watch": False})
+    s.rig.tell("push 12")
+    s.expect("rad/s, 20 are allowed (limits.hard_velocity)", "look for what drives it")
 
 
 @one
 def test_an_action_that_is_no_number(scene, kind):
-    def attempt():
-        s = scene(kind, "nan")
-        code, err = s.ended()
-        assert code == 1 and "the action is nan: a torque in N m is needed" in err
-        s.safe()
-
-    once_in_time(attempt)
+    s = scene(kind, "nan")
+    code, err = s.ended()
+    assert code == 1 and "the action is nan: a torque in N m is needed" in err
+    s.safe()
 
 
 @one
 def test_a_second_owner_is_refused_and_the_first_goes_on(scene, host, kind):
-    def attempt():
-        s = scene(kind)
-        second = host(HOST, s.rig.config, s.path.with_name("second.csv"), "")
-        drives = second.heard("")  # says nothing unless it has the rig
-        if s.host.says(0.0):  # the first had to give it up
-            second.close()
-            raise TooSlow(s.fault())
-        assert not drives
-        code, _, err = second.finish()
-        assert code == 1 and f"is in use by process {s.host.process.pid}" in err
-        assert not s.host.says(0.3)  # no fault
-        before = len(s.rig.events())
-        time.sleep(0.2)
-        assert len(s.rig.events()) > before
-        s.host.process.terminate()
-        s.host.finish()
-        s.safe()
-
-    once_in_time(attempt)
+    s = scene(kind)
+    second = host(HOST, s.rig.config, s.path.with_name("second.csv"), "")
+    drives = second.heard("")  # says nothing unless it has the rig
+    if s.host.says(0.0):  # the first had to give it up
+        second.close()
+        raise TooSlow(s.fault())
+    assert not drives
+    code, _, err = second.finish()
+    assert code == 1 and f"is in use by process {s.host.process.pid}" in err
+    assert not s.host.says(0.3)  # no fault
+    before = len(s.rig.events())
+    time.sleep(0.2)
+    assert len(s.rig.events()) > before
+    s.host.process.terminate()
+    s.host.finish()
+    s.safe()

@@ -21,8 +21,9 @@ from pendulum_env.plant import PAPER
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import read_recording
 from pendulum_env.registration import PENDULUM
+from tests import slow
 from tests.disks import full_after
-from tests.pendulum_env.rigs import KINDS, PATIENT, Disturbed, TooSlow, once_in_time
+from tests.pendulum_env.rigs import KINDS, PATIENT, Disturbed, TooSlow
 from workbench.cli import main
 
 pytestmark = pytest.mark.realtime
@@ -45,24 +46,21 @@ def make(rig, **options):
     return gym.make(PENDULUM, backend="dm1015b", config=rig.config, max_episode_steps=-1, **options)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", slow.but_first(KINDS))
 def test_six_estimators_find_the_emulated_plant_while_it_runs(emulated, kind):
     rig = emulated(kind, rate=ONLINE[kind], limits=PATIENT, encoder=HANGING)
     signal = excitation("paper", np.random.default_rng(0))
 
-    def attempt():
-        env = EstimateParameters(make(rig))
-        infos = []
-        rollout(env, OpenLoop(signal, rig.rate), int(4.0 * rig.rate), watch=infos.append)
-        env.close()
-        in_time(info["jitter"] for info in infos)
-        if "fault" in infos[-1]:
-            raise Disturbed(infos[-1]["fault"])
-        assert len(infos[-1]["estimates"]) == 6
-        for scheme, estimate in infos[-1]["estimates"].items():
-            np.testing.assert_allclose(estimate["theta"], TRUTH, rtol=0.02, err_msg=scheme)
-
-    once_in_time(attempt)
+    env = EstimateParameters(make(rig))
+    infos = []
+    rollout(env, OpenLoop(signal, rig.rate), int(4.0 * rig.rate), watch=infos.append)
+    env.close()
+    in_time(info["jitter"] for info in infos)
+    if "fault" in infos[-1]:
+        raise Disturbed(infos[-1]["fault"])
+    assert len(infos[-1]["estimates"]) == 6
+    for scheme, estimate in infos[-1]["estimates"].items():
+        np.testing.assert_allclose(estimate["theta"], TRUTH, rtol=0.02, err_msg=scheme)
 
 
 def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, tmp_path, monkeypatch, capsys):
@@ -79,16 +77,13 @@ def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, tmp_path, m
     path = tmp_path / "run.csv"
     command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "8", "-o", str(path)]
 
-    def attempt():
-        code, said = main(command), capsys.readouterr()
-        if code != 0:
-            raise Disturbed(said.err)
-        assert "after their tick" in said.out
-        in_time(np.loadtxt(path, delimiter=",", skiprows=1)[:, 3])
-        assert main(["diagnose", str(path)]) == 0
-        assert "What is missing\n- cogging: " in capsys.readouterr().out
-
-    once_in_time(attempt)
+    code, said = main(command), capsys.readouterr()
+    if code != 0:
+        raise Disturbed(said.err)
+    assert "after their tick" in said.out
+    in_time(np.loadtxt(path, delimiter=",", skiprows=1)[:, 3])
+    assert main(["diagnose", str(path)]) == 0
+    assert "What is missing\n- cogging: " in capsys.readouterr().out
 
 
 def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(emulated, tmp_path, capsys, monkeypatch):
@@ -108,7 +103,9 @@ def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(em
     assert len(read_recording(path)) >= 700
 
 
-@pytest.mark.parametrize("size", [70_000, 90_000])  # of some 100,000 bytes: on the way, and in the last rows
+@pytest.mark.parametrize(
+    "size", slow.but_first([70_000, 90_000])
+)  # of some 100,000 bytes: on the way, and in the last rows
 def test_record_on_a_disk_that_fills_up_ends_the_run_and_says_what_is_kept(emulated, tmp_path, capsys, size):
     rig = emulated("serial", limits=PATIENT)
     path = tmp_path / "run.csv"

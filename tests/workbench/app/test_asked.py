@@ -9,6 +9,7 @@ import pytest
 
 from pendulum_env.physics import BASE, Model
 from pendulum_env.recording import Source, write_recording
+from tests.patience import PATIENCE
 from tests.workbench.app.plants import recorded
 
 pytest.importorskip("dash")
@@ -24,7 +25,6 @@ from workbench.app.tasks import start_addition, start_diagnosis
 from workbench.cli import main
 
 ASKED = Asked(only="stribeck,quadratic_drag,spring", without="spring", fix="gravity=2.01", bound="viscous=0:0.2")
-PATIENCE = 120.0  # [s]; a process has to start
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +45,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     return session
 
 
+@pytest.mark.slow
 def test_what_is_asked_for_gives_what_the_command_line_gives(session: Session, workers: Workers) -> None:
     assert session.look_for(ASKED)
     base = session.state.model.estimates["gravity"]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from pendulum_env.recording import Recording, write_recording
+from tests.patience import PATIENCE
 
 pytest.importorskip("dash")
 
@@ -123,7 +124,7 @@ def test_a_worker_that_is_killed_is_a_sentence():
     workers.take = lambda: worker  # it died just after it was found to be alive
     worker._process.join()
     job.start()
-    assert job.over.wait(30)
+    assert job.over.wait(PATIENCE)
     assert told == ["the work ended unexpectedly: try again"]
     workers.close()
 

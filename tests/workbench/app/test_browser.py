@@ -15,6 +15,8 @@ import pytest
 
 from pendulum_env.physics import Model
 from pendulum_env.recording import write_recording
+from tests import slow
+from tests.patience import PATIENCE
 from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import recorded
 from workbench.cli import main
@@ -28,7 +30,7 @@ if CHROMIUM is None:
 FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync"]
 PICTURES = Path(".artefacts")
 WIDTHS = (420, 800, 1024, 1280, 1920)  # [px], from a telephone to a large screen
-PATIENCE = 30_000  # [ms]; nothing here is about how fast it is
+MS = 1000 * PATIENCE  # as Playwright counts
 STAGES = {
     "data": ".data .js-line",
     "model": ".model .js-line",
@@ -67,7 +69,7 @@ def served(*options: str) -> Iterator[str]:
         assert found is not None
         yield found[0]
         server.terminate()
-        assert server.wait(PATIENCE / 1000) == 0
+        assert server.wait(PATIENCE) == 0
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +87,7 @@ class Tab:
         self.address, self.complaints, self.calls = address, [], []
         self.context = browser.new_context(viewport={"width": 1280, "height": 900}, **options)
         self.page = self.context.new_page()
-        self.page.set_default_timeout(PATIENCE)
+        self.page.set_default_timeout(MS)
         self.page.on("console", lambda m: self.complaints.append(m.text) if m.type in ("error", "warning") else None)
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("request", lambda request: self.calls.append(request.url))
@@ -286,7 +288,8 @@ def test_a_broken_file_is_refused_in_the_words_of_the_command_line(
     assert tab.page.inner_text("#notice") == ""
 
 
-@pytest.mark.parametrize("width", [1024, 1400])
+@pytest.mark.slow
+@pytest.mark.parametrize("width", slow.but_first([1400, 1024]))
 def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, folder: Path, width: int) -> None:
     swing = recorded("swing", 1, 10.0)  # logged by a servo with a gear of 6, its current 8 ms late
     rows = zip(1e3 * swing.time[4:], np.degrees(-6 * swing.position[4:]), swing.torque[:-4] / 0.091, strict=True)
@@ -335,6 +338,7 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, fold
     page.wait_for_selector("#align-back")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="such names of files are allowed on Unix")
 def test_script_in_the_names_of_files_and_columns_is_text(tab: Tab, folder: Path, tmp_path: Path) -> None:
     hostile = "<img src=x onerror=\"document.title='taken'\">"
@@ -361,6 +365,7 @@ def test_script_in_the_names_of_files_and_columns_is_text(tab: Tab, folder: Path
     assert tab.complaints == []
 
 
+@pytest.mark.slow
 def test_tabs_are_apart_and_a_reload_changes_nothing(tab: Tab, browser: "sync_api.Browser", folder: Path) -> None:
     tab.load(folder / "swing.csv")
     tab.page.wait_for_selector("td:has-text('swing')")
@@ -387,6 +392,7 @@ def test_tabs_are_apart_and_a_reload_changes_nothing(tab: Tab, browser: "sync_ap
     other.close()
 
 
+@pytest.mark.slow
 def test_a_diagnosis_is_watched_over_a_reload_and_cancelled(tab: Tab, folder: Path) -> None:
     tab.load(folder / "swing.csv")
     tab.page.wait_for_selector("td:has-text('swing')")
@@ -407,6 +413,7 @@ def test_a_diagnosis_is_watched_over_a_reload_and_cancelled(tab: Tab, folder: Pa
     assert tab.page.inner_text("#any") == "Quadratic drag"  # it was chosen before
 
 
+@pytest.mark.slow
 def test_what_is_asked_for_is_saved_with_the_session_opened_again_and_undone(
     tab: Tab, browser: "sync_api.Browser", folder: Path
 ) -> None:
@@ -441,6 +448,7 @@ def test_what_is_asked_for_is_saved_with_the_session_opened_again_and_undone(
     assert page.locator(".ranking").count() == 0
 
 
+@pytest.mark.slow
 def test_a_keyboard_is_enough(tab: Tab) -> None:
     """The demo, a stage, a region of the residual and a diagnosis, without a mouse."""
     page = tab.page
@@ -472,6 +480,7 @@ def test_a_keyboard_is_enough(tab: Tab) -> None:
     page.wait_for_selector("#undo", state="detached")
 
 
+@pytest.mark.slow
 def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
     page = tab.page
     page.set_viewport_size({"width": 1400, "height": 1000})
@@ -489,7 +498,7 @@ def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
     assert wide <= seen  # no column is cut off
     page.wait_for_selector("#live-verdict:has-text('Model base: ')")
     assert page.is_disabled("#live-undo")
-    page.wait_for_selector(".odds th:has-text('Nothing')", timeout=2 * PATIENCE)
+    page.wait_for_selector(".odds th:has-text('Nothing')", timeout=MS)
     page.click("#live-stop")
     page.wait_for_function("() => document.querySelector('#live-said').textContent.startsWith('Ended')")
     page.click("#live-keep")
@@ -497,7 +506,8 @@ def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
     page.wait_for_selector("td:has-text('recording-1')")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", slow.but_first(["light", "dark"]))
 def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(
     browser: "sync_api.Browser", address: str, folder: Path, scheme: str
 ) -> None:
@@ -519,6 +529,7 @@ def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(
     tab.close()
 
 
+@pytest.mark.slow
 def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser: "sync_api.Browser", tmp_path: Path) -> None:
     survey = surveyed(tmp_path, weeks=4)
     with served("--fleet", str(survey.folder)) as address:

@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Event, Thread
+from threading import Thread
 from typing import Any
 
 import pytest
@@ -13,10 +13,10 @@ import pytest
 from estimators.progress import Progress, forward, no_progress
 from pendulum_env.physics import plugin
 from pendulum_env.reading import room_for
+from tests.patience import PATIENCE, wait_until
 from workbench.app.jobs import LOST, Job, Pace, Workers
 from workbench.mistakes import InputError
 
-PATIENCE = 60.0  # [s]; a process has to start
 PLUGIN = '''
 from dataclasses import dataclass
 from pendulum_env.physics import Column, Term, register
@@ -95,9 +95,7 @@ def test_a_worker_does_one_task_after_the_other(workers: Workers) -> None:
 
 def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers: Workers) -> None:
     witness = Witness(sleep, workers)
-    until = time.monotonic() + PATIENCE
-    while witness.job.pace.what != "sleeping" and time.monotonic() < until:
-        Event().wait(0.02)
+    wait_until(lambda: witness.job.pace.what == "sleeping")
     witness.job.cancel()
     assert not witness.job.running and witness.outcome == []
     assert Witness(functools.partial(count, 1), workers).wait() == 1  # another takes its place

@@ -1,10 +1,9 @@
 """Runs in real time, short ones."""
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from threading import Event, Thread
-from time import monotonic
 
 import numpy as np
 import pytest
@@ -13,6 +12,8 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from pendulum_env.backends.hardware.adapters import need
 from pendulum_env.recording import write_recording
 from pendulum_env.words import name
+from tests import slow
+from tests.patience import PATIENCE, wait_until
 from tests.pendulum_env.rigs import EmulatedRig, Host
 from tests.workbench.app.plants import recorded
 from workbench.app import live, missing
@@ -20,7 +21,6 @@ from workbench.app.live import Run, Setup
 from workbench.app.session import Session
 from workbench.app.sessions import Sessions
 
-PATIENCE = 30.0  # [s]
 LIMITS = {"torque": 4.0, "reply": 1.0, "gap": 2.0, "watchdog": 3.0}  # [N m], [s]; a busy machine is no fault here
 SERVER = """
 import sys, time
@@ -36,13 +36,6 @@ while True:
     time.sleep(0.1)
 """
 ID, OTHER = "0" * 32, "1" * 32
-
-
-def wait_until(so: Callable[[], bool]) -> None:
-    until = monotonic() + PATIENCE
-    while not so():
-        assert monotonic() < until
-        Event().wait(0.02)
 
 
 def finish(run: Run) -> None:
@@ -135,7 +128,7 @@ def sessions(rig: EmulatedRig) -> Iterator[Sessions]:
     sessions.close()
 
 
-@pytest.mark.parametrize("excitation", ["paper", "rl-peak"])
+@pytest.mark.parametrize("excitation", slow.but_first(["paper", "rl-peak"]))
 def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done(
     rig: EmulatedRig, sessions: Sessions, excitation: str
 ) -> None:
@@ -157,6 +150,7 @@ def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done
     assert len(torque) > 0.2 * run.rate and 3.0 < np.abs(torque).max() < 4.1
 
 
+@pytest.mark.slow
 def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: EmulatedRig, sessions: Sessions) -> None:
     session, looking, looked = sessions.of(ID), Event(), Event()
     run = driving(session)
@@ -166,7 +160,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
         looked.wait()
 
     run.follower.take = long  # type: ignore[method-assign]
-    assert looking.wait(30.0)
+    assert looking.wait(PATIENCE)
     stopping = Thread(target=session.halt)
     stopping.start()
     try:
@@ -179,6 +173,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
     assert run.look().trouble == ""  # what was measured until then has come through
 
 
+@pytest.mark.slow
 def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
     rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -195,6 +190,7 @@ def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
     assert is_off(rig)
 
 
+@pytest.mark.slow
 def test_the_rig_has_no_torque_when_nobody_watches(
     rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -204,6 +200,7 @@ def test_the_rig_has_no_torque_when_nobody_watches(
     assert is_off(rig) and run.look().time < 50.0
 
 
+@pytest.mark.slow
 def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig: EmulatedRig, sessions: Sessions) -> None:
     run = driving(sessions.of(ID))
     rig.signal(signal.SIGSTOP)  # it does not answer any more
@@ -212,6 +209,7 @@ def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig: EmulatedRig, sessions:
     assert np.isfinite(run.recording("rig").position).all() and (np.diff(run.recording("rig").time) > 0).all()
 
 
+@pytest.mark.slow
 def test_the_rig_has_no_torque_once_the_server_is_killed(rig: EmulatedRig) -> None:
     host = Host(SERVER, rig.config)
     try:

@@ -13,7 +13,7 @@ from threading import Event
 import numpy as np
 import pytest
 
-from estimators import add, diagnose
+from estimators import add
 from estimators.checks.residual import AXES, Region
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
@@ -22,6 +22,9 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Recording, Source, write_recording
 from pendulum_env.recording.study import read_sources
+from tests import slow
+from tests.cases import diagnosed
+from tests.patience import PATIENCE
 from tests.workbench.app.plants import recorded
 
 pytest.importorskip("dash")
@@ -411,14 +414,14 @@ def test_a_session_that_is_still_reading_its_recordings_holds_up_no_other(monkey
 
     def slow(self: Session, sources: object) -> None:
         reading.set()
-        assert read.wait(30)
+        assert read.wait(PATIENCE)
         self.notice = "read"
 
     monkeypatch.setattr(Session, "copy", slow)
     sessions._initial = (Source(Path("swing.csv")),)
     with ThreadPoolExecutor(2) as pool:
         first = pool.submit(sessions.of, IDS[1])
-        assert reading.wait(30)
+        assert reading.wait(PATIENCE)
         try:
             assert pool.submit(sessions.of, IDS[0]).result(30) is other and not first.done()
         finally:
@@ -548,12 +551,12 @@ def worked(state: State) -> dict[str, State]:
     begun = State.of(state.loaded, drag.terms, "start.json")
     states = {}
     for name, one in (("paper", state), ("file", begun)):
-        diagnosed = one.diagnosed(diagnose(one.train, base=one.terms), one.ladder)
-        states[name] = diagnosed.grown(add(one.model, "stribeck", one.train))
+        named = one.diagnosed(diagnosed(one.train, base=one.terms), one.ladder)
+        states[name] = named.grown(add(one.model, "stribeck", one.train))
     return states
 
 
-@pytest.fixture(params=["paper", "file"])
+@pytest.fixture(params=slow.but_first(["file", "paper"]))
 def at_work(
     worked: dict[str, State], request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> State:

@@ -1,0 +1,252 @@
+"""A catalogue of recordings whose truth is known, from a simulator that shares no model code, and their diagnoses.
+
+All are simulated at once, as a simulation of many takes little longer than one, and each is diagnosed once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import Diagnosis, diagnose
+from pendulum_env.physics import BASE, Model
+from pendulum_env.recording import Recording
+from tests import slow
+from tests.once import once
+
+PLANT = Plant()  # inertia 0.09, gravity 2, viscous 0.35, coulomb 0.8
+THETA = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hidden effect in the plant's words, its parameters in the library's, and what else may be said of it."""
+
+    hidden: dict[str, dict[str, float]] = field(default_factory=dict)
+    found: dict[str, float] = field(default_factory=dict)
+    experiment: Experiment = field(default_factory=Experiment)
+    plant: Plant = PLANT
+    command: np.ndarray | None = None  # [N m], in place of the excitation
+
+
+def run(seed: int, seconds: float = 9.0, rate: float = 500.0, **experiment: object) -> Experiment:
+    return Experiment(seed=seed, seconds=seconds, rate=rate, **experiment)  # type: ignore[arg-type]
+
+
+NULLS = {
+    "paper's encoder": Case(experiment=run(1, 8.0, 1000.0)),
+    "200 Hz": Case(experiment=run(2, 12.0, 200.0, counts=65_536)),
+    "coarse and noisy": Case(experiment=run(3, counts=8192, torque_noise=0.1)),
+    "filtered noise": Case(experiment=run(4, excitation="filtered_noise"), plant=Plant(0.06, 2.5, 0.45, 0.5)),
+    "steps": Case(experiment=run(5, excitation="steps"), plant=Plant(0.12, 1.2, 0.2, 1.0)),
+    "weak": Case(experiment=run(6, 12.0, scale=0.6)),
+    "exact": Case(experiment=run(7, counts=None, torque_noise=0.0)),
+    "position control": Case(experiment=run(8, 12.0, 200.0, excitation="pd_loop", counts=65_536)),
+}
+SINGLES = {
+    "stribeck": Case(
+        {"stribeck": {"strib_d": 0.45, "strib_v": 0.6}}, {"stribeck": 0.45, "stribeck.stribeck_velocity": 0.6}, run(11)
+    ),
+    "quadratic_drag": Case({"quadratic_drag": {"drag": 0.04}}, {"quadratic_drag": 0.04}, run(12)),
+    "load_dependent_friction": Case(
+        {"load_dependent_friction": {"load_mu": 0.1}}, {"load_dependent_friction": 0.1}, run(13)
+    ),
+    "cogging": Case(
+        {"cogging": {"cog_n": 9, "cog_s": 0.15, "cog_c": -0.1}},
+        {"cogging.sin": -0.15, "cogging.cos": 0.1, "cogging.order": 9},
+        run(14, counts=65_536),
+    ),
+    "payload_change": Case(
+        {"payload_change": {"pay_t": 4.0, "pay_I": 0.02, "pay_mgl": 0.4}},
+        {"payload_change.inertia": 0.02, "payload_change.gravity": 0.4, "payload_change.moment": 4.0},
+        run(15),
+    ),
+    "friction_drift": Case(
+        {"friction_drift": {"drift_a": 0.6, "drift_T": 3.0}},
+        {"friction_drift.viscous": 0.21, "friction_drift.coulomb": 0.48, "friction_drift.warm_up": 3.0},
+        run(16),
+    ),
+    "actuator_lag": Case({"actuator_lag": {"lag_T": 0.015}}, {"actuator_lag.time_constant": 0.015}, run(17)),
+    "dead_time": Case({"dead_time": {"dead_n": 4}}, {"dead_time.dead_time": 0.008}, run(18)),
+    "presliding": Case(
+        {"presliding": {"dahl_sigma": 30.0}}, {"presliding": 0.8, "presliding.displacement": 0.8 / 30}, run(19, 9.0)
+    ),
+    "encoder_eccentricity": Case(
+        {"encoder_eccentricity": {"ecc_e": 0.03, "ecc_ph": 0.7}},
+        {"encoder_eccentricity.sin": 0.03 * np.cos(0.7), "encoder_eccentricity.cos": 0.03 * np.sin(0.7)},
+        run(20),
+    ),
+    "torque_saturation": Case({"torque_saturation": {"sat": 7.0}}, {"torque_saturation.limit": 7.0}, run(21)),
+    "gravity_tilt": Case({"gravity_tilt": {"tilt_cos": 0.25}}, {"gravity_tilt": 0.25}, run(23)),
+    "spring": Case(
+        {"spring": {"spring_k": 0.3, "spring_q0": 0.4}}, {"spring.stiffness": 0.3, "spring.preload": -0.12}, run(24)
+    ),
+    "viscous_asymmetry": Case({"viscous_asymmetry": {"asym_v": 0.1}}, {"viscous_asymmetry": 0.1}, run(25)),
+    "position_dependent_friction": Case(
+        {"position_dependent_friction": {"pos_s": 0.25, "pos_c": -0.2}},
+        {"position_dependent_friction.sin": 0.25, "position_dependent_friction.cos": -0.2},
+        run(26),
+    ),
+    "torque_ripple": Case(
+        {"torque_ripple": {"rip_n": 6, "rip_s": 0.08, "rip_c": -0.05}},
+        {"torque_ripple.sin": -0.08, "torque_ripple.cos": 0.05, "torque_ripple.order": 6},
+        run(27),
+    ),
+    "periodic_disturbance": Case(
+        {"periodic_disturbance": {"dist_a": 0.25, "dist_w": 19.0}},
+        {"periodic_disturbance.sin": -0.25, "periodic_disturbance.frequency": 19.0},
+        run(28),
+    ),
+    "hard_stop": Case(
+        {"hard_stop": {"wall_lo": -1.1, "wall_hi": 0.9, "wall_k": 40.0, "wall_c": 0.05}},
+        {
+            "hard_stop.stiffness": 40.0,
+            "hard_stop.lower": -1.1,
+            "hard_stop.upper": 0.9,
+            "hard_stop.hysteresis": 0.05,
+        },
+        run(22, 9.0),
+    ),
+}
+TRANSMISSIONS = {
+    "joint_flexibility": Case({"joint_flexibility": {"Jm": 0.03, "bl_k": 22.0, "bl_d": 0.05}}, experiment=run(29)),
+    "backlash": Case({"backlash": {"Jm": 0.02, "bl_gap": 0.03, "bl_k": 400.0, "bl_d": 0.8}}, experiment=run(30)),
+}
+TWINS = {  # no data tell these two apart
+    "torque_offset": Case({"torque_offset": {"offset": 0.2}}, experiment=run(31)),
+    "coulomb_asymmetry": Case({"coulomb_asymmetry": {"asym_c": 0.2}}, experiment=run(32)),
+}
+PAIR = {
+    "stribeck and tilt": Case(
+        {"stribeck": {"strib_d": 0.45, "strib_v": 0.6}, "gravity_tilt": {"tilt_cos": 0.25}},
+        {"stribeck": 0.45, "gravity_tilt": 0.25},
+        run(33),
+    )
+}
+SHORT = {"short lag": Case({"actuator_lag": {"lag_T": 0.002}}, experiment=run(36))}
+OUTSIDE = {
+    "knocks": Case({"knocks": {"knock_rate": 2.0, "knock_height": 1.5, "knock_width": 0.04}}, experiment=run(34)),
+    "cubic_damping": Case({"cubic_damping": {"cubic": 0.01}}, experiment=run(35)),
+}
+
+
+def a_jump_at_every_sample() -> np.ndarray:
+    """A random binary command beside a slow one, 12 s at 250 Hz; its differences dwarf the noise of 0.02 N m."""
+    return 3 * np.sin(9 * np.arange(3000) / 250) + np.random.default_rng(5).choice([-2.0, 2.0], 3000)
+
+
+def at_random(seed: int) -> np.ndarray:
+    """The first thing that an agent does: a new torque every millisecond, for 8 s, which hardly moves the arm."""
+    return np.random.default_rng(seed).uniform(-15.0, 15.0, 8000)
+
+
+def a_swing() -> np.ndarray:
+    """Two tones, 12 s at 500 Hz, that a pendulum follows at up to 10 rad/s."""
+    time = np.arange(6000) / 500
+    return 5 * np.sin(4 * time) + 2 * np.sin(11 * time)
+
+
+def in_creep() -> np.ndarray:
+    """Two tones that hardly overcome friction, 16 s at 500 Hz."""
+    time = np.arange(8000) / 500
+    return 0.85 * (np.sin(12.07 * time) + np.sin(2.25 * time))
+
+
+def on_two_levels() -> np.ndarray:
+    """A torque of one size, forwards or backwards for 0.2 s, 12 s at 1 kHz."""
+    return 3.5 * np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 60), 200)
+
+
+ONE_STOP = {"wall_k": 60.0, "wall_d": 0.3}
+JUMPY = run(9, 12.0, 250.0, counts=None)
+SPRING = {"spring": {"spring_k": 0.4, "spring_q0": 0.5}}
+DRAG_AND_TILT = {"quadratic_drag": {"drag": 0.05}, "gravity_tilt": {"tilt_cos": 0.3}}
+RUBBING = SINGLES["stribeck"].hidden
+BLOW = np.where(np.arange(6000) // 5 == 526, -185.0, 0.0)  # [N m] for 10 ms, once, as it moves at 10 rad/s
+BRISTLES = Plant(0.063, 2.43, 0.458, 1.055, {"presliding": {"dahl_sigma": 79.4}})
+GEARS = {"load_dependent_friction": {"load_mu": 0.1, "load_w": 2.0}, "stribeck": {"strib_d": 0.4, "strib_v": 0.6}}
+CREEPING = Plant(0.09, 2.0, 0.36, 0.92, {"spring": {"spring_k": 0.3, "spring_q0": 0.3}})
+OF_THE_PAPER = Plant(0.0895, 2.01, 0.3638, 0.9163)
+WALLS = (-4.17, 5.0)  # [rad]
+STOPS = {"wall_lo": WALLS[0], "wall_hi": WALLS[1], "wall_k": 230.0, "wall_d": 2.1}
+SPECIAL = {  # of one test each
+    "jumpy": Case(experiment=JUMPY, command=a_jump_at_every_sample()),
+    "jumpy, drag and tilt": Case(DRAG_AND_TILT, experiment=JUMPY, command=a_jump_at_every_sample()),
+    "slowly fading": Case({"stribeck": {"strib_d": 0.45, "strib_v": 0.8, "strib_p": 1.0}}, experiment=run(60, 12.0)),
+    "lower stop": Case({"hard_stop": {"wall_lo": -0.9, **ONE_STOP}}, experiment=run(70, 12.0)),
+    "upper stop": Case({"hard_stop": {"wall_hi": 0.9, **ONE_STOP}}, experiment=run(70, 12.0)),
+    **{f"random {seed}": Case(experiment=run(seed, 8.0, 1000.0), command=at_random(seed)) for seed in range(3)},
+    "scale 0.7": Case(SPRING, experiment=run(50, 12.0, excitation="multisine", scale=0.7)),
+    "scale 0.35": Case(SPRING, experiment=run(50, 12.0, excitation="multisine", scale=0.35)),
+    "wide": Case(SPRING, experiment=run(51, 9.0, scale=0.8)),
+    "struck": Case(experiment=run(71, 12.0), command=a_swing() + BLOW),
+    "picked up": Case({"payload_change": {"pay_I": 0.03, "pay_mgl": 0.7, "pay_t": 5.0}}, experiment=run(61, 12.0)),
+    **{
+        f"rubbing {seed}": Case(RUBBING, experiment=run(seed, 6.0, excitation=kind))
+        for seed, kind in enumerate(["two_tone", "prbs", "steps"])
+    },
+    **{f"bristles {seed}": Case(plant=BRISTLES, experiment=run(seed, 10.0, 1000.0, counts=65_536)) for seed in (1, 2)},
+    **{f"gears {seed}": Case(GEARS, experiment=run(seed, 9.0, 200.0, excitation="pd_loop")) for seed in (41, 42, 43)},
+    "creep": Case(plant=CREEPING, experiment=run(3, 16.0), command=in_creep()),
+    "two levels": Case(experiment=run(0, 12.0, 1000.0, torque_noise=0.02), plant=OF_THE_PAPER, command=on_two_levels()),
+    "short": Case(experiment=run(31, 0.5, 250.0)),
+    "brief": Case(experiment=run(31, 3.0, 250.0)),
+    "bouncing": Case(
+        plant=Plant(0.03, 2.25, 0.0136, 0.05, {"hard_stop": STOPS}),
+        experiment=run(1, 15.0, excitation="steps", counts=16_384, torque_noise=0.03),
+    ),
+    "moving": Case(experiment=run(31, 12.0, 500.0)),
+}
+CASES = NULLS | SINGLES | TRANSMISSIONS | TWINS | PAIR | SHORT | OUTSIDE | SPECIAL
+
+
+NULLS_TRIED = slow.but(("paper's encoder", "steps", "position control"), NULLS)
+SINGLES_TRIED = slow.but(("stribeck", "cogging", "payload_change", "actuator_lag", "encoder_eccentricity"), SINGLES)
+QUICK = {  # simulated together, without those that take longer
+    *("paper's encoder", "steps", "position control", "stribeck", "cogging", "payload_change", "actuator_lag"),
+    *("encoder_eccentricity", "stribeck and tilt", "torque_offset", "knocks", "cubic_damping", "random 0", "short"),
+    *("bouncing", "brief", "moving", "quadratic_drag", "torque_saturation", "filtered noise"),
+}
+
+
+def recording(name: str) -> Recording:
+    """The recording of a case."""
+    return _recordings(tuple(other for other in CASES if (other in QUICK) == (name in QUICK)))[name]
+
+
+@once("benchmarks", "pendulum_env/recording")
+def _recordings(names: tuple[str, ...]) -> dict[str, Recording]:
+    cases = [CASES[name] for name in names]
+    plants = [
+        Plant(c.plant.inertia, c.plant.gravity, c.plant.viscous, c.plant.coulomb, c.plant.effects | c.hidden)
+        for c in cases
+    ]
+    runs = simulate(
+        [(plant, case.experiment) for plant, case in zip(plants, cases, strict=True)], [case.command for case in cases]
+    )
+    return {name: Recording(name, r.time, r.position, r.torque) for name, r in zip(names, runs, strict=True)}
+
+
+Some = str | Recording | Sequence[str | Recording]
+
+
+def diagnosed(train: Some, holdout: Some = (), **options: Any) -> Diagnosis:
+    """What `diagnose` says of recordings, or of cases of the catalogue, with the effects of the library; made once."""
+    return _diagnosed(_listed(train), _listed(holdout), **options)
+
+
+@once("pendulum_env", "estimators")
+def _diagnosed(train: list[Recording], holdout: list[Recording], **options: Any) -> Diagnosis:
+    return diagnose(train, holdout, **options)
+
+
+def _listed(some: Some) -> list[Recording]:
+    several = [some] if isinstance(some, str | Recording) else some
+    return [recording(one) if isinstance(one, str) else one for one in several]
+
+
+def plain() -> Model:
+    """The plant of the catalogue, with nothing hidden."""
+    return Model.build(BASE, np.array(list(THETA.values())))

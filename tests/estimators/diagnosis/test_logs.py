@@ -1,0 +1,193 @@
+"""Logs as they come: torque that is late, turned round or jumps, motion that is short, rests or is struck."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators import IdentificationError, align, identify
+from estimators.arguments import chosen_recordings
+from estimators.diagnosis.run import gather
+from estimators.selection.data import with_knocks
+from estimators.selection.search import Search
+from estimators.weak_form.dataset import prepare
+from pendulum_env.physics import BASE, Term, effect
+from pendulum_env.recording import Recording
+from tests import slow
+from tests.cases import BLOW, CASES, DRAG_AND_TILT, THETA, WALLS, diagnosed, plain, recording
+
+
+@pytest.mark.slow
+def test_torque_that_jumps_every_sample_is_not_taken_for_noise():
+    plain, spoiled = (diagnosed(name) for name in ("jumpy", "jumpy, drag and tilt"))
+    assert plain.selected == ()
+    assert plain.noise_floor < 0.05
+    assert set(spoiled.selected) == set(DRAG_AND_TILT)
+
+
+@pytest.mark.parametrize("name", slow.but_first(["stribeck", "paper's encoder", "filtered noise"]))
+def test_torque_that_is_logged_a_sample_late_is_corrected_and_becomes_no_effect(name):
+    """As in a log that appends state and torque after each step: the torque has acted by then."""
+    good = recording(name)
+    late = Recording("late", good.time[1:], good.position[1:], good.torque[:-1])
+    found = diagnosed([late])
+    assert found.selected == tuple(CASES[name].hidden)
+    assert found.unexplained == ()
+    assert found.alignments[0].delay == pytest.approx(1 / good.rate, rel=0.1)
+    assert "ms late" in found.advice[0]
+    assert found.json()["alignments"][0]["delay"]["value"] == found.alignments[0].delay
+    assert any("ms late" in doubt.text for doubt in identify([late], effects_of(name)).doubts)
+    assert not any("late" in doubt.text for doubt in identify([good], effects_of(name)).doubts)
+
+
+@pytest.mark.slow
+def test_friction_with_a_state_that_looks_like_late_torque_is_told_from_it():
+    runs = [recording(f"bristles {seed}") for seed in (1, 2)]
+    assert align(runs[:1]).is_late  # alone, beside what a joint usually has
+    found = diagnosed("bristles 1", "bristles 2")
+    assert found.selected == ("presliding",)
+    assert not any(one.is_found for one in found.alignments)
+    assert not any("late" in text for text in found.advice)
+    late = [replace(r, time=r.time[8:], position=r.position[8:], torque=r.torque[:-8]) for r in runs]
+    assert [one.delay for one in diagnosed(late[:1], late[1:]).alignments] == pytest.approx([0.008] * 2, abs=5e-4)
+
+
+def effects_of(name: str) -> tuple[Term, ...]:
+    return (*BASE, *(effect(id)() for id in CASES[name].hidden))
+
+
+def test_torque_of_the_other_sign_is_told():
+    r = recording("paper's encoder")
+    turned = Recording("turned", r.time, r.position, -r.torque)
+    assert any("opposite signs" in doubt.text for doubt in identify([turned]).doubts)
+    found = diagnosed([turned])
+    assert found.selected == ()
+    assert "opposite signs" in found.unexplained[0].text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("stop", "open"), slow.but_first([("lower", "no upper stop"), ("upper", "no lower")]))
+def test_of_a_damped_stop_to_one_side_the_other_side_is_left_open(stop, open):
+    angle = {"lower": -0.9, "upper": 0.9}[stop]
+    r = recording(f"{stop} stop")
+    found = diagnosed(f"{stop} stop")
+    assert found.selected == ("hard_stop",)
+    truth = {"hard_stop.stiffness": 60.0, f"hard_stop.{stop}": angle, "hard_stop.damping_time": 0.3 / 60.0}
+    assert {name: found.model.estimates[name].value for name in truth} == pytest.approx(truth, rel=0.03)
+    assert {f"hard_stop.{side}" for side in ("lower", "upper")} & found.model.estimates.keys() == {f"hard_stop.{stop}"}
+    furthest = r.position.max() if stop == "lower" else r.position.min()
+    (advice,) = (text for text in found.advice if open in text)
+    assert f"{furthest:.3g} rad" in advice
+
+
+@pytest.mark.parametrize("seed", slow.but_first(range(3)))
+def test_actions_drawn_at_random_raise_no_alarm(seed):
+    found = diagnosed(f"random {seed}")
+    assert found.selected == ()
+    assert found.unexplained == ()
+    estimates = found.model.estimates
+    assert all(abs(estimates[name].value - truth) < 0.15 * truth for name, truth in THETA.items())
+
+
+@pytest.mark.slow
+def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found(bouncing):
+    found = diagnosed("bouncing")
+    assert found.selected == ("hard_stop",)
+    stops = found.model.terms[-1].shape
+    assert (stops["lower"], stops["upper"]) == pytest.approx(WALLS, abs=0.05)
+    base, last = found.steps[0].errors["holdout"], found.steps[-1].errors["holdout"]
+    assert last.torque_rms < 0.3 * base.torque_rms
+    assert last.position_rms < 0.1 * base.position_rms
+    (windows,) = prepare([bouncing]).windows
+    assert found.noise_floor == pytest.approx(windows.noise(0.03), rel=0.1)  # however wrong the base model is
+
+
+@pytest.mark.slow
+def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt(monkeypatch):
+    struck = recording("struck")
+    struck = replace(struck, torque=struck.torque - BLOW)
+    evidence = gather([struck])
+    assert with_knocks(evidence, BASE) is evidence
+    found = diagnosed([struck])
+    assert found.selected == ()
+    assert found.unexplained
+    monkeypatch.setattr("estimators.selection.data.REPEATED", 1)
+    assert with_knocks(evidence, BASE)[0].data.knocks == 1  # it was seen
+
+
+def test_a_simulation_without_noise_hides_nothing():
+    period = 2e-3
+    time = period * np.arange(4000)
+    torque = 3 * np.sin(12.07 * time) + 3 * np.sin(2.25 * time)
+    position = plain().simulate(period, torque, 0.0, 0.0).position[:-1, 0]
+    found = diagnosed([Recording("exact", time, position, torque)])
+    assert found.selected == ()
+    assert found.unexplained == ()
+
+
+def test_the_ringing_of_a_transmission_is_followed_into_the_end_that_is_held_out():
+    """The link swings on for seconds: where a recording is split, the state at the cut is known from before."""
+    link = 0.06
+    flexibility = effect("joint_flexibility")(resonance=19.0, damping=0.8, gravity=2 / link)
+    model = plain().add(flexibility, link)
+    rng, time = np.random.default_rng(0), np.arange(5000) / 500
+    torque = 3 * np.sin(12.07 * time + 1) + 3 * np.sin(2.25 * time + 2)
+    position = model.simulate(2e-3, torque, 0.0, 0.0).position[:-1, 0]
+    noisy = Recording("ringing", time, np.round(position, 6), torque + 0.02 * rng.standard_normal(5000))
+    train, holdout = gather([noisy])
+    assert train.errors(model).torque_rms < 0.05
+    assert holdout.errors(model).torque_rms < 0.05
+    assert holdout.errors(model).position_rms < 0.01
+
+
+def test_a_recording_at_rest_is_refused_with_what_to_do():
+    time = np.arange(4000) / 500
+    with pytest.raises(IdentificationError, match="record longer, faster or wider motion"):
+        diagnosed([Recording("resting", time, np.zeros(4000), 0.5 * np.sin(time))])
+
+
+def test_half_a_second_of_motion_is_diagnosed_with_a_caveat_and_nothing_is_named():
+    found = diagnosed("short")
+    assert found.selected == ()
+    assert any("stretches of motion are clear of stick" in text for text in found.advice)
+
+
+@pytest.mark.slow
+def test_time_counts_from_the_start_whatever_the_clock_says():
+    early = recording("stribeck")
+    since_boot = Recording("stribeck", 2e6 + early.time, early.position, early.torque)
+    (one,), (other,) = (chosen_recordings(recording) for recording in (early, since_boot))
+    assert other.time == pytest.approx(one.time, abs=1e-6)
+    made = recording("picked up")
+    found = diagnosed([Recording("picked up", 2e6 + made.time, made.position, made.torque)])
+    assert found.selected == ("payload_change",)
+    assert found.model.estimates["payload_change.moment"].value == pytest.approx(5.0, abs=0.05)
+
+
+def test_a_recording_without_motion_changes_nothing_beside_a_good_one():
+    good = recording("filtered noise")
+    still = Recording("still", good.time[:2000], np.zeros(2000), np.full(2000, 0.01))
+    alone, beside = (Search(*gather(those)).step(None, BASE).model for those in ([good], [still, good]))
+    assert beside.theta == pytest.approx(alone.theta, rel=1e-6)
+
+
+@pytest.mark.parametrize("begins", slow.but_first([False, True]))
+def test_a_log_that_is_mostly_at_rest_is_split_where_it_moves(begins):
+    moving = recording("moving")
+    rest = 3 * len(moving) if begins else len(moving)
+    time = np.arange(len(moving) + rest) / moving.rate
+    still = np.full(rest, moving.position[0 if begins else -1])
+    parts = [(moving.position, moving.torque), (still, np.zeros(rest))]
+    log = Recording("rests", time, *(np.concatenate(one) for one in zip(*parts[:: -1 if begins else 1], strict=True)))
+    train, holdout = gather([log])
+    whole, _ = gather([moving], [moving])
+    assert len(train.data.weights) + len(holdout.data.weights) == pytest.approx(len(whole.data.weights), rel=0.03)
+    assert len(holdout.data.weights) == pytest.approx(0.3 * len(whole.data.weights), rel=0.05)
+
+
+def test_where_windows_are_too_few_to_hold_some_out_shorter_ones_are_taken(monkeypatch):
+    brief = recording("brief")
+    monkeypatch.setattr("estimators.diagnosis.run.choose_half_width", lambda _: 0.08)
+    few = len(prepare([brief], [0.08]).weights)
+    train, holdout = gather([brief])
+    assert few < 20 and min(len(part.data.weights) for part in (train, holdout)) >= 10

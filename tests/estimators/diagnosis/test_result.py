@@ -1,0 +1,77 @@
+"""A diagnosis as data: laid out as promised, the same each time, and told while it is made."""
+
+import json
+
+import numpy as np
+import pytest
+
+from estimators import diagnose
+from pendulum_env.physics import effects
+from tests.cases import THETA, diagnosed, recording
+
+
+def is_number(value: object) -> bool:
+    return isinstance(value, float | int) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def check_theta(theta: dict) -> None:
+    for name, entry in theta.items():
+        assert isinstance(name, str)
+        assert entry.keys() == {"value", "std", "unit"}
+        assert is_number(entry["value"])
+        assert is_number(entry["std"])
+        assert entry["std"] >= 0
+        assert isinstance(entry["unit"], str)
+
+
+@pytest.mark.parametrize("name", ["steps", "stribeck", "torque_offset", "stribeck and tilt", "knocks"])
+def test_json_is_laid_out_as_promised(name):
+    data = diagnosed(name).json()
+    assert json.loads(json.dumps(data, allow_nan=False)) == data
+    assert data["schema"] == "pendulum-ident/diagnosis@1"
+    assert data["base"]["terms"] == ["inertia", "gravity", "viscous", "coulomb"]
+    assert data["base"]["theta"].keys() == THETA.keys()
+    check_theta(data["base"]["theta"])
+    assert [step["added"] for step in data["steps"]] == [None, *data["selected"]]
+    for step in data["steps"]:
+        check_theta(step["theta"])
+        assert step["errors"].keys() == {"train", "holdout"}
+        for errors in step["errors"].values():
+            assert errors.keys() == {"torque_rms", "position_rms", "torque_fit", "position_fit"}
+            assert all(is_number(value) for value in errors.values())
+            assert errors["torque_rms"] > 0 and errors["position_rms"] > 0
+            assert errors["torque_fit"] <= 100 and errors["position_fit"] <= 100  # [%]
+    for candidate in data["candidates"]:
+        assert candidate.keys() == {"effect", "score", "verdict", "error_ratio", "reason", "gain"}
+        assert candidate["effect"] in effects()
+        assert 0 <= candidate["score"] <= 1
+        assert candidate["verdict"] in {"selected", "ambiguous", "rejected", "not_excited"}
+        assert is_number(candidate["error_ratio"])
+        assert candidate["reason"].strip()
+    named = [candidate["effect"] for candidate in data["candidates"]]
+    assert len(set(named)) == len(named)
+    assert named[: len(data["selected"])] == sorted(data["selected"], key=named.index)
+    assert {c["effect"] for c in data["candidates"] if c["verdict"] == "selected"} == set(data["selected"])
+    in_groups = {id for group in data["ambiguous"] for id in group} - set(data["selected"])
+    assert {c["effect"] for c in data["candidates"] if c["verdict"] == "ambiguous"} == in_groups
+    assert data["unexplained"].keys() == {"present", "where"}
+    assert data["unexplained"]["present"] == (data["unexplained"]["where"] is not None)
+    assert bool(data["regions"]) == data["unexplained"]["present"]
+    assert data["noise_floor"]["torque_rms"] > 0
+
+
+@pytest.mark.parametrize("name", ["steps", "stribeck", "stribeck and tilt"])
+def test_every_effect_of_the_library_has_a_verdict(name):
+    assert {candidate.effect for candidate in diagnosed(name).candidates} == effects().keys()
+
+
+def test_the_same_data_give_the_same_diagnosis():
+    assert diagnose([recording("stribeck")]).json() == diagnosed("stribeck").json()
+
+
+def test_progress_is_told_in_words_and_shares():
+    told: list[tuple[str, float]] = []
+    diagnose([recording("steps")], progress=lambda what, share: told.append((what, share)))
+    assert told[-1] == ("done", 1.0)
+    assert all(what and 0 <= share <= 1 for what, share in told)
+    assert "screening stribeck" in dict(told)

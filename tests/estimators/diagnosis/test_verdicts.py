@@ -1,0 +1,249 @@
+"""Verdicts: what is hidden is named and measured, what is not there is not, and what nothing explains is said."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from estimators import diagnose
+from estimators.diagnosis.run import gather
+from estimators.selection.data import fit_terms
+from estimators.selection.search import Search
+from pendulum_env.physics import BASE, Column, Model, Term, effect, effects, library, register
+from tests import slow
+from tests.cases import (
+    CASES,
+    NULLS_TRIED,
+    PAIR,
+    SINGLES,
+    SINGLES_TRIED,
+    THETA,
+    TRANSMISSIONS,
+    TWINS,
+    diagnosed,
+    recording,
+)
+
+
+@pytest.mark.parametrize("name", NULLS_TRIED)
+def test_where_nothing_is_hidden_nothing_is_selected(name):
+    found = diagnosed(name)
+    assert found.selected == ()
+    assert found.ambiguous == ()
+    assert found.unexplained == ()
+    assert {c.verdict for c in found.candidates} <= {"rejected", "not_excited"}
+    assert found.model.effects == ()
+
+
+@pytest.mark.parametrize("name", SINGLES_TRIED)
+def test_a_hidden_effect_is_named_alone(name):
+    found = diagnosed(name)
+    assert found.selected == (name,)
+    assert found.unexplained == ()
+    assert found.candidates[0].effect == name
+    assert found.candidates[0].verdict == "selected"
+    assert found.candidates[0].error_ratio < 1 / 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", slow.but_first(TRANSMISSIONS))
+def test_a_hidden_transmission_is_named_alone_and_errors_fall(name):
+    found = diagnosed(name)
+    assert found.selected == (name,)
+    first, last = (step.errors["holdout"] for step in found.steps)
+    assert last.torque_rms < first.torque_rms / 3 and last.position_rms < first.position_rms / 3
+
+
+def test_every_effect_of_the_library_is_told_when_hidden():
+    assert effects().keys() == SINGLES.keys() | TRANSMISSIONS.keys() | TWINS.keys()
+
+
+@pytest.mark.parametrize("name", [*SINGLES_TRIED, *slow.but_first(TWINS), *PAIR])
+def test_adding_what_was_hidden_lowers_both_held_out_errors(name):
+    first, *_, last = diagnosed(name).steps
+    for part in ("train", "holdout"):
+        assert last.errors[part].torque_rms < first.errors[part].torque_rms / 1.5
+        assert last.errors[part].position_rms < first.errors[part].position_rms / 1.5
+    assert last.errors["holdout"].torque_rms < 2 * diagnosed(name).noise_floor
+
+
+@pytest.mark.parametrize("name", [*SINGLES_TRIED, *PAIR])
+def test_parameters_lie_within_a_few_standard_errors_of_the_truth(name):
+    estimates = diagnosed(name).model.estimates
+    for parameter, truth in (THETA | CASES[name].found).items():
+        estimate = estimates[parameter]
+        assert abs(estimate.value - truth) < 5 * estimate.std + 0.01 * abs(truth), parameter
+        assert estimate.std < 0.03 * abs(truth), parameter
+
+
+@pytest.mark.parametrize("name", SINGLES_TRIED)
+def test_leaving_the_effect_out_biases_the_pendulum_itself(name):
+    first, last = diagnosed(name).steps
+    bias = {
+        parameter: abs(first.model.estimates[parameter].value - truth) / last.model.estimates[parameter].std
+        for parameter, truth in THETA.items()
+    }
+    assert max(bias.values()) > 5
+
+
+@pytest.mark.parametrize("name", ["quadratic_drag", "torque_saturation"])
+def test_the_bias_exceeds_what_the_wrong_model_claims_for_itself(name):
+    train, _ = gather([recording(name)])
+    estimates = fit_terms(train, BASE)[0].estimates
+    claimed = [abs(estimates[parameter].value - truth) / estimates[parameter].std for parameter, truth in THETA.items()]
+    assert max(claimed) > 5
+
+
+def test_two_hidden_effects_are_both_named_and_the_error_falls_with_each():
+    found = diagnosed("stribeck and tilt")
+    assert set(found.selected) == {"stribeck", "gravity_tilt"}
+    errors = [step.errors["holdout"] for step in found.steps]
+    assert [e.torque_rms for e in errors] == sorted((e.torque_rms for e in errors), reverse=True)
+    assert [e.position_rms for e in errors] == sorted((e.position_rms for e in errors), reverse=True)
+
+
+@pytest.mark.parametrize("name", slow.but_first(TWINS))
+def test_an_offset_and_an_asymmetry_of_dry_friction_are_reported_together(name):
+    found = diagnosed(name)
+    assert len(found.selected) == 1
+    (group,) = found.ambiguous
+    assert set(group) == set(TWINS)
+    verdicts = {c.effect: c.verdict for c in found.candidates}
+    assert sorted(verdicts[id] for id in TWINS) == ["ambiguous", "selected"]
+    assert any("torque_offset" in text and "coulomb_asymmetry" in text for text in found.advice)
+    (added,) = [estimate for id, estimate in found.model.estimates.items() if id in TWINS]
+    assert abs(added.value) == pytest.approx(0.2, abs=5 * added.std + 0.002)
+
+
+@pytest.mark.slow
+def test_an_unusual_exponent_of_stribeck_friction_is_found_and_a_usual_one_is_no_parameter():
+    found = diagnosed("slowly fading")
+    assert found.selected == ("stribeck",)
+    exponent = found.model.estimates["stribeck.exponent"]
+    assert abs(exponent.value - 1.0) < 3 * exponent.std < 0.2
+    assert Model.from_json(found.model.json()) == found.model
+    usual = diagnosed("stribeck").model
+    assert "stribeck.exponent" not in usual.estimates
+    assert Model.from_json(usual.json()) == usual
+
+
+def test_what_no_effect_of_the_library_explains_is_reported_with_its_place_and_forced_into_none():
+    found = diagnosed("knocks")
+    assert found.selected == ()
+    assert found.unexplained
+    assert found.json()["unexplained"]["present"] is True
+    assert "the joint needs" in found.json()["unexplained"]["where"]
+    assert found.steps[-1].errors["holdout"].torque_rms > 2 * found.noise_floor
+
+
+def test_damping_with_a_cube_is_unexplained_and_no_pair_of_named_frictions():
+    found = diagnosed("cubic_damping")
+    assert found.selected == ()
+    assert "grows as |q'|^3" in found.json()["unexplained"]["where"]
+
+
+@pytest.mark.slow
+def test_gears_that_are_also_pressed_by_the_weight_are_load_dependent():
+    found = diagnosed(["gears 41", "gears 42"], "gears 43")
+    assert set(found.selected) == {"load_dependent_friction", "stribeck"}
+    estimates = found.model.estimates
+    assert estimates["load_dependent_friction"].value == pytest.approx(0.1, rel=0.2)
+    assert estimates["load_dependent_friction.weight"].value == pytest.approx(2.0, rel=0.3)
+
+
+def test_first_comes_what_the_model_can_do_without_least():
+    found = diagnosed("stribeck and tilt")
+    added = {step.added: step.model.terms[-1] for step in found.steps[1:]}
+    train, _ = gather([recording("stribeck and tilt")])
+    errors = []
+    for id in found.selected:
+        without = tuple(term for term in found.model.terms if term.id != id)
+        errors.append(train.errors(fit_terms(train, without)[0]).torque_rms)
+    assert list(added) == list(found.selected)
+    assert errors == sorted(errors, reverse=True)
+
+
+@pytest.mark.slow
+def test_torque_is_not_explained_by_torque():
+    """In creep |tau + w sin q| sgn q' may be the torque itself: gears that eat it all would explain everything."""
+    search = Search(*gather([recording("creep")]))
+    base = search.settle(BASE)
+    alone = np.std(search.screen.residual(base))
+    for friction in effect("load_dependent_friction").grid(search.train.samples, search.screen.residual(base)):
+        balance = search.screen.balance((*base, friction))
+        eaten = balance.y - balance.phi @ np.linalg.lstsq(balance.phi, balance.y, rcond=None)[0]
+        assert np.std(eaten) < search.floor < 0.9 * alone  # of the equation nothing is left,
+        assert np.std(balance.error(balance.solve())) > 0.99 * alone  # and nothing is explained
+    found = diagnosed("creep")
+    assert "load_dependent_friction" not in {*found.selected, *(id for group in found.ambiguous for id in group)}
+    assert all(0 <= candidate.score <= 1 for candidate in found.candidates)
+
+
+@pytest.mark.slow
+def test_torque_of_one_size_does_not_show_saturation():
+    """A law that scales it only changes units, and flattens its noise, which must not count as an explanation."""
+    found = diagnosed("two levels")
+    assert found.selected == ()
+    assert found.model.estimates["inertia"].value == pytest.approx(0.0895, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_lag_as_short_as_a_sample_is_never_taken_for_a_delay_without_a_word():
+    found = diagnosed("short lag")
+    assert len(found.selected) == 1
+    assert "actuator_lag" in found.selected or ("dead_time", "actuator_lag") in found.ambiguous
+    if "actuator_lag" in found.selected:
+        assert found.model.estimates["actuator_lag.time_constant"].value == pytest.approx(0.002, rel=0.05)
+
+
+def test_a_users_own_effect_is_found_like_any_other(monkeypatch):
+    monkeypatch.setattr(library, "_registered", {})
+
+    @register
+    @dataclass(frozen=True)
+    class CubicDamping(Term):
+        """Damping that grows with the cube of the speed."""
+
+        id = "cubic_damping"
+        law = "c q'^3"
+        kind = "dissipative"
+
+        @property
+        def columns(self) -> tuple[Column, ...]:
+            return (Column("cubic_damping", "N m s^3/rad^3", force=lambda x: x.velocity**3),)
+
+    found = diagnose([recording("cubic_damping")])
+    assert found.selected == ("cubic_damping",)
+    assert found.unexplained == ()
+    assert found.model.estimates["cubic_damping"].value == pytest.approx(0.01, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_base_model_that_has_the_effect_already_needs_nothing_more():
+    found = diagnose([recording("stribeck")], base=(*BASE, effect("stribeck")(stribeck_velocity=0.2)))
+    assert found.selected == ()
+    assert found.model.estimates["stribeck.stribeck_velocity"].value == pytest.approx(0.6, rel=0.05)
+    assert "stribeck" not in {c.effect for c in found.candidates}
+
+
+@pytest.mark.slow
+def test_several_recordings_are_fitted_jointly_and_confirmed_on_another():
+    found = diagnosed(["rubbing 0", "rubbing 1"], "rubbing 2")
+    assert found.selected == ("stribeck",)
+    assert found.model.estimates["stribeck"].value == pytest.approx(0.45, rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scale", "reach"), slow.but_first([(0.7, 0.8), (0.35, 0.3)]))
+def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(scale, reach):
+    """In small swings they look the same; in very small ones no wide swing is predicted well, and both are told."""
+    narrow, wide = recording(f"scale {scale}"), recording("wide")
+    assert np.ptp(narrow.position) < reach
+    assert np.ptp(wide.position) > 2.0
+    found = diagnosed(f"scale {scale}", "wide")
+    if scale < 0.7:
+        assert any("spring" in text for text in found.advice)
+        assert found.unexplained  # in what was held out
+    else:
+        assert found.selected == ("spring",)
+    assert "spring" not in diagnosed(f"scale {scale}").selected
