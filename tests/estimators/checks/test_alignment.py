@@ -50,7 +50,7 @@ def logged_filtered(recording: Recording, time_constant: float) -> Recording:
     return replace(recording, torque=lfilter([1 - keep], [1, -keep], recording.torque))
 
 
-@pytest.mark.parametrize(("excitation", "samples"), [*zip(KINDS, (1, 5, 10, 30, 3), strict=True)])
+@pytest.mark.parametrize(("excitation", "samples"), slow.but_first(zip(KINDS, (1, 5, 10, 30, 3), strict=True)))
 def test_torque_that_is_logged_late_is_found_to_a_fifth_of_a_sample(excitation, samples):
     found = align([logged_late(run(excitation, 1000.0), samples)])
     assert found.is_late
@@ -89,7 +89,7 @@ def test_a_delay_and_a_filter_are_found_together():
     assert found.lag == pytest.approx(0.01, rel=0.05)
 
 
-@pytest.mark.parametrize("excitation", [*KINDS, "pd_loop"])
+@pytest.mark.parametrize("excitation", slow.but_first(["pd_loop", *KINDS]))
 def test_torque_in_time_is_left_alone(excitation):
     recording = run(excitation, 500.0)
     found = align([recording])

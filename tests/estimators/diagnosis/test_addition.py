@@ -6,6 +6,7 @@ from estimators import add
 from pendulum_env.physics import Model, ModelError, effects
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording
+from tests import slow
 from tests.cases import plain, recording
 
 
@@ -19,7 +20,7 @@ def held_out_ratio(model: Model, id: str, recording: Recording) -> float:
 WRONG = ["gravity_tilt", "viscous_asymmetry", "load_dependent_friction", "cogging", "spring", "dead_time", "presliding"]
 
 
-@pytest.mark.parametrize("id", WRONG)
+@pytest.mark.parametrize("id", slow.but(WRONG[2:4], WRONG))
 def test_adding_an_effect_that_is_not_there_does_not_lower_the_held_out_error(id):
     assert held_out_ratio(plain(), id, recording("steps")) > 0.985
     assert held_out_ratio(hide(plain(), "stribeck"), id, recording("stribeck")) > 0.985

@@ -136,6 +136,7 @@ def test_what_no_effect_of_the_library_explains_is_reported_with_its_place_and_f
     assert found.steps[-1].errors["holdout"].torque_rms > 2 * found.noise_floor
 
 
+@pytest.mark.slow
 def test_damping_with_a_cube_is_unexplained_and_no_pair_of_named_frictions():
     found = diagnosed("cubic_damping")
     assert found.selected == ()

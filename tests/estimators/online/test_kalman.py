@@ -13,6 +13,7 @@ from estimators.online import Estimates, OnlineEstimator
 from estimators.online.kalman import FADING, NAMES, OURS
 from estimators.wrappers import EstimateParameters
 from pendulum_env.registration import PENDULUM
+from tests import slow
 
 FILTERPY = NAMES[1:]
 OPTIONS = {"all": {}, "wandering": {"random_walk": 0.05}, "anew": {"reset_every": 1.0}}
@@ -33,7 +34,7 @@ def estimates(name: str, case: str) -> list[Estimates]:
 
 
 @pytest.mark.parametrize("case", OPTIONS)
-@pytest.mark.parametrize("name", FILTERPY)
+@pytest.mark.parametrize("name", slow.but_first(FILTERPY))
 def test_theta_and_covariances_are_those_of_ours(name, case):
     """To 1e-8, for all six schemes, early and late; those that keep P itself lose digits where it starts anew."""
     close = 1e-4 if case == "anew" and name in FADING else 1e-8
