@@ -203,10 +203,10 @@ CASES = NULLS | SINGLES | TRANSMISSIONS | TWINS | PAIR | SHORT | OUTSIDE | SPECI
 
 
 NULLS_TRIED = slow.but(("paper's encoder", "steps", "position control"), NULLS)
-SINGLES_TRIED = slow.but(("stribeck", "cogging", "payload_change", "actuator_lag", "encoder_eccentricity"), SINGLES)
+SINGLES_TRIED = slow.but(("stribeck", "cogging", "payload_change", "actuator_lag"), SINGLES)
 QUICK = {  # simulated together, without those that take longer
     *("paper's encoder", "steps", "position control", "stribeck", "cogging", "payload_change", "actuator_lag"),
-    *("encoder_eccentricity", "stribeck and tilt", "torque_offset", "knocks", "cubic_damping", "random 0", "short"),
+    *("stribeck and tilt", "torque_offset", "knocks", "cubic_damping", "random 0", "short"),
     *("bouncing", "brief", "moving", "quadratic_drag", "torque_saturation", "filtered noise"),
 }
 

@@ -8,7 +8,6 @@ import pytest
 from benchmarks import ambiguity
 from benchmarks.ambiguity import BRIEF, POOR, SUGGESTED, examine, poor_study, record, undecided
 from estimators.diagnosis.suggestion import Aim
-from tests import slow
 
 
 def test_undecided_is_what_some_torque_could_decide():
@@ -21,7 +20,8 @@ def test_undecided_is_what_some_torque_could_decide():
     assert not undecided(SimpleNamespace(ambiguous=(), inseparable=(), suggestion=None))
 
 
-@pytest.mark.parametrize("poor", slow.but_first(POOR), ids=lambda poor: poor.__name__)
+@pytest.mark.slow
+@pytest.mark.parametrize("poor", POOR, ids=lambda poor: poor.__name__)
 def test_poor_experiments_repeat_and_the_second_differs(poor):
     study = next(s for s in (poor_study(np.random.default_rng(k), 9) for k in range(99)) if s.poor is poor)
     first, again, second = (record(study, BRIEF, poor, number) for number in (0, 0, 1))

@@ -42,6 +42,7 @@ def test_the_same_seed_gives_the_same_recording(drive):
     assert not np.array_equal(one.command, other.command)
 
 
+@pytest.mark.slow
 def test_a_random_case_matters_and_its_held_out_run_is_under_another_torque():
     *_, entry = case(("stribeck",), 5)
     assert entry["effect_share"]["train"]["refit"] > 0.03

@@ -91,6 +91,7 @@ def test_the_true_parameters_explain_the_recording(id: str, runs: dict[str, Simu
     assert error(*BASE, term) < 0.3 * error(*BASE)
 
 
+@pytest.mark.slow
 def test_known_truth_prints_a_line_for_each_recording_and_totals(tmp_path: Path, capsys) -> None:
     case = random_case(np.random.default_rng(3), ["torque_offset"], rate=200.0, seconds=6.0, excitation="two_tone")
     train, holdout = simulate([(case.plant, case.train), (case.plant, case.holdout)])

@@ -32,6 +32,7 @@ def two_tone():
     return observe(baseline("two-tone", "peak", 1), "peak", 6, seed=3)
 
 
+@pytest.mark.slow
 def test_every_policy_meets_the_same_plants_and_the_estimator_finds_them(two_tone):
     first = two_tone
     again, other = (observe(baseline(name, "peak", 1), "peak", 6, seed=3) for name in ("two-tone", "prbs"))

@@ -214,6 +214,7 @@ def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, tmp_path, 
     assert outputs["--report"].read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
 
 
+@pytest.mark.slow
 def test_diagnose_starts_from_a_model_and_holds_out_the_end(runs, tmp_path, capsys, few_effects):
     model, path = tmp_path / "m.json", tmp_path / "d.json"
     assert main(["add", str(runs / "model.json"), "stribeck", str(runs / "train.csv"), "-o", str(model)]) == 0
@@ -335,6 +336,7 @@ def test_unwrap_mends_wrapped_angles(wrapped, capsys):
     assert "unwrapped" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_columns_are_those_the_user_names(runs, tmp_path, capsys):
     odd, saved = tmp_path / "odd.csv", tmp_path / "model.json"
     recording = read_recording(runs / "train.csv")

@@ -374,6 +374,7 @@ def test_a_browser_walks_the_page(page):
     assert not faults
 
 
+@pytest.mark.slow
 def test_a_fleet_in_which_nothing_happens_shows_nothing(tmp_path, client):
     fleet = fleet_of(tmp_path, client, lambda arm, joint, week, usual, gains: {**usual, "gains": gains})
     assert not (fleet.drifting or fleet.jumping or fleet.effects or fleet.odd or fleet.shared)

@@ -33,6 +33,7 @@ def plain():
     return six_joint.simulate(1, seconds=12.0)
 
 
+@pytest.mark.slow
 def test_torque_of_six_joints_in_mujoco_is_predicted_within_two_per_cent(six, plain):
     found = identify_arm(plain, six, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"]
     errors = compare_arm(found.model, six_joint.simulate(2, seconds=5.0))
@@ -91,6 +92,7 @@ def offset_run(two, offset):
     return ArmRecording.of("two", two.joints, time, position, torque + np.array(offset))
 
 
+@pytest.mark.slow
 def test_of_equal_laws_the_simplest_is_named_and_the_others_told(two):
     found = diagnose_arm(offset_run(two, (0.0, 0.3)), two)
     assert found.selected == ("torque_offset@elbow",)

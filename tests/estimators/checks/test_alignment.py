@@ -60,6 +60,7 @@ def test_torque_that_is_logged_late_is_found_to_a_fifth_of_a_sample(excitation, 
     assert f"logged {1e3 * found.delay:.2f}" in str(found.text)
 
 
+@pytest.mark.slow
 def test_a_delay_is_found_behind_friction_that_bends():
     found = align([logged_late(run("multisine", 500.0, stribeck={"strib_d": 0.45, "strib_v": 0.6}), 5)])
     assert found.delay == pytest.approx(0.01, abs=2e-4)
@@ -123,6 +124,7 @@ def test_a_drive_with_a_dead_time_is_the_law_of_a_log_that_is_ahead_and_both_are
     assert found.apply(recording) is recording  # the drive is part of the plant
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_known_no_longer_blurs_the_time_of_the_torque():
     recording = run("two_tone", 500.0, cogging={"cog_n": 7.0, "cog_s": 1.0, "cog_c": 0.3})
     alone, beside = align([recording]), align([recording], [Cogging(7.0)])
@@ -130,6 +132,7 @@ def test_an_effect_that_is_known_no_longer_blurs_the_time_of_the_torque():
     assert beside.delay_std < 0.1 * alone.delay_std
 
 
+@pytest.mark.slow
 def test_recordings_share_a_delay_unless_they_differ():
     early, late = run("multisine", 500.0), logged_late(run("two_tone", 500.0, seed=4), 3)
     alike = align_each([logged_late(early, 3), late])

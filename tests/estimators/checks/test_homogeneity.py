@@ -12,6 +12,7 @@ from estimators.checks.homogeneity import disagreements, misfits
 from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
+from tests import slow
 from tests.cases import diagnosed
 
 PLANT = Plant()
@@ -116,7 +117,7 @@ def turned(recording: Recording) -> Recording:
 
 
 @pytest.mark.parametrize("plant", [PLANT, RUBBING], ids=["complete", "stribeck"])
-@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("which", slow.but_first([0, 1]))
 def test_a_recording_whose_torque_is_turned_round_is_named_whatever_else_is_missing(plant, which):
     runs = recorded([plant] * 2)
     runs[which] = turned(runs[which])

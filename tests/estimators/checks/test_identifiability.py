@@ -36,6 +36,7 @@ def test_one_direction_hides_friction_behind_an_offset(record):
     assert not identify([item.recording for item in both]).doubts
 
 
+@pytest.mark.slow
 def test_a_free_swing_tells_ratios_only(record):
     run = record([Plant(coulomb=0.02, viscous=0.01)], [np.zeros(3000)], rate=500.0, seconds=6.0, start=(2.5, 0.0))[0]
     assert "torque is never applied: only ratios" in doubts(run.recording)[0]
@@ -59,6 +60,7 @@ def moved_along(position: np.ndarray, gravity: float) -> Recording:
     return Recording("moved", time, position, torque + 0.1 * np.random.default_rng(0).standard_normal(len(time)))
 
 
+@pytest.mark.slow
 def test_a_parameter_whose_error_alone_is_more_than_all_torque_is_not_told():
     time = np.arange(5000) / 500
     swing = 0.3 * (1 + 0.001 * np.sin(0.7 * time)) * np.sin(2 * np.pi * time)  # inertia and gravity nearly act alike

@@ -67,6 +67,7 @@ def test_what_is_surely_no_chance_is_said_in_words_and_counted_in_json(size, wor
     assert (whole.json()["low"], whole.json()["high"]) == (None, None)
 
 
+@pytest.mark.slow
 def test_white_noise_has_no_region():
     assert [stand_out(profiles(motion(seed), noise(seed), NOISE)) for seed in range(40)] == [[]] * 40
 

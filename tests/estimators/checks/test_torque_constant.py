@@ -96,6 +96,7 @@ def test_all_schemes_find_it_from_a_current_alike():
         np.testing.assert_allclose(theta, list(UNLOADED.values()), rtol=3e-4, err_msg=scheme.id)
 
 
+@pytest.mark.slow
 def test_a_model_of_the_joint_alone_explains_loaded_recordings_in_torque_and_in_free_run():
     runs = in_newton_metres(bench("none", THREE, excitation="two_tone", scale=0.5, rate=500.0, counts=65_536))
     model = Model.build(BASE, list(UNLOADED.values()))
@@ -116,6 +117,7 @@ def test_a_simulation_with_a_load_is_that_of_a_heavier_pendulum():
     np.testing.assert_allclose(both, np.hstack([light, heavy]), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_nothing_is_missing_under_known_loads_and_much_without_them():
     runs = in_newton_metres(bench(loads=(LOADS[0], LOADS[4], LOADS[7])))
     found = diagnosed(runs)
@@ -139,6 +141,7 @@ def test_the_torque_constant_is_right_whatever_friction_does_under_load(law, see
     assert found.loads == len(LOADS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("excitation", ["two_tone", "filtered_noise"])
 def test_a_planned_current_tells_the_torque_constant(excitation):
     scale = {"two_tone": 0.7, "filtered_noise": 1.0}[excitation]
@@ -210,6 +213,7 @@ def test_units_are_not_mixed():
         identify([light, replace(heavy, torque_unit="N m")])
 
 
+@pytest.mark.slow
 def test_errors_of_parameters_include_that_of_the_torque_constant():
     runs = bench(loads=(LOADS[0], LOADS[6]))
     found, known = identify(runs, schemes="dynamic"), identify(in_newton_metres(runs), schemes="dynamic")

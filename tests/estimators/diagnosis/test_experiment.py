@@ -107,6 +107,7 @@ def test_a_suggestion_says_what_to_expect_and_survives_json(first):
     assert again.json() == suggestion.json()
 
 
+@pytest.mark.slow
 def test_the_suggested_torque_stays_within_what_the_motor_gives(first):
     recording, _ = first("a spring at small angles")
     suggestion = suggested(diagnosed([recording], max_torque=2.5))

@@ -115,6 +115,7 @@ def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt(monkeypatch):
     assert with_knocks(evidence, BASE)[0].data.knocks == 1  # it was seen
 
 
+@pytest.mark.slow
 def test_a_simulation_without_noise_hides_nothing():
     period = 2e-3
     time = period * np.arange(4000)

@@ -44,7 +44,9 @@ def run(estimator: OnlineEstimator, recording: Recording) -> list[Estimates]:
     [
         BASE,
         pytest.param((*BASE, effect("stribeck")(0.6), effect("cogging")(order=7.0)), marks=pytest.mark.slow),
-        (*BASE, effect("payload_change")(moment=4.0), effect("load_dependent_friction")()),
+        pytest.param(
+            (*BASE, effect("payload_change")(moment=4.0), effect("load_dependent_friction")()), marks=pytest.mark.slow
+        ),
         (*BASE, effect("torque_saturation")(limit=6.0)),
     ],
     ids=lambda terms: terms[-1].id,
@@ -173,6 +175,7 @@ def test_estimates_that_were_handed_out_do_not_change(paper_run):
     assert (np.linalg.eigvalsh(early.covariance) > 0).all()
 
 
+@pytest.mark.slow
 def test_pickled_estimator_goes_on_as_before(paper_run):
     recording = paper_run.recording
     estimator = OnlineEstimator(recording.rate, (*BASE, effect("stribeck")(), Table()))
@@ -354,6 +357,7 @@ def test_a_payload_picked_up_in_mid_run_is_tracked(memory):
         assert (np.median(np.abs(stays.theta[:, s, :2] - after[:2]) / after[:2], axis=0) > 0.05).all()
 
 
+@pytest.mark.slow
 def test_covariance_can_start_anew_and_estimates_stay(paper_run):
     recording = paper_run.recording
     estimates = run(OnlineEstimator(recording.rate, reset_every=4.0), recording)

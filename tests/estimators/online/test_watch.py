@@ -167,6 +167,7 @@ def test_bad_options_are_refused():
         Watch(RATE, theta=[1.0, 2.0])
 
 
+@pytest.mark.slow
 def test_a_gap_is_no_alarm():
     """The joint goes on while nobody looks: what is missing between two samples is not a torque."""
     experiment = Experiment(rate=RATE, seconds=12.0, counts=COUNTS, torque_noise=0.05, seed=4)

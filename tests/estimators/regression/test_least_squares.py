@@ -62,6 +62,7 @@ def test_the_covariance_is_that_of_leaving_out_each_cluster_and_fitting_again():
     np.testing.assert_allclose(found / scale, expected / scale, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_though_residuals_are_correlated_and_clusters_few():
     """Twelve clusters with a common error each, columns that vary slowly: 95 % intervals hold in 90 to 99 %."""
     inside, rng = [], np.random.default_rng(5)
@@ -81,6 +82,7 @@ def test_one_cluster_alone_gives_errors_all_the_same():
     assert fit.std == pytest.approx(0.1 / np.sqrt(200), rel=0.2)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_though_few_clusters_tell_of_it():
     """Forty clusters, three of which move the second column: 95 % intervals hold in 90 to 99 %."""
     inside, rng = [], np.random.default_rng(6)

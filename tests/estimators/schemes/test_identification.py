@@ -80,6 +80,7 @@ def test_the_papers_hamiltonian_pair_borrows_inertia(paper_run):
         identify([paper_run.recording], schemes=[Hamiltonian(borrows="dynamic")])
 
 
+@pytest.mark.slow
 def test_several_recordings_share_one_set_of_parameters(record):
     """The coarse one counts less, and filters do not run from one into the next."""
     fine, other = record([PLANT, PLANT], rate=500.0, seconds=8.0)

@@ -1,6 +1,7 @@
 """Flights: what a simulation does in many of them at once is what it does in each."""
 
 import numpy as np
+import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.selection.data import Evidence
@@ -28,6 +29,7 @@ def test_recordings_fly_together_as_they_fly_alone():
             np.testing.assert_allclose(paths[:, k], fly(flight, terms, theta), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_initial_states_are_nudged_where_that_is_asked_for():
     flights = evidence(250.0, 249.7, 400.0).flights
     nudges = np.array([[0.0, 0.0], [1e-3, 0.0]])

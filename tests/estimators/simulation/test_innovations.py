@@ -49,6 +49,7 @@ def gain(seeds: range, counts: int = 1_024_000) -> float:
     return float(np.exp(np.mean(np.log(innovations / windows))))
 
 
+@pytest.mark.slow
 def test_a_coarse_encoder_hides_less_from_innovations_than_from_windows():
     assert gain(range(10, 16), counts=8192) < 0.8
 

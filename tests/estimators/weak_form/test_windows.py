@@ -51,6 +51,7 @@ def test_windows_never_touch_stick_or_a_reversal(sticky_runs, which, half_width)
         assert np.all(np.sign(windows.samples.velocity[window]) == np.sign(run.velocity[window]))
 
 
+@pytest.mark.slow
 def test_most_of_the_motion_that_is_clear_of_stick_is_used():
     (run,) = simulate([(Plant(), Experiment(rate=500, seconds=8))])
     windows = cut(recorded(run), 0.01)
@@ -206,6 +207,7 @@ def test_a_recording_that_rests_is_refused_with_what_to_do():
         prepare([Recording("resting", time, np.zeros(2000), 0.3 * np.sin(time))])
 
 
+@pytest.mark.slow
 def test_a_moment_while_the_joint_rests_is_not_known_better_than_the_rest_lasts():
     time = np.arange(5000) / 500
     command = 3 * np.sin(12 * time) + 3 * np.sin(2.3 * time)
@@ -218,6 +220,7 @@ def test_a_moment_while_the_joint_rests_is_not_known_better_than_the_rest_lasts(
     assert 0.5 < resting.estimates["payload_change.moment"].std < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coarse", [{"position_noise": 2e-4, "counts": None}, {"torque_noise": 0.2}])
 def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
     """Encoder noise turns the sign from window to window, torque noise keeps it: neither is told as something there."""

@@ -9,6 +9,7 @@ import pytest
 
 from pendulum_env.physics import BASE, Model
 from pendulum_env.recording import Source, write_recording
+from tests import slow
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import recorded
 
@@ -81,16 +82,18 @@ def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(sess
 
 @pytest.mark.parametrize(
     ("field", "wrong"),
-    [
-        ("only", "stribek"),
-        ("without", "--fix"),
-        ("fix", "gravity"),
-        ("fix", "gravity=heavy"),
-        ("fix", "gravty=2"),
-        ("fix", "cogging.order=12"),
-        ("bound", "viscous=1"),
-        ("bound", "viscous=1:0"),
-    ],
+    slow.but_first(
+        [
+            ("only", "stribek"),
+            ("without", "--fix"),
+            ("fix", "gravity"),
+            ("fix", "gravity=heavy"),
+            ("fix", "gravty=2"),
+            ("fix", "cogging.order=12"),
+            ("bound", "viscous=1"),
+            ("bound", "viscous=1:0"),
+        ]
+    ),
 )
 def test_a_mistake_stands_beside_its_field_in_the_words_of_the_command_line(
     session: Session, capsys: pytest.CaptureFixture[str], field: str, wrong: str

@@ -101,6 +101,7 @@ def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers: Workers) -> 
     assert Witness(functools.partial(count, 1), workers).wait() == 1  # another takes its place
 
 
+@pytest.mark.slow
 def test_a_file_of_effects_that_has_gone_is_told_and_the_worker_lives_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,6 +131,7 @@ def test_progress_never_falls_though_a_search_starts_over() -> None:
     assert pace.left is not None and pace.left >= 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")
 def test_a_worker_that_is_begun_while_a_file_is_read_has_none_of_its_limits() -> None:
     workers, results = Workers(), []

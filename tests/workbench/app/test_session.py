@@ -578,6 +578,7 @@ def test_the_command_line_comes_to_the_same_model(at_work: State) -> None:
     assert "Stribeck friction is missing" in Path("report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_python_snippet_comes_to_the_same_model(at_work: State) -> None:
     exec(snippet(at_work), {})
     assert Model.load("model.json").theta == pytest.approx(at_work.model.theta, rel=1e-6)
@@ -615,6 +616,7 @@ def test_the_snippet_imports_what_it_uses(
     assert Model.load("model.json").theta == pytest.approx(grown.model.theta, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(
     session: Session, late: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -680,6 +682,7 @@ def test_a_live_run_stands_under_a_headline_of_its_own(state: State) -> None:
     assert {id for id, said in stages.items() if "torque error" not in said} == {"live"}
 
 
+@pytest.mark.slow
 def test_recordings_on_one_time_axis_are_told_apart(swing: Recording) -> None:
     others = [recorded("long", 2, 6.0), recorded("short", 3, 4.0)]
     state = State.of([Loaded(Path(f"{one.name}.csv"), one) for one in (swing, *others)])
@@ -692,7 +695,7 @@ def test_recordings_on_one_time_axis_are_told_apart(swing: Recording) -> None:
         )  # smoothing takes the edges
 
 
-@pytest.mark.parametrize("held_out", [False, True])
+@pytest.mark.parametrize("held_out", slow.but_first([False, True]))
 def test_a_recording_of_another_plant_is_named_where_it_is_loaded(session: Session, held_out: bool) -> None:
     def of(name: str, seed: int, plant: Model) -> Loaded:
         rng = np.random.default_rng(seed)
