@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from pendulum_env.recording import Recording
 from tests import once
 from tests.cases import recording
-from tests.pendulum_env.rigs import in_time
+from tests.pendulum_env.rigs import until_in_time
 
 # a busy machine is no mistake: no test asserts how long it takes
 settings.register_profile("unhurried", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -31,7 +31,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What runs against the clock does so until it was in time."""
     for item in items:
         if isinstance(item, pytest.Function) and item.get_closest_marker("realtime"):
-            item.obj = in_time(item.obj)
+            item.obj = until_in_time(item.obj)
 
 
 @pytest.fixture(scope="session")

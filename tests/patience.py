@@ -6,9 +6,9 @@ from collections.abc import Callable
 PATIENCE = 300.0  # [s]: what has not come by then hangs
 
 
-def wait_until(so: Callable[[], object]) -> None:
-    """Wait until something is so; raises AssertionError if that hangs."""
+def wait_until(so: Callable[[], object], why: Callable[[], str] = lambda: "it does not come") -> None:
+    """Wait until something is so; raises AssertionError, with what there is instead, if that hangs."""
     until = time.monotonic() + PATIENCE
     while not so():
-        assert time.monotonic() < until, "it does not come"
+        assert time.monotonic() < until, why()
         time.sleep(0.02)

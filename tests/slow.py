@@ -9,9 +9,11 @@ import pytest
 def but(quick: Iterable[Any], values: Iterable[Any]) -> list[Any]:
     """Values of a parametrised test, or tuples of them; `make test` tries only the quick ones."""
     always = list(quick)
-    several = (value if isinstance(value, tuple) else (value,) for value in values)
     return [
-        pytest.param(*some, marks=[] if some in always or some[0] in always else pytest.mark.slow) for some in several
+        pytest.param(
+            *(value if isinstance(value, tuple) else [value]), marks=() if value in always else pytest.mark.slow
+        )
+        for value in values
     ]
 
 

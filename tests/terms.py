@@ -1,10 +1,21 @@
-"""A user's effect, once as a table, which is no formula, and once as the formula that it holds."""
+"""Effects of users: a law of their own; and a table, which is no formula, beside the formula that it holds."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from pendulum_env.physics import Column, Term
+
+
+@dataclass(frozen=True)
+class CubicDamping(Term):
+    """Damping that grows with the cube of the speed."""
+
+    id, law, kind = "cubic_damping", "c q'^3", "dissipative"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column("cubic_damping", "N m s^3/rad^3", force=lambda x: x.velocity**3),)
 
 
 @dataclass(frozen=True)

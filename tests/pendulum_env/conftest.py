@@ -1,6 +1,7 @@
 """What the tests of environments share."""
 
 import contextlib
+import itertools
 import os
 
 import pytest
@@ -14,16 +15,16 @@ os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # windows of mode human need 
 @pytest.fixture
 def emulated(tmp_path):
     """Make emulated rigs, which end with the test."""
-    rigs = []
+    rigs, count = [], itertools.count()
 
     def make(kind, **options):
         try:
             need(kind)
         except ModuleNotFoundError as error:
             pytest.skip(str(error))
-        for last in rigs:  # of an attempt that was not in time
-            last.close()
-        folder = tmp_path / f"rig{len(rigs)}"
+        while rigs:  # of an attempt that was not in time
+            rigs.pop().close()
+        folder = tmp_path / f"rig{next(count)}"
         folder.mkdir()
         rigs.append(EmulatedRig(folder, kind, **options))
         return rigs[-1]

@@ -51,7 +51,7 @@ class Disturbed(AssertionError):
     """The rig failed before anything was done to it: a busy machine does that now and then, a mistake every time."""
 
 
-def in_time(test: Callable[..., None]) -> Callable[..., None]:
+def until_in_time(test: Callable[..., None]) -> Callable[..., None]:
     """A test that begins anew where the machine was too slow for it or disturbed it, and fails if it never was in time.
 
     What has to be safe is never tried twice: an assertion that fails, fails.
@@ -116,7 +116,10 @@ class EmulatedRig:
 
     def wait_for(self, event: str, value: float) -> None:
         """Wait until the log has an event."""
-        wait_until(lambda: any(row[1:] == (event, value) for row in self.events()))
+        wait_until(
+            lambda: any(row[1:] == (event, value) for row in self.events()),
+            lambda: f"no {event} {value} in {self.events()[-5:]}",
+        )
 
     def off_after(self) -> float:
         """Time from the last command with torque until the torque was zero for good [s]; the power is off too."""

@@ -10,7 +10,6 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Diagnosis
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from pendulum_env.recording import Recording
-from tests import slow
 from tests.cases import diagnosed
 
 RATE = 500.0
@@ -60,16 +59,14 @@ def suggested(found: Diagnosis) -> Suggestion:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "hidden", "before"),
-    slow.but_first(
-        [
-            ("a spring at small angles", "spring", ()),
-            ("nothing at small angles", None, ()),
-            ("a tilt at small angles", "gravity_tilt", ("torque_offset", "gravity_tilt")),
-            ("an offset while spinning", "torque_offset", ()),
-            ("asymmetric fluid friction while spinning", "viscous_asymmetry", ()),
-            ("nothing while spinning", None, ()),
-        ]
-    ),
+    [
+        ("a spring at small angles", "spring", ()),
+        ("nothing at small angles", None, ()),
+        ("a tilt at small angles", "gravity_tilt", ("torque_offset", "gravity_tilt")),
+        ("an offset while spinning", "torque_offset", ()),
+        ("asymmetric fluid friction while spinning", "viscous_asymmetry", ()),
+        ("nothing while spinning", None, ()),
+    ],
 )
 def test_the_suggested_experiment_settles_what_was_open(first, name, hidden, before):
     recording, found = first(name)

@@ -8,7 +8,6 @@ from estimators.diagnosis.sensitivity import in_words, smallest
 from estimators.selection.search import Search
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
-from tests import slow
 from tests.cases import diagnosed
 
 EXPERIMENT = Experiment(rate=500.0, seconds=10.0, seed=4)
@@ -27,7 +26,7 @@ def search() -> Search:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("id", "parameter", "others"),
-    slow.but_first([("quadratic_drag", "drag", {}), ("spring", "spring_k", {})]),
+    [("quadratic_drag", "drag", {}), ("spring", "spring_k", {})],
 )
 def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(search, id, parameter, others):
     size = smallest(search, BASE, effects()[id])

@@ -1,7 +1,5 @@
 """Verdicts: what is hidden is named and measured, what is not there is not, and what nothing explains is said."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from estimators import diagnose
 from estimators.diagnosis.run import gather
 from estimators.selection.data import fit_terms
 from estimators.selection.search import Search
-from pendulum_env.physics import BASE, Column, Model, Term, effect, effects, library, register
+from pendulum_env.physics import BASE, Model, effect, effects, library, register
 from tests import slow
 from tests.cases import (
     CASES,
@@ -23,6 +21,7 @@ from tests.cases import (
     diagnosed,
     recording,
 )
+from tests.terms import CubicDamping
 
 
 @pytest.mark.parametrize("name", NULLS_TRIED)
@@ -46,7 +45,7 @@ def test_a_hidden_effect_is_named_alone(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", slow.but_first(TRANSMISSIONS))
+@pytest.mark.parametrize("name", TRANSMISSIONS)
 def test_a_hidden_transmission_is_named_alone_and_errors_fall(name):
     found = diagnosed(name)
     assert found.selected == (name,)
@@ -200,19 +199,7 @@ def test_a_lag_as_short_as_a_sample_is_never_taken_for_a_delay_without_a_word():
 def test_a_users_own_effect_is_found_like_any_other(monkeypatch):
     monkeypatch.setattr(library, "_registered", {})
 
-    @register
-    @dataclass(frozen=True)
-    class CubicDamping(Term):
-        """Damping that grows with the cube of the speed."""
-
-        id = "cubic_damping"
-        law = "c q'^3"
-        kind = "dissipative"
-
-        @property
-        def columns(self) -> tuple[Column, ...]:
-            return (Column("cubic_damping", "N m s^3/rad^3", force=lambda x: x.velocity**3),)
-
+    register(CubicDamping)
     found = diagnose([recording("cubic_damping")])
     assert found.selected == ("cubic_damping",)
     assert found.unexplained == ()
@@ -221,7 +208,7 @@ def test_a_users_own_effect_is_found_like_any_other(monkeypatch):
 
 @pytest.mark.slow
 def test_a_base_model_that_has_the_effect_already_needs_nothing_more():
-    found = diagnose([recording("stribeck")], base=(*BASE, effect("stribeck")(stribeck_velocity=0.2)))
+    found = diagnosed("stribeck", base=(*BASE, effect("stribeck")(stribeck_velocity=0.2)))
     assert found.selected == ()
     assert found.model.estimates["stribeck.stribeck_velocity"].value == pytest.approx(0.6, rel=0.05)
     assert "stribeck" not in {c.effect for c in found.candidates}
@@ -235,7 +222,7 @@ def test_several_recordings_are_fitted_jointly_and_confirmed_on_another():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scale", "reach"), slow.but_first([(0.7, 0.8), (0.35, 0.3)]))
+@pytest.mark.parametrize(("scale", "reach"), [(0.7, 0.8), (0.35, 0.3)])
 def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(scale, reach):
     """In small swings they look the same; in very small ones no wide swing is predicted well, and both are told."""
     narrow, wide = recording(f"scale {scale}"), recording("wide")

@@ -87,7 +87,7 @@ def test_where_nothing_is_hidden_nothing_is_missing():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", slow.but_first(["cogging", "quadratic_drag"]))
+@pytest.mark.parametrize("hidden", ["cogging", "quadratic_drag"])
 def test_what_is_said_online_is_what_diagnose_says_of_the_recording(hidden):
     recording = recorded(hidden)
     said = run(diagnoser(), recording)

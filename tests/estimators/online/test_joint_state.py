@@ -14,7 +14,6 @@ from estimators.signals.measurements import of_steps
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.physics import BASE, effect
 from pendulum_env.registration import PENDULUM
-from tests import slow
 
 TRUTH = np.array([0.09, 2.0, 0.35, 0.8])
 PERIOD = 0.02  # [s]
@@ -81,7 +80,7 @@ def test_it_borrows_a_regression_until_that_knows_enough_and_then_waits_for_noth
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "memory",
-    slow.but_first([{"forgetting": 0.98}, {"random_walk": 0.1}]),
+    [{"forgetting": 0.98}, {"random_walk": 0.1}],
     ids=lambda memory: next(iter(memory)),
 )
 def test_a_payload_picked_up_in_mid_run_is_tracked(memory):
@@ -132,7 +131,7 @@ def test_a_copy_goes_on_alike_and_lost_samples_keep_the_parameters():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("id", slow.but_first(["actuator_lag", "dead_time"]))
+@pytest.mark.parametrize("id", ["actuator_lag", "dead_time"])
 def test_terms_with_memory_and_delay_are_those_of_the_model(id):
     hidden = {"actuator_lag": {"lag_T": 0.03}, "dead_time": {"dead_n": 2.0}}[id]
     term = {"actuator_lag": effect("actuator_lag")(0.03), "dead_time": effect("dead_time")(2 * PERIOD)}[id]

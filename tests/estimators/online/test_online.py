@@ -344,7 +344,7 @@ def after_a_payload_was_picked_up(**memory: float) -> Estimates:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "memory",
-    slow.but_first([{"forgetting": 0.997}, {"random_walk": 0.1}]),
+    [{"forgetting": 0.997}, {"random_walk": 0.1}],
     ids=lambda memory: next(iter(memory)),
 )
 def test_a_payload_picked_up_in_mid_run_is_tracked(memory):

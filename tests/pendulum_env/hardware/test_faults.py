@@ -32,7 +32,6 @@ SLOW = (
 HOST = """
 import sys, time
 import gymnasium as gym, numpy as np
-from tests import slow
 from pendulum_env.wrappers import RecordMeasurements
 config, path, trouble = sys.argv[1:]
 env = gym.make("pendulum_env/DirectDrivePendulum-v0", backend="dm1015b", config=config, max_episode_steps=-1)

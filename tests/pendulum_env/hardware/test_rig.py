@@ -103,9 +103,7 @@ def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(em
     assert len(read_recording(path)) >= 700
 
 
-@pytest.mark.parametrize(
-    "size", slow.but_first([70_000, 90_000])
-)  # of some 100,000 bytes: on the way, and in the last rows
+@pytest.mark.parametrize("size", slow.but_first([70_000, 90_000]))  # of 100,000 bytes: on the way, in the last rows
 def test_record_on_a_disk_that_fills_up_ends_the_run_and_says_what_is_kept(emulated, tmp_path, capsys, size):
     rig = emulated("serial", limits=PATIENT)
     path = tmp_path / "run.csv"

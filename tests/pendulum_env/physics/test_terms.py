@@ -1,6 +1,6 @@
 """Terms: what every base term and every effect of the library promises, and how users add their own."""
 
-from dataclasses import FrozenInstanceError, dataclass, fields
+from dataclasses import FrozenInstanceError, fields
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from pendulum_env.physics import BASE, Column, Model, Samples, Term, effect, effects, library, register
 from pendulum_env.physics.term import trace
+from tests.terms import CubicDamping
 
 TERMS = {term.id: term for term in BASE} | {id: kind() for id, kind in effects().items()}
 TERMS["hard_stop"] = effect("hard_stop")(-2.0, 3.0, 0.1, 0.01)  # by itself it is nowhere
@@ -317,19 +318,8 @@ def bare_library(monkeypatch) -> None:
 
 
 def cubic() -> type[Term]:
-    @dataclass(frozen=True)
-    class CubicDamping(Term):
-        """Damping that grows with the cube of the speed."""
-
-        id = "cubic_damping"
-        law = "c q'^3"
-        kind = "dissipative"
-
-        @property
-        def columns(self) -> tuple[Column, ...]:
-            return (Column("cubic_damping", "N m s^3/rad^3", force=lambda x: x.velocity**3),)
-
-    return CubicDamping
+    """Another class each time, as of another module."""
+    return type("CubicDamping", (CubicDamping,), {})
 
 
 @pytest.mark.usefixtures("bare_library")

@@ -15,7 +15,6 @@ import pytest
 
 from pendulum_env.physics import Model
 from pendulum_env.recording import write_recording
-from tests import slow
 from tests.patience import PATIENCE
 from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import recorded
@@ -289,7 +288,7 @@ def test_a_broken_file_is_refused_in_the_words_of_the_command_line(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("width", slow.but_first([1400, 1024]))
+@pytest.mark.parametrize("width", [1400, 1024])
 def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, folder: Path, width: int) -> None:
     swing = recorded("swing", 1, 10.0)  # logged by a servo with a gear of 6, its current 8 ms late
     rows = zip(1e3 * swing.time[4:], np.degrees(-6 * swing.position[4:]), swing.torque[:-4] / 0.091, strict=True)
@@ -507,7 +506,7 @@ def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", slow.but_first(["light", "dark"]))
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(
     browser: "sync_api.Browser", address: str, folder: Path, scheme: str
 ) -> None:
