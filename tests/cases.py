@@ -207,7 +207,7 @@ NULLS_TRIED, SINGLES_TRIED = slow.but(QUICK_NULLS, NULLS), slow.but(QUICK_SINGLE
 QUICK = {  # what `make test` reads: simulated together, without what takes longer
     *QUICK_NULLS,
     *QUICK_SINGLES,
-    *("stribeck and tilt", "torque_offset", "knocks", "cubic_damping", "random 0", "short"),
+    *("backlash", "stribeck and tilt", "torque_offset", "knocks", "cubic_damping", "random 0", "short"),
     *("bouncing", "brief", "moving", "quadratic_drag", "torque_saturation", "filtered noise"),
 }
 

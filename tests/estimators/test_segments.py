@@ -106,7 +106,6 @@ def test_the_verdict_is_that_of_the_recording_without_gaps(whole, gapped, verdic
     assert errors.torque_rms < 1.3 * verdict.steps[-1].errors["train"].torque_rms
 
 
-@pytest.mark.slow
 def test_lost_rows_gaps_and_a_jittering_clock_change_no_verdict_and_no_parameter(whole, verdict, tmp_path):
     rng = np.random.default_rng(7)
     time = whole.time + np.clip(rng.normal(0.0, 0.1, len(whole)), -0.45, 0.45) / whole.rate

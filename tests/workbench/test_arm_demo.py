@@ -10,7 +10,6 @@ from workbench.cli import main
 from workbench.terminal import Terminal
 
 
-@pytest.mark.slow
 def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, capsys):
     report, files = tmp_path / "r.html", [tmp_path / "a.csv", tmp_path / "b.csv"]
     arm_demo.run(report, files, 8.0, 2, Terminal())

@@ -246,7 +246,6 @@ def follows_design(data):
     assert data["noise_floor"]["torque_rms"] > 0
 
 
-@pytest.mark.slow
 def test_record_plays_what_a_diagnosis_suggests(tmp_path, capsys, monkeypatch):
     """Small swings under gravity look like a spring: the next experiment goes further, and no doubt is left."""
     monkeypatch.setattr(
@@ -309,7 +308,6 @@ def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, capsys, few_effect
     assert {file.name for file in tmp_path.iterdir()} == {"report.html", "report.train.csv", "report.holdout.csv"}
 
 
-@pytest.mark.slow
 def test_paper_prints_table_2_and_writes_page_and_numbers(tmp_path, capsys):
     report, path = tmp_path / "paper.html", tmp_path / "paper.json"
     assert main(["paper", "--runs", "1", "--seconds", "5", "--report", str(report), "--json", str(path)]) == 0

@@ -60,7 +60,6 @@ def test_a_cluster_gives_the_same_figures(folder, capsys):
         assert {**figures, "seconds_per_action": 0} == {**there["policies"][name], "seconds_per_action": 0}
 
 
-@pytest.mark.slow
 def test_a_cluster_that_is_not_there_is_one_line(capsys, monkeypatch):
     distributed = pytest.importorskip("distributed")
 
@@ -73,7 +72,6 @@ def test_a_cluster_that_is_not_there_is_one_line(capsys, monkeypatch):
     assert "there is no Dask cluster at tcp://127.0.0.1:1" in error and error.count("\n") == 1
 
 
-@pytest.mark.slow
 def test_several_trainings_are_told_with_their_worst(capsys):
     def outcome(log_det: float, error: float) -> Outcome:
         course = np.full((500, 4), error)

@@ -23,7 +23,6 @@ def test_a_recording_ends_when_the_verdict_stands(tmp_path: Path, capsys: pytest
     assert main([*command, "--backend", "simulated", "-o", str(output)]) == 2
 
 
-@pytest.mark.slow
 def test_a_process_of_its_own_says_the_same() -> None:
     plant = Plant(effects={"torque_offset": {"offset": 0.4}})
     (run,) = simulate([(plant, Experiment(rate=250.0, seconds=9.0, counts=65_536, torque_noise=0.05))])

@@ -36,7 +36,6 @@ def test_one_direction_hides_friction_behind_an_offset(record):
     assert not identify([item.recording for item in both]).doubts
 
 
-@pytest.mark.slow
 def test_a_free_swing_tells_ratios_only(record):
     run = record([Plant(coulomb=0.02, viscous=0.01)], [np.zeros(3000)], rate=500.0, seconds=6.0, start=(2.5, 0.0))[0]
     assert "torque is never applied: only ratios" in doubts(run.recording)[0]

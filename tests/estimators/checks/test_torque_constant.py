@@ -87,7 +87,6 @@ def test_all_schemes_find_the_joint_without_its_known_loads():
     assert found.torque_constant is None and found.torque_unit == "N m"
 
 
-@pytest.mark.slow
 def test_all_schemes_find_it_from_a_current_alike():
     found = identify(bench("none", THREE, **EXACT))
     assert found.torque_constant.value == pytest.approx(K, rel=1e-4)

@@ -117,7 +117,6 @@ def test_many_are_estimated_as_one_and_a_reset_forgets_one_of_them():
     np.testing.assert_allclose(together.theta[1], fresh.theta[0], rtol=1e-9)
 
 
-@pytest.mark.slow
 def test_a_copy_goes_on_alike_and_lost_samples_keep_the_parameters():
     runs = slow_runs()[:1]
     one = estimator(1, schemes=[JointState()])

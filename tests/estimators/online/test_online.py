@@ -341,10 +341,9 @@ def after_a_payload_was_picked_up(**memory: float) -> Estimates:
     return now
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "memory",
-    [{"forgetting": 0.997}, {"random_walk": 0.1}],
+    slow.but_first([{"forgetting": 0.997}, {"random_walk": 0.1}]),
     ids=lambda memory: next(iter(memory)),
 )
 def test_a_payload_picked_up_in_mid_run_is_tracked(memory):

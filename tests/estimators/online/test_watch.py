@@ -119,7 +119,6 @@ def test_a_wrapper_watches_beside_others_and_a_reset_begins_anew():
     assert info["watch"].kind == "calibrating"
 
 
-@pytest.mark.slow
 def test_a_model_that_is_given_is_compared_with_the_plant_as_it_is(tmp_path):
     """One whose gravity is a fifth too small is found out at once; `accept` takes the plant as it is."""
     theta = np.array([0.0895, 2.01, 0.3638, 0.9163])

@@ -9,6 +9,7 @@ from estimators.diagnosis.run import gather
 from estimators.selection.search import Search
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
+from tests import slow
 
 
 def searched(plant: Plant, train: Experiment, test: Experiment) -> tuple[Search, list[str | None], float]:
@@ -39,13 +40,14 @@ def test_a_torque_that_wanders_is_given_no_name():
     assert searched(Plant(effects=walk), train, test)[1] == []
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "hidden",
-    [
-        {"random_walk_torque": {"walk_rms": 0.4}, "cogging": {"cog_n": 9.0, "cog_s": 0.2}},
-        {"friction_spot": {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}, "torque_offset": {"offset": 0.2}},
-    ],
+    slow.but_first(
+        [
+            {"random_walk_torque": {"walk_rms": 0.4}, "cogging": {"cog_n": 9.0, "cog_s": 0.2}},
+            {"friction_spot": {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}, "torque_offset": {"offset": 0.2}},
+        ]
+    ),
     ids=" and ".join,
 )
 def test_what_a_law_without_a_name_hides_is_found_beside_it(hidden):

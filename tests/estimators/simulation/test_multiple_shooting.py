@@ -28,7 +28,6 @@ def loose() -> Evidence:
     return Evidence.of([Recording("loose", run.time, run.position, run.torque)])
 
 
-@pytest.mark.slow
 def test_a_wrong_start_leads_to_the_link_and_its_play(loose: Evidence):
     start = model(np.array([0.078, 1.95, 0.34, 0.85, 0.065]), gap=0.012, resonance=65.0, damping=15.0, gravity=31.0)
     found = estimate(loose.data.windows, start)

@@ -15,6 +15,7 @@ import pytest
 
 from pendulum_env.physics import Model
 from pendulum_env.recording import write_recording
+from tests import slow
 from tests.patience import PATIENCE
 from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import recorded
@@ -287,8 +288,7 @@ def test_a_broken_file_is_refused_in_the_words_of_the_command_line(
     assert tab.page.inner_text("#notice") == ""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("width", [1400, 1024])
+@pytest.mark.parametrize("width", slow.but_first([1400, 1024]))
 def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, folder: Path, width: int) -> None:
     swing = recorded("swing", 1, 10.0)  # logged by a servo with a gear of 6, its current 8 ms late
     rows = zip(1e3 * swing.time[4:], np.degrees(-6 * swing.position[4:]), swing.torque[:-4] / 0.091, strict=True)
@@ -479,7 +479,6 @@ def test_a_keyboard_is_enough(tab: Tab) -> None:
     page.wait_for_selector("#undo", state="detached")
 
 
-@pytest.mark.slow
 def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
     page = tab.page
     page.set_viewport_size({"width": 1400, "height": 1000})

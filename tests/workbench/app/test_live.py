@@ -78,7 +78,6 @@ def test_a_run_that_cannot_be_is_refused() -> None:
         Run(Setup("pymunk", "paper", None, ("glue",), 10.0, 0))
 
 
-@pytest.mark.slow
 def test_a_policy_drives_and_keeps_to_its_constraint() -> None:
     run = Run(Setup("pymunk", "rl-peak", None, (), 2.0, 1))
     run.start()
@@ -260,7 +259,6 @@ def test_what_is_missing_is_alarmed_about_added_and_taken_out() -> None:
     run.stop()
 
 
-@pytest.mark.slow
 def test_the_time_line_shows_alarms_and_stays_within_its_range() -> None:
     run = Run(Setup("pymunk", "paper", None, (), 10.0, 1))
     followed(run, 8.0)

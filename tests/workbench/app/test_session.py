@@ -616,7 +616,6 @@ def test_the_snippet_imports_what_it_uses(
     assert Model.load("model.json").theta == pytest.approx(grown.model.theta, rel=1e-6)
 
 
-@pytest.mark.slow
 def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(
     session: Session, late: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -682,7 +681,6 @@ def test_a_live_run_stands_under_a_headline_of_its_own(state: State) -> None:
     assert {id for id, said in stages.items() if "torque error" not in said} == {"live"}
 
 
-@pytest.mark.slow
 def test_recordings_on_one_time_axis_are_told_apart(swing: Recording) -> None:
     others = [recorded("long", 2, 6.0), recorded("short", 3, 4.0)]
     state = State.of([Loaded(Path(f"{one.name}.csv"), one) for one in (swing, *others)])
