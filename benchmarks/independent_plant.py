@@ -47,7 +47,8 @@ EFFECTS: dict[str, dict[str, float]] = {
     "viscous_asymmetry": {"asym_v": 0.0},  # asym_v |v|
     "stribeck": {"strib_d": 0.0, "strib_v": 1.0, "strib_p": 2.0},  # strib_d exp(-|v / strib_v|^strib_p) sgn v
     "quadratic_drag": {"drag": 0.0},  # drag v|v|
-    "load_dependent_friction": {"load_mu": 0.0, "load_w": 0.0},  # load_mu |tau + load_w sin q| sgn v
+    # (load_mu |tau + load_w sin q| + load_out |sin q|) sgn v
+    "load_dependent_friction": {"load_mu": 0.0, "load_w": 0.0, "load_out": 0.0},
     "position_dependent_friction": {"pos_s": 0.0, "pos_c": 0.0},  # (pos_s sin q + pos_c cos q) sgn v
     "cogging": {"cog_n": 0.0, "cog_s": 0.0, "cog_c": 0.0},  # tau + cog_s sin Nq + cog_c cos Nq
     "torque_ripple": {"rip_n": 0.0, "rip_s": 0.0, "rip_c": 0.0},  # tau (1 + rip_s sin Nq + rip_c cos Nq)
@@ -288,7 +289,7 @@ def _friction(
     if "stribeck" in model.effects:
         dry = dry + p.strib_d * np.exp(-(np.abs(v / p.strib_v) ** p.strib_p))
     if "load_dependent_friction" in model.effects:
-        dry = dry + p.load_mu * np.abs(tau + p.load_w * np.sin(q))
+        dry = dry + p.load_mu * np.abs(tau + p.load_w * np.sin(q)) + p.load_out * np.abs(np.sin(q))
     if "position_dependent_friction" in model.effects:
         dry = np.maximum(dry + p.pos_s * np.sin(q) + p.pos_c * np.cos(q), 0)
     if "friction_spot" in model.effects:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from estimators.arms.measurements import ArmMeasurements, measure_arm
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import Balance
 from estimators.schemes.six import GUARD, impulse_view, over_samples
-from estimators.selection.candidates import NUDGE
+from estimators.selection.candidates import Columns, columns_by_torque, depends_on_torque, nudge_of, pushes_of
 from estimators.selection.score import STRETCH, Stretches
 from estimators.signals.measurements import Measurements, remember
 from pendulum_env._typing import Array, Index, Mask
@@ -31,13 +30,17 @@ BLOCK = 0.01  # [s], shorter than what friction does near a reversal; the filter
 FEWEST = 40  # blocks of each joint
 
 
-class Columns(NamedTuple):
-    """Averages of a term's columns over the blocks of its joint (R_i,), and their slopes by the torque."""
+Over = Callable[[Array, Index, float], Array]
 
-    linear: Array  # (R_i, P)
-    fixed: Array  # (R_i,)
-    linear_slope: Array
-    fixed_slope: Array
+
+def _means(series: Array, blocks: Index, period: float) -> Array:
+    """Averages of a series (N, ...) over blocks of samples."""
+    return np.asarray(series[blocks].mean(axis=1))
+
+
+def _rates(series: Array, blocks: Index, period: float) -> Array:
+    """Averages of its time derivative [1/s]."""
+    return np.asarray((series[blocks[:, -1]] - series[blocks[:, 0]]) / (period * (blocks.shape[1] - 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +73,15 @@ class ArmEvidence:
     @cached_property
     def links(self) -> Array:
         """Rigid body's columns (R, P)."""
+        return self._links(_means)
+
+    def _links(self, over: Over) -> Array:
         bodies = [
             np.stack([e.phi for e in rows(part.m, self.body, (), VIEWS["impulse"])], axis=1) for part in self.parts
         ]
         return np.concatenate(
             [
-                _means(phi[:, k], part.blocks[k])
+                over(phi[:, k], part.blocks[k], part.m.period)
                 for k in range(len(self.body.joints))
                 for part, phi in zip(self.parts, bodies, strict=True)
             ]
@@ -89,7 +95,7 @@ class ArmEvidence:
     def _each(self, series: Callable[[Measurements], Array]) -> Array:
         return np.concatenate(
             [
-                _means(series(part.m.joints[k]), part.blocks[k])
+                _means(series(part.m.joints[k]), part.blocks[k], part.m.period)
                 for k in range(len(self.body.joints))
                 for part in self.parts
             ]
@@ -121,58 +127,64 @@ class ArmEvidence:
         return Samples(of("time"), of("position"), of("velocity"), of("torque"))
 
     def columns(self, own: JointTerm) -> Columns:
-        """Averages of a term's columns over the blocks of its joint."""
-        plain = self._columns(own, 0.0)
-        if not (own.term.fixed or any(column.of_torque for column in own.term.columns)):
-            return Columns(*plain, np.zeros_like(plain[0]), np.zeros_like(plain[1]))
-        nudge = NUDGE * max(float(np.abs(self.torque[self.of(own.joint)]).max()), 1e-12)
-        more = self._columns(own, nudge)
-        return Columns(*plain, (more[0] - plain[0]) / nudge, (more[1] - plain[1]) / nudge)
+        """Averages of a term's columns over the blocks of its joint, with how they depend on the torque."""
+        torque = self.torque[self.of(own.joint)]
 
-    def _columns(self, own: JointTerm, more: float) -> tuple[Array, Array]:
+        def lost(term: Term, pushes: Array) -> Array:
+            return np.column_stack([self._columns(own, push)[1] for push in pushes.tolist()])
+
+        nudged = [self._columns(own, nudge_of(torque))] if depends_on_torque(own.term) else None
+        return columns_by_torque([own.term], [self._columns(own, 0.0)], nudged, lost, torque)[0]
+
+    def _columns(self, own: JointTerm, more: float, over: Over = _means) -> tuple[Array, Array]:
         linear, fixed = [], []
         for part in self.parts:
             m, blocks = _pushed(part.m.joints[own.joint], more, own.term), part.blocks[own.joint]
-            views = [_means(impulse_view(m, column), blocks) for column in own.term.columns]
+            views = [over(impulse_view(m, column), blocks, part.m.period) for column in own.term.columns]
+            lost = [over(impulse_view(m, column), blocks, part.m.period) for column in own.term.fixed]
             linear.append(np.column_stack(views) if views else np.empty((len(blocks), 0)))
-            fixed.append(sum((_means(impulse_view(m, c), blocks) for c in own.term.fixed), np.zeros(len(blocks))))
+            fixed.append(sum(lost, np.zeros(len(blocks))))
         return np.concatenate(linear), np.concatenate(fixed)
 
-    def muffled(self, own: JointTerm) -> float:
-        """Variance of white torque noise that the term's fixed columns take out of its joint's blocks [(N m)^2]."""
-        rng, raws, lefts = np.random.default_rng(0), [], []
-        for part in self.parts:
-            m, blocks = part.m.joints[own.joint], part.blocks[own.joint]
-            one, other = (remember(each, [own.term]) for each in (m, m.noisier(rng)))
-            raw = _means(other.held - one.held, blocks)
-            taken = [impulse_view(other, column) - impulse_view(one, column) for column in own.term.fixed]
-            raws.append(raw)
-            lefts.append(raw - sum((_means(series, blocks) for series in taken), np.zeros(len(blocks))))
-        return float(np.var(np.concatenate(raws)) - np.var(np.concatenate(lefts)))
+    def _placed(self, links: Array, owned: Sequence[tuple[JointTerm, Array]]) -> Array:
+        """Columns of the body (R, P), and of terms beside them, on the rows of their joints."""
+        phi = np.zeros((len(self.joint), links.shape[1] + sum(part.shape[1] for _, part in owned)))
+        phi[:, : (first := links.shape[1])] = links
+        for own, part in owned:
+            phi[self.of(own.joint), first : (first := first + part.shape[1])] = part
+        return phi
 
     def balance(self, terms: Sequence[JointTerm], weights: Array) -> Balance:
         """Equations of body and terms, each joint's scaled by its weight (n,)."""
         owned = [(own, self.columns(own)) for own in terms]
-        count = self.links.shape[1] + sum(part.linear.shape[1] for _, part in owned)
-        phi, slopes = np.zeros((len(self.joint), count)), np.zeros((len(self.joint), count))
-        y, passed = self.torque.copy(), np.ones(len(self.joint))
-        first = self.links.shape[1]
-        phi[:, :first] = self.links
-        least, most = np.full(count, -np.inf), np.full(count, np.inf)
+        phi = self._placed(self.links, [(own, part.linear) for own, part in owned])
+        slopes = self._placed(np.zeros_like(self.links), [(own, part.slope) for own, part in owned])
+        columns = [column for own in terms for column in own.term.columns]
+        free = np.full(self.links.shape[1], np.inf)
+        least, most = np.r_[-free, [c.least for c in columns]], np.r_[free, [c.most for c in columns]]
+        w, y = weights[self.joint], self.torque.copy()
+        acting, passed, lead = y.copy(), np.ones(len(y)), np.zeros(len(y))
+        pushes = np.stack([pushes_of(self.torque[self.of(k)]) for k in range(len(weights))])[self.joint]
+        response = pushes.copy()
         for own, part in owned:
-            here, last = self.of(own.joint), first + part.linear.shape[1]
-            phi[here, first:last], slopes[here, first:last] = part.linear, part.linear_slope
-            least[first:last] = [column.least for column in own.term.columns]
-            most[first:last] = [column.most for column in own.term.columns]
-            y[here] -= part.fixed
-            passed[here] -= part.fixed_slope
-            first = last
-        w = weights[self.joint]
-        return Balance(phi * w[:, None], y * w, slopes, passed, least, most, np.ones(len(w)))
+            here = self.of(own.joint)
+            acting[here] -= part.fixed
+            y[here] -= part.fixed * (own.term.lead == 0)
+            passed[here] *= part.passed
+            lead[here] += own.term.lead
+            response[here] -= 0.0 if part.taken is None else part.taken
+        is_bent = any(part.taken is not None for _, part in owned)
+        bent = {"response": response * w[:, None], "pushes": pushes * w[:, None]} if is_bent else {}
+        made = Balance(phi * w[:, None], acting * w, slopes, least, most, np.ones(len(w)), **bent)
+        if lead.any():
+            rates = self._placed(self._links(_rates), [(own, self._columns(own, 0.0, _rates)[0]) for own in terms])
+            ahead = replace(made, phi=(phi + lead[:, None] * rates) * w[:, None], y=y * w)
+            made = replace(made, recorded=ahead)
+        return replace(made, phi=made.phi / passed[:, None], y=made.y / passed)
 
     def residual(self, terms: Sequence[JointTerm], theta: Array) -> Array:
         """Torque (R,) that body and terms of linear parameters theta (P,) leave [N m]."""
-        return np.asarray(self.balance(terms, np.ones(len(self.body.joints))).error(theta))
+        return self.balance(terms, np.ones(len(self.body.joints))).unpredicted(theta)
 
     def structure(self, residual: Array, joint: int) -> tuple[float, float]:
         """Torque that neighbouring blocks of a joint share of a residual (R,) [N m], and how sure that is."""
@@ -231,10 +243,6 @@ def gather_arm(recordings: Sequence[ArmRecording], body: Body) -> ArmEvidence:
                 "motion"
             )
     return ArmEvidence(body, tuple(parts))
-
-
-def _means(series: Array, blocks: Index) -> Array:
-    return np.asarray(series[blocks].mean(axis=1))
 
 
 def _pushed(m: Measurements, more: float, term: Term) -> Measurements:

@@ -99,20 +99,10 @@ class ArmSearch:
         """Log predictive density of every stretch (S,), those of the training data first [nat]."""
         if terms not in self._densities:
             balance, unseen = (part.balance(terms, self.weights) for part in (self.train, self.held))
-            known = cross_validated(balance, self._hidden(terms, self.train), self.train.stretches)
-            told = predicted(self.solve(terms), unseen, self._hidden(terms, self.held), self.held.stretches)
+            known = cross_validated(balance, self.train.stretches)
+            told = predicted(self.solve(terms), unseen, self.held.stretches)
             self._densities[terms] = np.concatenate([known, told])
         return self._densities[terms]
-
-    def _hidden(self, terms: Terms, part: ArmEvidence) -> Array:
-        """Variance of torque noise that terms filter out of each equation (R,), as these are weighted.
-
-        A lag or saturation takes noise of the torque channel along: that must not make them look likelier.
-        """
-        hidden = np.zeros(len(part.joint))
-        for own in (own for own in terms if own.term.fixed):
-            hidden[part.of(own.joint)] += self.weights[own.joint] ** 2 * part.muffled(own)
-        return np.maximum(hidden, 0.0)
 
     def gain(self, after: Terms, before: Terms) -> Gain:
         """What one model predicts better; the more was tried, the more it has to be."""
@@ -208,9 +198,7 @@ class ArmSearch:
         # what shows in few places only, as friction at low speed, hardly shows in what neighbours share
         sure = gain.total - self.penalty(longer, terms) >= self.criterion.sure * gain.error
         before, after = self.residual(terms), self.residual(longer)
-        # noise that the longer terms take out of the torque is left all the same
-        taken = self._hidden(longer, self.train) - self._hidden(terms, self.train)
-        gone = before**2 - after**2 - taken / self.weights[self.train.joint] ** 2
+        gone = before**2 - after**2
         joints = range(len(self.weights))
         shown = (self._explains(before, after, float(np.mean(gone[self.train.of(j)])), j, sure) for j in joints)
         if not any(shown):

@@ -262,9 +262,9 @@ class ChannelFits:
         Each stretch is predicted by laws, and a channel near this one, that were fitted to the other folds.
         """
         design, torque = np.column_stack([self.span, slopes]), self.torque(channel)
-        free, ones = np.full(design.shape[1], np.inf), np.ones(len(torque))
-        balance = Balance(design, torque, np.zeros_like(design), ones, -free, free, ones)
-        density = cross_validated(balance, 0.0, self.where)
+        free = np.full(design.shape[1], np.inf)
+        balance = Balance(design, torque, np.zeros_like(design), -free, free, np.ones(len(torque)))
+        density = cross_validated(balance, self.where)
         return np.stack([density, density + np.log(self.gain(channel)) * np.bincount(self.where.stretch)])
 
     def views(self) -> list[View]:

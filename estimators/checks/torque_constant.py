@@ -5,9 +5,9 @@ known inertia dI and gravity dmgl, which differs from recording to recording, ca
 
     i = (1/K) (dI q'' + dmgl sin q) + (1/K) (I q'' + mgl sin q + friction),
 
-as the column of the known loads has a coefficient of its own. It is fitted beside a model that bends to nearly any
-physics, with friction that grows with the torque, with the load, and from recording to recording: friction is odd in
-the velocity, the weight of a load is not, so that neither can stand in for the other.
+as the torque of the known loads is a column like any other. All columns are functions of the motion, those of friction
+under load too, which is odd in the velocity as the weight of a load is not: where the drive pushes along the motion all
+the time, as in most servos, |i| sgn q' is i itself, and would take the place of the loads.
 
 Source: Gautier and Briot, Journal of Dynamic Systems, Measurement, and Control 136(5), 2014 (drive gains of robots from
 known payloads).
@@ -20,25 +20,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.equations import Equations, IdentificationError
-from estimators.regression.least_squares import least_squares, solve
+from estimators.arguments import within_limits
+from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import least_squares
+from estimators.selection.candidates import Screen
 from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
-from pendulum_env._typing import Array
-from pendulum_env.physics import BASE, Estimate, KnownLoad, Model
-from pendulum_env.physics.potential import Cogging, Spring
+from estimators.weak_form.windows import Windows
+from pendulum_env._typing import Array, Index
+from pendulum_env.physics import BASE, Column, Estimate, KnownLoad, Model, Term
+from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import plus_minus
 
-TURNS = 3  # in which the weight that presses the gears is told by the fit before
+TURNS = 4  # in which the constant and the weight that presses the gears are told by the fit before
 FEWEST = 3  # equations for each column; with less, only the base model stands beside the load
+DRIVEN = 0.9  # share of the motion that the motor drives, from which nothing tells what it loses in the gears
 LEAST = 5.0  # standard errors that the constant has to be from none
 BETWEEN = 4  # recordings from which on their scatter tells a standard error
 NONE = Load(0.0, 0.0)
-ALIKE = 1e-6  # of the largest singular value, below which columns repeat each other
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
-FURTHER = (Spring(), *(Cogging(float(order)) for order in range(4, 9)))  # laws beside the smooth ones
 
 
 @dataclass(frozen=True)
@@ -128,15 +130,25 @@ def further(recordings: Sequence[Recording]) -> list[Recording]:
 def told(model: Model, recordings: Sequence[Recording], fit: Callable[[Sequence[Recording]], Model]) -> Model:
     """A model that was fitted to recordings, in the unit of their torque, with the torque constant and what it errs by.
 
+    The constant is the one beside the model itself, where that tells one; its parameters follow.
+
     Args:
         model: in which nothing is said of either.
         recordings: what it was fitted to.
         fit: finds parameters of the same names in recordings, by which it is seen what another constant makes of them.
     """
-    constant = recordings[0].torque_constant
-    if constant is None:
+    first = recordings[0].torque_constant
+    if first is None:
         return model.per(recordings[0].torque_unit)
-    return widened(model, constant, fit(recordings), fit(further(recordings)))
+    beside = torque_constant([_logged(recording) for recording in recordings], model) if first.loads else first
+    constant = beside if isinstance(beside, TorqueConstant) else first
+    by_it = [_turned(_logged(recording), constant) for recording in recordings]
+    before, here, there = (fit(own) for own in (recordings, by_it, further(by_it)))
+    estimates = {}
+    for name, own in model.estimates.items():
+        moved = here.estimates[name].value - before.estimates[name].value
+        estimates[name] = replace(own, value=own.value + moved)
+    return widened(replace(model, estimates=estimates), constant, here, there)
 
 
 def widened(model: Model, constant: TorqueConstant, here: Model, there: Model) -> Model:
@@ -156,10 +168,28 @@ def widened(model: Model, constant: TorqueConstant, here: Model, there: Model) -
     return replace(model, estimates=estimates, torque_constant=known)
 
 
-def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | str:
+def _logged(recording: Recording) -> Recording:
+    """The recording as it was logged, its torque constant unknown."""
+    known = recording.torque_constant
+    if known is None:
+        return recording
+    return replace(recording, torque=recording.torque / known.value, torque_unit=known.of, torque_constant=None)
+
+
+def constant_of(model: Model, first: TorqueConstant | None) -> TorqueConstant | None:
+    """The torque constant of a model that was `told`."""
+    own = model.torque_constant
+    return first if own is None or first is None else replace(first, value=own.value, std=own.std)
+
+
+def torque_constant(recordings: Sequence[Recording], model: Model | None = None) -> TorqueConstant | str:
     """Torque constant from recordings of a current under known loads, or in a sentence why there is none.
 
     A recording of which no load is known counts as one without a load.
+
+    Args:
+        recordings: of a current.
+        model: what the joint is beside its loads; a first guess bends to nearly any physics.
 
     Raises:
         IdentificationError: if the recordings hold too little motion.
@@ -173,12 +203,20 @@ def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | str:
             f"the {name} is not known, and every parameter is per {unit}: the log has {LOGGED.get(unit, unit)} for the "
             f"torque, and {hung}; record with another known load, or without any, and give `load` in the study"
         )
-    data = prepare(recordings)
-    columns, current = _spanned(_columns(data, loads), data.weights), data.torque()
-    fit = solve(Equations(columns, current), data.weights, data.clusters)
-    share, std = float(fit.theta[0]), float(fit.std[0])  # 1/K
-    if len(recordings) >= BETWEEN:
-        std = max(std, _between(columns, current, data, loads))
+    data, value, weight = prepare(recordings), 1.0, 0.0
+    rubbing = Pressed if driven(data) > DRIVEN else LoadDependentFriction
+    laws = smooth_laws(data.windows[0])
+    laws = laws if len(data.weights) >= FEWEST * (len(laws) + 3) else BASE
+    for _ in range(TURNS):  # friction under load is known in N m
+        if model is None:
+            terms: Sequence[Term] = (*laws, rubbing(weight))
+        else:
+            terms = _with_known_motor(model) if rubbing is Pressed else model.terms
+        share, std, weight = _share(_in_newton_metres(data, loads, value), terms)
+        if share <= LEAST * std:
+            break
+        value = value / share
+    share, std = share / value, std / value  # 1/K
     if abs(share) <= LEAST * std:
         return (
             f"the {name} is not known, and every parameter is per {unit}: all that {len(set(loads))} known loads tell "
@@ -189,70 +227,101 @@ def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | str:
             f"the {name} is not known, and every parameter is per {unit}: it would be negative, "
             f"{plus_minus(1 / share, std / share**2)} N m/{unit}; turn torque or position round with a minus sign"
         )
-    return TorqueConstant(1 / share, std / share**2, unit, len(set(loads)))
+    return TorqueConstant(value, std * value**2, unit, len(set(loads)))
 
 
-def _columns(data: Dataset, loads: Sequence[Load]) -> Array:
-    """Column of the known loads, then those of a model that bends to nearly any physics (R, P)."""
-    windows = [
-        replace(w, samples=replace(w.samples, load=KnownLoad(load.inertia, load.gravity)))
-        for w, load in zip(data.windows, loads, strict=True)
-    ]
-    load = np.concatenate([w.column(LOAD, w.samples) for w in windows])
-    x = data.samples
-    sign, weight = np.sign(x.velocity), np.abs(np.sin(x.position))
-    owner = data.recording_of_window
-    heavy = np.array([one.gravity for one in loads])[owner]
-    own = np.eye(len(loads))[owner][:, 1:]  # the first recording has what all share
-    laws = [data.columns([law])[0][0] for law in (*smooth_laws(data.windows[0]), *FURTHER)]
-    rubbing = [weight * sign, heavy * weight * sign, heavy * sign]
-    columns = np.column_stack([load, *laws, *rubbing, own * sign[:, None], own * np.asarray(x.velocity)[:, None]])
-    if len(load) < FEWEST * columns.shape[1]:
-        columns = np.column_stack([load, *laws[:4], heavy * weight * sign])
-    # Gears are pressed by the motor, or by the motor and by what hangs on them. The current stands on both sides then;
-    # but what no column explains of it is a per cent or so, and can feign no more friction than that.
-    # What does is told by the base model: beside laws that bend like it, gravity is not known well enough.
-    base = [column.name for law in BASE for column in law.columns]
-    by_motor = by_both = _pressed(data, np.zeros(len(loads)))
-    for _ in range(TURNS):
-        plain = np.column_stack([columns[:, : 1 + len(base)], by_motor, by_both])
-        theta = least_squares(plain * data.weights[:, None], data.torque() * data.weights)
-        hanging = theta[1 + base.index("gravity")] + theta[0] * np.array([one.gravity for one in loads])
-        by_both = _pressed(data, hanging)
-    return np.column_stack([columns, by_motor, by_both])
+def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[str]:
+    """What a torque constant leaves open, in sentences.
 
-
-def _spanned(columns: Array, weights: Array) -> Array:
-    """The first column, and what the others span without those that nearly repeat each other (R, P')."""
-    others = columns[:, 1:] * weights[:, None]
-    left, singular, _ = np.linalg.svd(others / np.maximum(np.linalg.norm(others, axis=0), 1e-300), full_matrices=False)
-    return np.column_stack([columns[:, 0], left[:, singular > ALIKE * singular[0]] / weights[:, None]])
-
-
-def _pressed(data: Dataset, hanging: Array) -> Array:
-    """Column of friction under the current and a weight, |i + w sin q| sgn q', w of each recording (R,).
-
-    A current that chatters from sample to sample presses by its size, not by its mean.
+    Args:
+        model: in N m, by it.
+        constant: that was found.
+        data: what it was fitted to.
     """
-    parts = []
-    for w, weight in zip(data.windows, hanging, strict=True):
-        held, hung = w.recording.torque, weight * np.sin(np.asarray(w.samples.position))
-        after, before = np.abs(held + hung), np.abs(np.append(held[0], held[:-1]) + hung)
-        parts.append(w.average(0.5 * (after + before) * np.sign(w.samples.velocity)))
-    return np.concatenate(parts)
+    said = []
+    share = driven(data)
+    name = "torque constant" if constant.of == "A" else "torque gain"
+    if share > DRIVEN:
+        said.append(
+            f"the motor pushes along the motion {share:.0%} of the time: what its gears lose of its torque and the "
+            f"{name} are one number, of which {constant.value:.4g} {constant.unit} is the product; a weight that is "
+            "let down slowly, so that it turns the motor, would tell them apart"
+        )
+    if constant.of != "A" and "viscous" in model.estimates:
+        most = model.estimates["viscous"].value / constant.value
+        said.append(
+            f"the log has {LOGGED[constant.of]}: back-EMF, {name} times k_e q', is part of the viscous friction, and "
+            f"k_e is {most:.3g} {constant.of} s/rad at most"
+        )
+    return said
 
 
-def _between(columns: Array, current: Array, data: Dataset, loads: Sequence[Load]) -> float:
+def driven(data: Dataset) -> float:
+    """Share of the motion that the torque pushes along."""
+    return float(np.mean(data.torque() * data.samples.velocity > 0))
+
+
+class KnownLoads(Term):
+    """What the torque of known loads counts for beyond its size: nothing, where the torque constant is right."""
+
+    id = "known_loads"
+    law = "s (dI q'' + dmgl sin q)"
+    kind = "inertial"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The loads' own column."""
+        return (LOAD,)
+
+
+class Pressed(LoadDependentFriction):
+    """Friction by what hangs on the output alone: what the motor presses is no function of the motion."""
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Without that of the motor."""
+        return super().columns[1:]
+
+
+def _with_known_motor(model: Model) -> tuple[Term, ...]:
+    """A model's terms, friction by the motor's torque as it is: beside an unknown scale of the torque, it is none."""
+    known = {name: e.value for name, e in model.estimates.items() if name == "load_dependent_friction"}
+    return within_limits(model.terms, {}, known, {})[0]
+
+
+def _in_newton_metres(data: Dataset, loads: Sequence[Load], constant: float) -> Dataset:
+    """Windows of currents as those of torques, by a constant that is tried [N m/A]."""
+
+    def turned(w: Windows, load: Load) -> Windows:
+        recording = replace(w.recording, torque=constant * w.recording.torque, torque_unit=NEWTON_METRE)
+        known = KnownLoad(load.inertia, load.gravity)
+        samples = replace(w.samples, torque=constant * w.samples.torque, load=known)
+        return replace(w, recording=recording, samples=samples, torque_noise=constant * w.torque_noise)
+
+    return replace(data, windows=tuple(turned(w, load) for w, load in zip(data.windows, loads, strict=True)))
+
+
+def _share(data: Dataset, terms: Sequence[Term]) -> tuple[float, float, float]:
+    """What the torque of the known loads counts in that which was recorded, 1 if the torque constant is right.
+
+    With its standard error, and the weight of the joint without loads [N m].
+    """
+    balance = Screen(data).balance((KnownLoads(), *terms))
+    fit = balance.fit(data.clusters)
+    names = [column.name for term in terms for column in term.columns]
+    loads = [tuple(map(float, w.samples.load)) for w in data.windows]
+    between = _between(balance.slopes(fit.theta), fit.residual, balance.weights, data.recording_of_window, loads)
+    return 1.0 + float(fit.theta[0]), max(float(fit.std[0]), between), float(fit.theta[1 + names.index("gravity")])
+
+
+def _between(slopes: Array, error: Array, weights: Array, owner: Index, loads: Sequence[object]) -> float:
     """Standard error of the first parameter from the scatter between recordings: each is left out once (jackknife).
 
     One without which all others have the same load is not: they would know nothing.
     """
-    owner, w = data.recording_of_window, data.weights
-    numbers = [k for k in range(len(loads)) if len({*loads[:k], *loads[k + 1 :]}) > 1]
-    left = [
-        least_squares(columns[owner != k] * w[owner != k, None], current[owner != k] * w[owner != k])[0]
-        for k in numbers
-    ]
-    if len(left) < 2:
+    if len(loads) < BETWEEN:
         return 0.0
-    return float(np.sqrt((len(left) - 1) * np.var(left)))
+    phi, left = slopes * weights[:, None], error * weights
+    others = [owner != k for k in range(len(loads)) if len({*loads[:k], *loads[k + 1 :]}) > 1]
+    told = [least_squares(phi[own], left[own])[0] for own in others]
+    return float(np.sqrt((len(told) - 1) * np.var(told))) if len(told) > 1 else 0.0

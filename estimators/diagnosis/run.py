@@ -14,7 +14,7 @@ from estimators.checks.homogeneity import disagreements
 from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.physical import impossible, turned_round, wrong_signs
 from estimators.checks.residual import Region, profiles, stand_out
-from estimators.checks.torque_constant import Calibrated, told
+from estimators.checks.torque_constant import Calibrated, constant_of, of_the_drive, told
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import Diagnosis
@@ -226,13 +226,15 @@ class Prepared:
 
     def told(self, found: Diagnosis) -> Diagnosis:
         """A diagnosis with what was found of the torque channel."""
+        constant = constant_of(found.model, self.calibrated.constant)
         return replace(
             found,
             torque_unit=self.calibrated.unit,
-            torque_constant=self.calibrated.constant,
+            torque_constant=constant,
             alignments=self.aligned.alignments,
             advice=(
                 *filter(None, [self.calibrated.doubt]),
+                *(of_the_drive(found.model, constant, self.evidence[0].data) if constant is not None else ()),
                 *_of_timing(self, found),
                 *(loop.text for loop in feedback(self.recordings)),
                 *found.advice,

@@ -14,7 +14,7 @@ from pendulum_env._typing import Array, Index, Mask
 RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of its step that are tried
 DISTINCT = 1e-6  # least eigenvalue of scaled normal equations, from which they keep ten digits
-LEAST_SLOPE = 0.05  # of an equation by the torque, so that an error stays finite
+LEAST_SLOPE = 0.01  # of an equation by the torque, so that an error stays finite: next to nothing comes through
 TURNS, ENOUGH = 30, 1e-12  # of Gauss-Newton, and relative fall of the squared error at which it ends
 CONVERGED = 0.01  # standard errors that a Gauss-Newton step may still take
 
@@ -128,40 +128,73 @@ class Balance:
     with the load.
 
     Least squares would then explain torque by torque rather than by motion. What counts is the error of the torque that
-    a model predicts from the motion: to first order the error of the equation over its slope by the torque.
+    a model predicts from the motion: of the push of the recorded torque under which an equation would hold,
+
+        y + response(push) = (phi + push by_torque) theta,
+
+    exactly, however bent the response is. Where hardly any push makes up for what is missing, as beyond a saturation,
+    the model is hardly possible, and the error is as large.
 
     Attributes:
         phi: regressor (R, P).
         y: left-hand side (R,) [N m].
         by_torque: slopes of the regressor by the torque (R, P) [1/(N m)].
-        passed: slope of the left-hand side by the torque (R,).
+        response: by which the left-hand side grows when the torque does, (R, J); the torque itself if not given.
+        pushes: of the torque in each equation (R, J) [N m], growing, zero in their middle.
         least, most: bounds of the parameters (P,); one that would leave them stays at the bound.
         weights: of the equations in a fit (R,).
+        recorded: the same equations solved for what was recorded where torque acts through a filter; they are what a
+            model is judged by. A filter that takes torque away explains nothing of it.
     """
 
     phi: Array
     y: Array
     by_torque: Array
-    passed: Array
     least: Array
     most: Array
     weights: Array
+    response: Array | None = None
+    pushes: Array | None = None
+    recorded: Balance | None = None
 
     def __getitem__(self, rows: Mask) -> Balance:
-        phi, y, by_torque, passed = (values[rows] for values in (self.phi, self.y, self.by_torque, self.passed))
-        return Balance(phi, y, by_torque, passed, self.least, self.most, self.weights[rows])
+        phi, y, by_torque, weights = (values[rows] for values in (self.phi, self.y, self.by_torque, self.weights))
+        response, pushes, recorded = (
+            None if part is None else part[rows] for part in (self.response, self.pushes, self.recorded)
+        )
+        return Balance(phi, y, by_torque, self.least, self.most, weights, response, pushes, recorded)
 
     def error(self, theta: Array) -> Array:
         """Measured minus predicted torque (R,) [N m] at parameters (P,)."""
-        return np.asarray((self.y - self.phi @ theta) / self._slope(theta))
+        return self._error(theta)[0]
+
+    def unpredicted(self, theta: Array) -> Array:
+        """The same (R,) of the torque as it was recorded."""
+        return (self.recorded or self).error(theta)
 
     @property
     def of_torque(self) -> Mask:
         """Which parameters' columns depend on the torque (P,)."""
         return np.any(self.by_torque, axis=0)
 
-    def _slope(self, theta: Array) -> Array:
-        return np.maximum(self.passed - self.by_torque @ theta, LEAST_SLOPE)
+    @property
+    def is_linear(self) -> bool:
+        """Whether the errors are linear in the parameters."""
+        return self.response is None and not self.by_torque.any()
+
+    def _error(self, theta: Array) -> tuple[Array, Array]:
+        """Errors (R,) and the slopes of the equations by the torque (R,) there."""
+        left, taken = self.y - self.phi @ theta, self.by_torque @ theta
+        if self.response is None or self.pushes is None:
+            slope = np.maximum(1.0 - taken, LEAST_SLOPE)
+            return left / slope, slope
+        steps = np.diff(self.pushes, axis=1)
+        slopes = np.maximum(np.diff(self.response, axis=1) / steps - taken[:, None], LEAST_SLOPE)  # (R, J - 1)
+        balance = np.cumsum(np.column_stack([left, slopes * steps]), axis=1)  # at each push (R, J)
+        balance += (left - balance[:, steps.shape[1] // 2])[:, None]
+        rows, place = np.arange(len(left)), np.clip(np.sum(balance < 0, axis=1) - 1, 0, steps.shape[1] - 1)
+        slope = slopes[rows, place]
+        return balance[rows, place] / slope - self.pushes[rows, place], slope
 
     def solve(self, start: Array | None = None) -> Array:
         """Parameters (P,) of least squared error within the bounds, looked for from those of torque (P,) near them."""
@@ -191,16 +224,18 @@ class Balance:
 
         Those by shape parameters follow, (R, P + S), where `jacobian` has the derivatives of phi theta by these (R, S).
         """
-        own = self.phi - self.error(theta)[:, None] * self.by_torque
-        return np.column_stack([own, *([] if jacobian is None else [jacobian])]) / self._slope(theta)[:, None]
+        error, slope = self._error(theta)
+        own = self.phi - error[:, None] * self.by_torque
+        return np.column_stack([own, *([] if jacobian is None else [jacobian])]) / slope[:, None]
 
     def _solve(self, theta: Array, free: Mask) -> Array:
         """The parameters with the free ones moved to where the squared error is least (Gauss-Newton)."""
-        of_torque, plain = free & self.of_torque, free & ~self.of_torque
+        plain, w = free & ~self.of_torque, self.weights
         theta = np.where(plain, 0.0, theta)
-        slope, w = self._slope(theta), self.weights
-        theta[plain] = least_squares(self.phi[:, plain] * (w / slope)[:, None], w * self.error(theta))
-        if not of_torque.any():
+        slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE)
+        known = (self.y - self.phi @ theta) * w / slope
+        theta[plain] = least_squares(self.phi[:, plain] * (w / slope)[:, None], known)
+        if self.is_linear or not free.any():
             return theta
         error = w * self.error(theta)
         for _ in range(TURNS):

@@ -6,8 +6,9 @@ variants costs one batch of small solves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ STARTS = 2  # variants of the grid from which a search over shape parameters sta
 FOLLOWS = 3  # turns in which a shape parameter is set to the parameter that it follows
 
 NUDGE = 1e-6  # of the largest torque, for slopes by it
+PUSHES = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # of it, either way, for bent laws of it
 
 
 class Columns(NamedTuple):
@@ -31,19 +33,21 @@ class Columns(NamedTuple):
     Attributes:
         linear: (R, P).
         fixed: sum of the columns without a parameter (R,) [N m].
-        linear_slope: (R, P) [1/(N m)], zero but for effects that depend on the torque.
-        fixed_slope: (R,).
+        slope: of the linear ones (R, P) [1/(N m)], zero but for effects that depend on the torque.
+        taken: what more the fixed ones are under each push of the torque (R, J), where they depend on it at once.
+        passed: share of the torque that they leave, if they depend on what it was before.
     """
 
     linear: Array
     fixed: Array
-    linear_slope: Array
-    fixed_slope: Array
+    slope: Array
+    taken: Array | None = None
+    passed: float = 1.0
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A set of terms with the torque error of its fit [N m], which counts the torque noise that they filter out."""
+    """A set of terms with the error of its fit in the torque that was recorded [N m]."""
 
     terms: tuple[Term, ...]
     fitted_rms: float
@@ -56,14 +60,12 @@ class Screen:
     data: Dataset
     _columns: dict[Term, Columns] = field(default_factory=dict)
     _weights: dict[tuple[Term, ...], Array] = field(default_factory=dict)
-    _muffled: dict[Term, float] = field(default_factory=dict)
+    _rates: dict[Term, Array] = field(default_factory=dict)
     _ranked: dict[tuple[tuple[Term, ...], str], list[Trial]] = field(default_factory=dict)
     _variants: dict[tuple[tuple[Term, ...], str], list[Trial]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._torque = self.data.net_torque()
-        self._nudge = NUDGE * max(float(np.abs(self.data.torque()).max()), 1e-12)
-        self._nudged = self.data.with_more_torque(self._nudge)
 
     def columns(self, variants: Sequence[Term]) -> list[Columns]:
         """Windowed columns of each variant of one effect."""
@@ -73,14 +75,19 @@ class Screen:
         return [self._columns[variant] for variant in variants]
 
     def _cut(self, variants: Sequence[Term]) -> list[Columns]:
-        columns = self.data.columns(variants)
-        if not depends_on_torque(variants[0]):
-            return [Columns(own, fixed, np.zeros_like(own), np.zeros_like(fixed)) for own, fixed in columns]
-        pairs = zip(columns, self._nudged.columns(variants), strict=True)
-        return [
-            Columns(own, fixed, (more - own) / self._nudge, (moved - fixed) / self._nudge)
-            for (own, fixed), (more, moved) in pairs
-        ]
+        nudged = self._nudged.columns(variants) if depends_on_torque(variants[0]) else None
+        return columns_by_torque(variants, self.data.columns(variants), nudged, self.data.lost, self.data.torque())
+
+    @cached_property
+    def _nudged(self) -> Dataset:
+        return self.data.with_more_torque(nudge_of(self.data.torque()))
+
+    def rates(self, terms: Sequence[Term]) -> Array:
+        """Time derivatives of the linear columns of some terms (R, P)."""
+        for term in terms:
+            if term not in self._rates:
+                self._rates[term] = self.data.rates(term)
+        return np.column_stack([self._rates[term] for term in terms])
 
     def balance(self, terms: Sequence[Term]) -> Balance:
         """Equations of some terms, recordings of which they leave more unexplained counting less."""
@@ -101,15 +108,28 @@ class Screen:
 
     def _balance(self, terms: Sequence[Term], parts: Sequence[Columns], w: Array) -> Balance:
         columns = [column for term in terms for column in term.columns]
-        return Balance(
+        bounds = (np.array([getattr(column, end) for column in columns]) for end in ("least", "most"))
+        balance = Balance(
             np.column_stack([part.linear for part in parts]),
             self._torque - sum(part.fixed for part in parts),
-            np.column_stack([part.linear_slope for part in parts]),
-            1.0 - sum((part.fixed_slope for part in parts), np.zeros(len(w))),
-            np.array([column.least for column in columns]),
-            np.array([column.most for column in columns]),
+            np.column_stack([part.slope for part in parts]),
+            *bounds,
             w,
         )
+        taken = [part.taken for part in parts if part.taken is not None]
+        if taken:
+            pushes = np.tile(pushes_of(self.data.torque()), (len(w), 1))
+            balance = replace(balance, response=pushes - sum(taken), pushes=pushes)
+        lead, passed = sum(term.lead for term in terms), float(np.prod([part.passed for part in parts]))
+        if lead > 0:
+            others = sum(part.fixed for part, term in zip(parts, terms, strict=True) if not term.lead)
+            ahead, loaded = balance.phi + lead * self.rates(terms), self._torque - lead * self._load_rates
+            balance = replace(balance, recorded=replace(balance, phi=ahead, y=loaded - others))
+        return replace(balance, phi=balance.phi / passed, y=balance.y / passed)
+
+    @cached_property
+    def _load_rates(self) -> Array:
+        return self.data.load_rates()
 
     def solve(self, terms: Sequence[Term]) -> Array:
         """Linear parameters (P,) of the terms, fitted to all windows."""
@@ -123,7 +143,7 @@ class Screen:
         w = self.weights(terms)
         balances = [self._balance(model, [*shared, own], w) for model, own in pairs]
         if depends_on_torque(*terms, variants[0]) or is_known(*terms, variants[0]):
-            errors = [w * balance.error(balance.solve()) for balance in balances]
+            errors = [w * balance.unpredicted(balance.solve()) for balance in balances]
             squares = np.array([error @ error for error in errors])
         else:
             stacked = w[None, :, None] * np.stack([np.column_stack([own.phi, own.y]) for own in balances])
@@ -131,28 +151,12 @@ class Screen:
             for k, balance in enumerate(balances):
                 if np.any((theta[k] < balance.least) | (theta[k] > balance.most)):
                     squares[k] = np.sum((w * balance.error(balance.solve())) ** 2)
-        return [
-            Trial(model, float(np.sqrt(square / (w @ w) + self.hidden_noise(model))))
-            for model, square in zip(models, squares, strict=True)
-        ]
+        return [Trial(model, float(np.sqrt(square / (w @ w)))) for model, square in zip(models, squares, strict=True)]
 
     def trial(self, terms: Sequence[Term]) -> Trial:
         """Errors of one set of terms."""
         *others, last = terms
         return self.trials(others, [last])[0]
-
-    def hidden_noise(self, terms: Sequence[Term]) -> float:
-        """Variance of torque noise that terms filter out of the equations [(N m)^2]; it counts as error all the same.
-
-        A lag smooths the noise of the torque channel along with the torque, and saturation flattens it: that must not
-        make them look likelier.
-        """
-        total = 0.0
-        for term in terms:
-            if term.fixed and term not in self._muffled:
-                self._muffled[term] = self.data.muffled(term)
-            total += self._muffled.get(term, 0.0)
-        return total
 
     def residual(self, terms: Sequence[Term]) -> Array:
         """Torque (R,) that a fit of the terms does not predict [N m]."""
@@ -243,16 +247,58 @@ class Screen:
 
         def residual(variant: Term, own: Columns) -> Array:
             balance = self._balance((*terms, variant), [*shared, own], w)
-            if balance.by_torque.any() or (balance.passed != 1.0).any() or is_known(*terms, variant):
+            if not (balance.is_linear and variant.columns) or is_known(*terms, variant):
                 return w * balance.error(balance.solve())
-            # a lag takes torque away: what is left has to be explained as well as all of it would be
-            taken = float(np.linalg.norm(self._torque)) / max(float(np.linalg.norm(balance.y)), 1e-12)
-            return (taken if own.fixed.any() else 1.0) * linear(balance, own.linear.shape[1])
+            return linear(balance, own.linear.shape[1])
 
         def residuals(variants: Sequence[Term]) -> list[Array]:
             return [residual(*pair) for pair in zip(variants, self._cut(variants), strict=True)]
 
         return residuals
+
+
+def nudge_of(torque: Array) -> float:
+    """Push of the torque [N m], for slopes by it."""
+    return NUDGE * max(float(np.abs(torque).max()), 1e-12)
+
+
+def pushes_of(torque: Array) -> Array:
+    """Pushes of the torque (J,) [N m], growing, zero in their middle, by which bent laws of it are solved for it."""
+    return max(float(np.abs(torque).max()), 1e-12) * np.concatenate([-PUSHES[::-1], [0.0], PUSHES])
+
+
+def columns_by_torque(
+    variants: Sequence[Term],
+    plain: Sequence[tuple[Array, Array]],
+    nudged: Sequence[tuple[Array, Array]] | None,
+    lost: Callable[[Term, Array], Array],
+    torque: Array,
+) -> list[Columns]:
+    """Columns of variants of one effect, with how they depend on the torque.
+
+    Args:
+        variants: of one effect.
+        plain: their linear columns (R, P) and fixed ones (R,).
+        nudged: the same under a torque that is larger by `nudge_of` all along; None if they do not depend on it.
+        lost: what fixed columns are of a term without memory (R, J) under each of several pushes (J,) [N m].
+        torque: as it is (R,) [N m].
+    """
+    if nudged is None:
+        return [Columns(own, fixed, np.zeros_like(own)) for own, fixed in plain]
+    slopes = [(more - own) / nudge_of(torque) for (own, _), (more, _) in zip(plain, nudged, strict=True)]
+    parts = [Columns(own, fixed, slope) for (own, fixed), slope in zip(plain, slopes, strict=True)]
+    if not variants[0].fixed:
+        return parts
+    if type(variants[0]).has_state():
+        whole = max(float(np.linalg.norm(torque)), 1e-300)
+        left = [min(1.0, float(np.linalg.norm(torque - part.fixed)) / whole) for part in parts]
+        shares = [1.0 if variant.delay else share for variant, share in zip(variants, left, strict=True)]
+        return [part._replace(passed=max(share, 1e-12)) for part, share in zip(parts, shares, strict=True)]
+    pushes = pushes_of(torque)
+    return [
+        part._replace(taken=lost(variant, pushes) - part.fixed[:, None])
+        for variant, part in zip(variants, parts, strict=True)
+    ]
 
 
 def depends_on_torque(*terms: Term) -> bool:

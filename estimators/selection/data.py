@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from estimators.regression.least_squares import Fit
-from estimators.selection.candidates import Screen
+from estimators.selection.candidates import Screen, depends_on_torque
 from estimators.simulation.free_running import Flights, deviation, position_rms, take_off
 from estimators.simulation.link_segments import has_link, hidden_state, link_of, watch
 from estimators.weak_form.dataset import Dataset, prepare
@@ -76,6 +77,11 @@ class Evidence:
         data = prepare(recordings, half_widths, part)
         return cls(data, tuple(take_off(w) for w in data.windows))
 
+    @cached_property
+    def screen(self) -> Screen:
+        """Fits of models to the data."""
+        return Screen(self.data)
+
     @property
     def recordings(self) -> tuple[Recording, ...]:
         """The recordings that it is of, or parts of."""
@@ -108,7 +114,9 @@ class Evidence:
         return replace(self, data=replace(self.data, watched={term.id: watched}), flights=tuple(flights))
 
     def residual(self, terms: Sequence[Term], theta: Array) -> Array:
-        """Measured minus modelled torque in every window (R,) [N m]."""
+        """Measured minus predicted torque in every window (R,) [N m]."""
+        if depends_on_torque(*terms):
+            return self.screen.balance(terms).unpredicted(theta)
         equations = self.data.equations(terms)
         return equations.y - equations.phi @ theta
 
@@ -134,7 +142,7 @@ def fit_terms(evidence: Evidence, terms: Sequence[Term], screen: Screen | None =
         terms: of the model.
         screen: of the same data, if there is one that may know some of the columns already.
     """
-    data, balance = evidence.data, (screen or Screen(evidence.data)).balance(terms)
+    data, balance = evidence.data, (screen or evidence.screen).balance(terms)
     first = balance.fit(data.clusters)
     jacobian, names = shape_jacobian(data, terms, first.theta)
     fit = balance.fit(data.clusters, jacobian) if names else first
@@ -167,7 +175,7 @@ def with_knocks(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> t
     """
     if has_link(terms):
         return evidence
-    screen = Screen(evidence[0].data)
+    screen = evidence[0].screen
     fit = fit_terms(evidence[0], terms, screen)[1]
     count = len(fit.theta)
     known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(screen)

@@ -51,37 +51,30 @@ class Stretches:
         return np.asarray(self.piece % FOLDS)
 
 
-def cross_validated(balance: Balance, hidden: float | Array, where: Stretches) -> Array:
-    """Log density of each stretch (S,), predicted by the fit to the others [nat].
+def cross_validated(balance: Balance, where: Stretches) -> Array:
+    """Log density of each stretch (S,) of the recorded torque, predicted by the fit to the others [nat].
 
     Args:
         balance: equations of the model.
-        hidden: variance of torque noise that the model takes out of the equations, or out of each (R,), beside what
-            errors its own recording has; it counts as error all the same.
         where: stretch and recording of each equation.
     """
     errors, whole = np.empty((FOLDS, len(balance.y))), balance.solve()
     for k in range(FOLDS):
-        errors[k] = balance.error(balance[where.fold != k].solve(whole))
-    return _density(errors, hidden, where)
+        errors[k] = balance.unpredicted(balance[where.fold != k].solve(whole))
+    return _density(errors, where)
 
 
-def predicted(theta: Array, balance: Balance, hidden: float | Array, where: Stretches) -> Array:
+def predicted(theta: Array, balance: Balance, where: Stretches) -> Array:
     """Log density of each held-out stretch (S,) under parameters (P,) fitted elsewhere [nat]."""
-    return _density(np.broadcast_to(balance.error(theta), (FOLDS, len(balance.y))), hidden, where)
+    return _density(np.broadcast_to(balance.unpredicted(theta), (FOLDS, len(balance.y))), where)
 
 
-def _density(errors: Array, hidden: float | Array, where: Stretches) -> Array:
+def _density(errors: Array, where: Stretches) -> Array:
     """Log density of each stretch, from the errors (FOLDS, R) under the fit without each fold.
 
     The scale is that of the other folds of the same recording: recordings differ in what no model explains of them.
     """
     fold, errors = where.fold, np.clip(errors, -DIVERGED, DIVERGED)
-    level: float | Array = float(np.mean(errors**2))
-    if isinstance(hidden, np.ndarray):
-        squares = np.mean(errors**2, axis=0)
-        level = (np.bincount(where.recording, squares) / np.maximum(np.bincount(where.recording), 1))[where.recording]
-    errors = errors * np.sqrt(1 + hidden / np.maximum(level, 1e-300))
     total = np.zeros(len(where.of_stretch))
     for recording in np.unique(where.recording):
         own = where.recording == recording

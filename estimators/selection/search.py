@@ -42,7 +42,7 @@ class Left:
     """Power of what a model leaves of some data.
 
     Attributes:
-        all: mean square, with that of the torque noise that the model takes out [N^2 m^2].
+        all: mean square [N^2 m^2].
         shared: that of what neighbouring windows share [N^2 m^2].
     """
 
@@ -81,7 +81,7 @@ class Search:
     base: Terms = BASE
 
     def __post_init__(self) -> None:
-        self.screen, self.held_out = Screen(self.train.data), Screen(self.holdout.data)
+        self.screen, self.held_out = self.train.screen, self.holdout.screen
         self.inertia = base_inertia(self.screen)
         self.floor = self.train.data.noise(self.inertia)
         self._where = [_stretches(part, STRETCH) for part in (self.train, self.holdout)]
@@ -101,10 +101,9 @@ class Search:
         if terms not in self._densities and any(wanders(term) for term in terms):
             self._densities[terms] = self._fitted_anew(terms)
         if terms not in self._densities:
-            balance, hidden = self.screen.balance(terms), self.screen.hidden_noise(terms)
-            known = cross_validated(balance, hidden, self._where[0])
-            theirs = self.held_out.balance(terms), self.held_out.hidden_noise(terms)
-            unseen = predicted(balance.solve(), *theirs, self._where[1])
+            balance = self.screen.balance(terms)
+            known = cross_validated(balance, self._where[0])
+            unseen = predicted(balance.solve(), self.held_out.balance(terms), self._where[1])
             self._densities[terms] = np.concatenate([known, unseen])
         return self._densities[terms]
 
@@ -116,7 +115,7 @@ class Search:
         parts = []
         for (part, screen), where in zip(self._parts, self._finer, strict=True):
             here = _wandering_in(part, terms)
-            parts.append(cross_validated(screen.balance(here), screen.hidden_noise(here), where))
+            parts.append(cross_validated(screen.balance(here), where))
         return np.concatenate(parts)
 
     def gain(self, after: Terms, before: Terms) -> Gain:
@@ -145,11 +144,8 @@ class Search:
                 theta = self.screen.solve(terms)
                 residuals = [screen.balance(terms).error(theta) for _, screen in self._parts]
             first, second = (
-                Left(
-                    float(np.mean(residual**2)) + screen.hidden_noise(terms),
-                    part.data.structure(residual, self.inertia)[0] ** 2,
-                )
-                for residual, (part, screen) in zip(residuals, self._parts, strict=True)
+                Left(float(np.mean(residual**2)), part.data.structure(residual, self.inertia)[0] ** 2)
+                for residual, (part, _) in zip(residuals, self._parts, strict=True)
             )
             self._left[terms] = first, second
         return self._left[terms]
@@ -421,7 +417,7 @@ class Search:
         self.linked = min(found, key=held_out_cost)
         model = self.linked.model
         self.train, self.holdout = self.train.watching(model), self.holdout.watching(model)
-        self.screen, self.held_out = Screen(self.train.data), Screen(self.holdout.data)
+        self.screen, self.held_out = self.train.screen, self.holdout.screen
         for known in (self._densities, self._left, self._structures):
             known.clear()
         return model.terms

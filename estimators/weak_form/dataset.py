@@ -16,6 +16,7 @@ from pendulum_env.physics import BASE, KnownLoad, Samples, Term
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import PositionDependentFriction, QuadraticDrag, Stribeck, ViscousAsymmetry
 from pendulum_env.physics.potential import Cogging, GravityTilt
+from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Recording
 
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
@@ -83,6 +84,20 @@ class Dataset:
             (np.concatenate([phi for phi, _ in parts]), np.concatenate([fixed for _, fixed in parts]))
             for parts in zip(*per_window, strict=True)
         ]
+
+    def rates(self, term: Term) -> Array:
+        """Time derivatives of the linear columns of a term (R, P)."""
+        known = self.watched.get(term.id)
+        traced = known or [own[0] for own in trace_all(self.windows, [term])]
+        return np.concatenate([w.rates(term.columns, x) for w, x in zip(self.windows, traced, strict=True)])
+
+    def lost(self, term: Term, pushes: Array) -> Array:
+        """Fixed columns of a term without memory (R, J) under each of several pushes of the torque (J,) [N m]."""
+        return np.concatenate([w.lost(term, pushes) for w in self.windows])
+
+    def load_rates(self) -> Array:
+        """Time derivative of what known loads take (R,) [N m/s]."""
+        return np.concatenate([w.rates([LOAD], w.samples)[:, 0] * bool(w.samples.load) for w in self.windows])
 
     @property
     def recording_of_window(self) -> Index:
@@ -186,12 +201,6 @@ class Dataset:
         parts = [self.columns([term])[0] for term in terms]
         phi = np.column_stack([linear for linear, _ in parts])
         return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
-
-    def muffled(self, term: Term) -> float:
-        """Variance of torque noise that the term takes out, mean over the equations [(N m)^2]."""
-        counts = [len(w.centers) for w in self.windows]
-        parts = [count * w.muffled(term) for count, w in zip(counts, self.windows, strict=True) if count]
-        return sum(parts) / max(1, sum(counts))
 
     def noise(self, inertia: float) -> float:
         """Root mean square over the windows of what measurement noise alone leaves [N m]."""

@@ -75,12 +75,14 @@ class Windows:
         return self.torque_noise / float(np.linalg.norm(np.convolve(self.kernel, [0.5, 0.5])))
 
     def average(self, series: ArrayLike, kernel: Array | None = None) -> Array:
-        """Averages (R,) of a series (N,) over the windows."""
+        """Averages (..., R) of a series (..., N) over the windows."""
         kernel = self.kernel if kernel is None else kernel
-        series = np.broadcast_to(np.asarray(series, dtype=float), self.acceleration.shape)
+        series = np.broadcast_to(
+            np.asarray(series, dtype=float), np.broadcast_shapes(np.shape(series), (len(self.moving),))
+        )
         if len(self.centers) == 0:
-            return np.empty(0)
-        return sliding_window_view(series, len(kernel))[self.centers - len(kernel) // 2] @ kernel
+            return np.empty((*series.shape[:-1], 0))
+        return sliding_window_view(series, len(kernel), -1)[..., self.centers - len(kernel) // 2, :] @ kernel
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
         """Samples with the state variables that each of several variants of one effect has along the recording."""
@@ -93,13 +95,37 @@ class Windows:
         q = self.recording.position  # impacts are shorter than any smoothing
         return replace(self.samples, position=q, velocity=np.gradient(q, 1.0 / self.recording.rate))
 
-    def column(self, column: Column, x: Samples) -> Array:
-        """Averages (R,) of a column of the regressor, `x` being the samples with the term's state variables."""
+    def column(self, column: Column, x: Samples, kernel: Array | None = None) -> Array:
+        """Averages (R,) of a column of the regressor over the windows, or under another kernel.
+
+        Args:
+            column: of the regressor.
+            x: samples with the term's state variables.
+            kernel: if not the window.
+        """
+        kernel = self.kernel if kernel is None else kernel
         smooth = column.force(x) + column.dry(x) * np.sign(x.velocity)
         # torque samples are averages over the triangle already
-        kernel = self.kernel if column.of_torque else np.convolve(self.kernel, [1 / 12, 10 / 12, 1 / 12])
-        averages = self.average(column.mass(x) * self.acceleration) + self.average(smooth, kernel)
+        wider = kernel if column.of_torque else np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12])
+        averages = self.average(column.mass(x) * self.acceleration, kernel) + self.average(smooth, wider)
         return np.nan_to_num(averages, nan=0.0, posinf=0.0, neginf=0.0)  # a state that diverged explains nothing
+
+    def lost(self, term: Term, pushes: Array) -> Array:
+        """Fixed columns of a term without memory (R, J) under each of several pushes of the torque (J,) [N m]."""
+        x = replace(self.samples, torque=self.samples.torque + pushes[:, None])
+        return sum(
+            (self.average(column.force(x)) for column in term.fixed), np.zeros((len(pushes), len(self.centers)))
+        ).T
+
+    def rates(self, columns: Sequence[Column], x: Samples) -> Array:
+        """Averages (R, P) of the time derivatives of columns, by which torque that lags is predicted.
+
+        The derivative is the window's: <w f'> = -<w' f>.
+        """
+        padded = np.pad(self.kernel, 2)
+        derivative = 0.5 * self.recording.rate * (padded[:-2] - padded[2:])
+        own = [self.column(column, x, derivative) for column in columns]
+        return np.column_stack(own) if own else np.empty((len(self.centers), 0))
 
     def columns(self, variants: Sequence[Term], traced: Sequence[Samples] | None = None) -> list[tuple[Array, Array]]:
         """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,).
@@ -116,20 +142,6 @@ class Windows:
             fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
             parts.append((np.column_stack(linear) if linear else np.empty((len(self.centers), 0)), fixed))
         return parts
-
-    def muffled(self, term: Term) -> float:
-        """Variance of white torque noise that the term's fixed columns take out of the windows [(N m)^2]."""
-        noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
-        held = noise.copy()
-        held[1:] = 0.5 * (noise[1:] + noise[:-1])
-        noisier = replace(
-            self,
-            recording=replace(self.recording, torque=self.recording.torque + noise),
-            samples=replace(self.samples, torque=self.samples.torque + held),
-        )
-        ((_, more),), ((_, taken),) = noisier.columns([term]), self.columns([term])
-        raw = self.average(held)
-        return float(np.var(raw) - np.var(raw - (more - taken)))
 
     def torque(self) -> Array:
         """Averages (R,) of the measured torque [N m]."""

@@ -115,6 +115,10 @@ class ActuatorLag(Term):
     def fixed(self) -> tuple[Column, ...]:
         return (Column("actuator_lag", "1", force=lambda x: x.torque - x.memory["actuator_lag"][0]),)
 
+    @property
+    def lead(self) -> float:
+        return self.time_constant
+
     def start(self, x: Samples) -> Memory:
         return (x.torque + 0.0 * x.position,)
 

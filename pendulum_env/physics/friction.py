@@ -99,21 +99,21 @@ class QuadraticDrag(Term):
 
 @dataclass(frozen=True)
 class LoadDependentFriction(Term):
-    """Dry friction that grows with the load of a gear, mu |tau| sgn q'.
+    """Dry friction that grows with the load of a gear, (mu |tau| + mu_o |w sin q|) sgn q'.
 
-    Teeth are pressed from both sides, by the motor and by what hangs on the output; holding a weight, both press alike.
-    The weight's part w is zero where the motor drives the joint directly; a servo that is switched off, so that its
-    tau is zero, keeps this part. A known load adds its own weight where there is one at all.
+    Teeth are pressed from both sides, each with a coefficient of its own: by the motor, and by what hangs on the
+    output, which is the model's own gravity w and the known load. Where the motor drives all motion, mu and the scale
+    of the torque are one number.
     Source: Duclusaud et al., Extended Friction Models for the Physics Simulation of Servo Actuators, 2024.
     """
 
     weight: float = 0.0
 
     id = "load_dependent_friction"
-    law = "mu |tau + w sin q| sgn q'"
+    law = "(mu |tau| + mu_o |w sin q|) sgn q'"
     kind = "dissipative"
     reveal = "the same speeds under different torques"
-    shapes = (Shape("weight", "N m", 0.0, 1e4),)
+    shapes = (Shape("weight", "N m", -1e9, 1e9, follows="gravity"),)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -121,20 +121,23 @@ class LoadDependentFriction(Term):
             Column(
                 "load_dependent_friction",
                 "1",
-                dry=lambda x: np.abs(x.torque + self._hanging(x) * np.sin(x.position)),
+                dry=lambda x: np.abs(x.torque),
                 of_torque=True,
+                least=0.0,
+                most=SELF_LOCKING,
+            ),
+            Column(
+                "load_dependent_friction.output",
+                "1",
+                dry=lambda x: np.abs((self.weight + x.load.gravity) * np.sin(x.position)),
+                least=0.0,
                 most=SELF_LOCKING,
             ),
         )
 
-    def _hanging(self, x: Samples) -> ArrayLike:
-        """Torque that holds out level what presses from the output [N m]."""
-        return self.weight + np.where(np.greater(self.weight, 0.0), x.load.gravity, 0.0) if x.load else self.weight
-
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        usual = float(np.std(x.torque))
-        return [cls(share * usual) for share in (0.0, 0.5, 1.0, 2.0)]
+        return [cls(share * float(np.std(x.torque))) for share in (0.0, 1.0)]
 
 
 @dataclass(frozen=True)

@@ -219,6 +219,11 @@ class Term:
         """Time by which the torque command reaches the joint late [s]."""
         return 0.0
 
+    @property
+    def lead(self) -> float:
+        """Time T by which what was commanded runs ahead of the torque that acts, command = (1 + T d/dt) torque [s]."""
+        return 0.0
+
     def start(self, x: Samples) -> Memory:
         """State variables of a joint that has been as in `x` for long; empty for a term without memory."""
         return ()

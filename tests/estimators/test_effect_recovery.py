@@ -32,7 +32,7 @@ CASES = {
     "viscous_asymmetry": Case({"asym_v": 0.06}, [0.06]),
     "stribeck": Case({"strib_d": 0.45, "strib_v": 0.6}, [0.45], {"stribeck_velocity": 0.6}, 4e-3),
     "quadratic_drag": Case({"drag": 0.03}, [0.03]),
-    "load_dependent_friction": Case({"load_mu": 0.1}, [0.1]),
+    "load_dependent_friction": Case({"load_mu": 0.1, "load_out": 0.3}, [0.1, 0.15], {"weight": 2.0}),
     "position_dependent_friction": Case({"pos_s": 0.2, "pos_c": 0.15}, [0.2, 0.15]),
     "cogging": Case({"cog_n": 9.0, "cog_s": 0.15, "cog_c": -0.1}, [-0.15, 0.1], {"order": 9.0}),
     "torque_ripple": Case({"rip_n": 5.0, "rip_s": 0.08, "rip_c": 0.05}, [-0.08, -0.05], {"order": 5.0}),

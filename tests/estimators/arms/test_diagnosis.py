@@ -13,10 +13,10 @@ from estimators.arms.search import VERDICTS
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from pendulum_env.arms.body import read_body
-from pendulum_env.arms.joints import JointTerm, friction
+from pendulum_env.arms.joints import friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.physics.actuation import TorqueOffset, TorqueSaturation
+from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Cogging, Spring
 
@@ -48,16 +48,6 @@ def test_noise_behind_the_filter_is_no_structure(six, plain):
     evidence, terms = gather_arm([plain], six), friction(six.joints)
     residual = evidence.residual(terms, evidence.balance(terms, np.ones(6)).solve())
     assert all(abs(evidence.structure(residual, joint)[1]) < Criterion().sure for joint in range(6))
-
-
-def test_noise_that_a_saturation_flattens_makes_it_no_likelier(six, plain):
-    evidence = gather_arm([plain], six)
-    flat = JointTerm(5, "flange", TorqueSaturation(limit=0.01, roundness=0.2))  # most of what it meets comes through
-    own = evidence.parts[0].m.joints[5]
-    raw = np.var(own.noisier(np.random.default_rng(1)).held - own.held)
-    assert raw == pytest.approx(own.torque_noise**2, rel=0.1)
-    assert 0.5 * raw < evidence.muffled(flat) < raw
-    assert evidence.muffled(JointTerm(5, "flange", TorqueSaturation(limit=1e3))) < 1e-3 * raw
 
 
 def test_nothing_is_named_where_nothing_is_hidden(six, plain):

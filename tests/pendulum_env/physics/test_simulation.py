@@ -54,10 +54,10 @@ CASES = {
         lambda t, q, v, u: FC + 0.45 * np.exp(-((v / 0.6) ** 2)),
     ),
     "load_dependent_friction": Case(
-        (*BASE, effect("load_dependent_friction")()),
-        (*THETA, 0.1),
+        (*BASE, effect("load_dependent_friction")(weight=2.0)),
+        (*THETA, 0.1, 0.05),
         base_load,
-        lambda t, q, v, u: FC + 0.1 * abs(u),
+        lambda t, q, v, u: FC + 0.1 * abs(u) + 0.05 * abs(2.0 * np.sin(q)),
     ),
     "position_dependent_friction": Case(
         (*BASE, effect("position_dependent_friction")()),

@@ -160,8 +160,8 @@ def test_power_is_velocity_times_the_torque_that_stores_nothing(name):
 
 @pytest.mark.parametrize("id", ["viscous", "coulomb", "stribeck", "quadratic_drag", "load_dependent_friction"])
 def test_friction_loses_power_in_every_motion(id):
-    (item,) = TERMS[id].columns
-    assert np.all(item.power(motion((1000,))) >= 0)
+    for item in TERMS[id].columns:
+        assert np.all(item.power(motion((1000,))) >= 0)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,111 @@
+"""What is recorded is predicted from the motion: a law of the torque by itself explains nothing of it."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.selection.candidates import Screen, depends_on_torque
+from estimators.weak_form.dataset import prepare
+from pendulum_env.filters import lag
+from pendulum_env.physics import BASE, Column, Samples, Shape, Term, effects
+from pendulum_env.physics.term import Memory
+from pendulum_env.recording import Recording
+
+
+@dataclass(frozen=True)
+class Squashed(Term):
+    """A user's bend of the torque, tau / (1 + |tau| / L)."""
+
+    limit: float = 3.0
+
+    id = "squashed"
+    law = "tau - tau / (1 + |tau| / L)"
+    kind = "actuation"
+    shapes = (Shape("limit", "N m", 0.1, 100.0),)
+
+    @property
+    def fixed(self) -> tuple[Column, ...]:
+        return (Column("squashed", "1", force=lambda x: x.torque - x.torque / (1 + np.abs(x.torque) / self.limit)),)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: np.ndarray) -> Iterable[Self]:
+        return [cls(0.3), cls(3.0)]
+
+
+@dataclass(frozen=True)
+class TwoLags(Term):
+    """A user's filter of the torque, of second order."""
+
+    time_constant: float = 0.02
+
+    id = "two_lags"
+    law = "tau - tau_b with T tau_b' = tau_a - tau_b and T tau_a' = tau - tau_a"
+    kind = "actuation"
+    shapes = (Shape("time_constant", "s", 1e-3, 1.0),)
+
+    @property
+    def fixed(self) -> tuple[Column, ...]:
+        return (Column("two_lags", "1", force=lambda x: x.torque - x.memory["two_lags"][0]),)
+
+    def trace(self, x: Samples, command: np.ndarray, period: float) -> Memory:
+        keep = np.exp(-period / self.time_constant)
+        return (lag(lag(command, keep, command[0]), keep, command[0]),)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: np.ndarray) -> Iterable[Self]:
+        return [cls(0.005), cls(0.05)]
+
+
+LAWS = {kind.id: kind for kind in (*effects().values(), Squashed, TwoLags) if depends_on_torque(kind())}
+
+
+@pytest.fixture(scope="module")
+def screen() -> Screen:
+    (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=6.0, seed=1, excitation="pd_loop"))])
+    return Screen(prepare([Recording("loop", run.time, run.position, run.torque)]))
+
+
+def test_laws_of_the_torque_are_those_that_it_goes_through():
+    assert LAWS.keys() >= {"actuator_lag", "torque_saturation", "torque_ripple", "load_dependent_friction"}
+
+
+@pytest.mark.parametrize("id", LAWS)
+@given(data=st.data())
+def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(screen: Screen, id: str, data: st.DataObject):
+    """Of a model whose motion takes no torque, all that was recorded is left, whatever becomes of it on the way."""
+    variants = list(LAWS[id].grid(screen.data.samples, screen.data.torque()))
+    term = data.draw(st.sampled_from(variants))
+    sizes = [data.draw(st.floats(0.0, min(column.most, 0.5))) for column in term.columns]
+    terms = (*BASE, term)
+    balance = screen.balance(terms)
+    theta = np.where(balance.of_torque, [0.0] * (balance.phi.shape[1] - len(sizes)) + sizes, 0.0)
+    recorded, left = screen.data.torque(), balance.unpredicted(theta)
+    assert np.linalg.norm(left) > 0.97 * np.linalg.norm(recorded)
+
+
+def test_a_bent_torque_is_solved_for_what_was_recorded(screen: Screen):
+    """Half of a limit is the torque of artanh 1/2: as much of it as the law takes has been recorded, not less."""
+    limit = 2.0 * float(np.abs(screen.data.torque()).max())
+    term = effects()["torque_saturation"](limit)
+    balance = screen.balance((*BASE, term))
+    theta = screen.solve(BASE)
+    need = screen.data.equations(BASE).phi @ theta
+    exact = screen.data.torque() - limit * np.arctanh(need / limit)
+    np.testing.assert_allclose(balance.unpredicted(theta), exact, atol=5e-3 * limit)
+
+
+def test_torque_behind_a_lag_is_predicted_with_its_lead(screen: Screen):
+    """(1 + T d/dt) of a torque that is a function of the motion, here of gravity alone."""
+    term = effects()["actuator_lag"](0.03)
+    balance = screen.balance((*BASE, term))
+    theta = np.array([0.0, 2.0, 0.0, 0.0])
+    (w,) = screen.data.windows
+    rate = np.cos(w.samples.position) * w.samples.velocity
+    led = 2.0 * w.average(np.sin(w.samples.position) + 0.03 * rate)
+    np.testing.assert_allclose(balance.unpredicted(theta), screen.data.torque() - led, atol=5e-3)
