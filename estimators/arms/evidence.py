@@ -184,7 +184,7 @@ class ArmEvidence:
 
     def residual(self, terms: Sequence[JointTerm], theta: Array) -> Array:
         """Torque (R,) that body and terms of linear parameters theta (P,) leave [N m]."""
-        return self.balance(terms, np.ones(len(self.body.joints))).unpredicted(theta)
+        return self.balance(terms, np.ones(len(self.body.joints))).error(theta)
 
     def structure(self, residual: Array, joint: int) -> tuple[float, float]:
         """Torque that neighbouring blocks of a joint share of a residual (R,) [N m], and how sure that is."""

@@ -16,7 +16,7 @@ from estimators.arms.evidence import ArmEvidence
 from estimators.checks.physical import impossible
 from estimators.progress import Progress
 from estimators.selection.criterion import Criterion
-from estimators.selection.score import Bootstrap, Gain, cross_validated, predicted
+from estimators.selection.score import Bootstrap, Gain, foretold
 from estimators.selection.search import complexity
 from estimators.weak_form.dataset import LEAST_NOISE
 from estimators.weak_form.shapes import gauss_newton, shape_slopes
@@ -98,10 +98,17 @@ class ArmSearch:
     def density(self, terms: Terms) -> Array:
         """Log predictive density of every stretch (S,), those of the training data first [nat]."""
         if terms not in self._densities:
-            balance, unseen = (part.balance(terms, self.weights) for part in (self.train, self.held))
-            known = cross_validated(balance, self.train.stretches)
-            told = predicted(self.solve(terms), unseen, self.held.stretches)
-            self._densities[terms] = np.concatenate([known, told])
+            fitted, unseen = (part.balance(terms, self.weights) for part in (self.train, self.held))
+            where, without = (
+                (self.train.stretches, self.held.stretches),
+                tuple(own for own in terms if not own.term.lead),
+            )
+            told = foretold(fitted, unseen, *where)
+            if fitted.recorded is not None and unseen.recorded is not None:
+                recorded = foretold(fitted.recorded, unseen.recorded, *where)
+                if self.bootstrap.gain(recorded, self.density(without)).chance > self.criterion.chance:
+                    told = recorded  # a filter that only makes the torque smaller
+            self._densities[terms] = told
         return self._densities[terms]
 
     def gain(self, after: Terms, before: Terms) -> Gain:

@@ -47,7 +47,7 @@ class Columns(NamedTuple):
 
 @dataclass(frozen=True)
 class Trial:
-    """A set of terms with the error of its fit in the torque that was recorded [N m]."""
+    """A set of terms with the torque error of its fit [N m]."""
 
     terms: tuple[Term, ...]
     fitted_rms: float
@@ -143,7 +143,7 @@ class Screen:
         w = self.weights(terms)
         balances = [self._balance(model, [*shared, own], w) for model, own in pairs]
         if depends_on_torque(*terms, variants[0]) or is_known(*terms, variants[0]):
-            errors = [w * balance.unpredicted(balance.solve()) for balance in balances]
+            errors = [w * balance.error(balance.solve()) for balance in balances]
             squares = np.array([error @ error for error in errors])
         else:
             stacked = w[None, :, None] * np.stack([np.column_stack([own.phi, own.y]) for own in balances])

@@ -116,7 +116,7 @@ class Evidence:
     def residual(self, terms: Sequence[Term], theta: Array) -> Array:
         """Measured minus predicted torque in every window (R,) [N m]."""
         if depends_on_torque(*terms):
-            return self.screen.balance(terms).unpredicted(theta)
+            return self.screen.balance(terms).error(theta)
         equations = self.data.equations(terms)
         return equations.y - equations.phi @ theta
 

@@ -52,7 +52,7 @@ class Stretches:
 
 
 def cross_validated(balance: Balance, where: Stretches) -> Array:
-    """Log density of each stretch (S,) of the recorded torque, predicted by the fit to the others [nat].
+    """Log density of each stretch (S,), predicted by the fit to the others [nat].
 
     Args:
         balance: equations of the model.
@@ -60,13 +60,18 @@ def cross_validated(balance: Balance, where: Stretches) -> Array:
     """
     errors, whole = np.empty((FOLDS, len(balance.y))), balance.solve()
     for k in range(FOLDS):
-        errors[k] = balance.unpredicted(balance[where.fold != k].solve(whole))
+        errors[k] = balance.error(balance[where.fold != k].solve(whole))
     return _density(errors, where)
 
 
 def predicted(theta: Array, balance: Balance, where: Stretches) -> Array:
     """Log density of each held-out stretch (S,) under parameters (P,) fitted elsewhere [nat]."""
-    return _density(np.broadcast_to(balance.unpredicted(theta), (FOLDS, len(balance.y))), where)
+    return _density(np.broadcast_to(balance.error(theta), (FOLDS, len(balance.y))), where)
+
+
+def foretold(fitted: Balance, unseen: Balance, first: Stretches, second: Stretches) -> Array:
+    """Log density of each stretch (S,), those of the fitted data first, then those of held-out ones [nat]."""
+    return np.concatenate([cross_validated(fitted, first), predicted(fitted.solve(), unseen, second)])
 
 
 def _density(errors: Array, where: Stretches) -> Array:

@@ -20,7 +20,7 @@ from estimators.selection.candidates import Screen, Trial
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, Step, base_inertia, fit_terms, shape_jacobian
 from estimators.selection.foils import FOILS, wanders
-from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, predicted
+from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, foretold
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.link_segments import has_link
 from estimators.weak_form.dataset import Structure
@@ -101,10 +101,14 @@ class Search:
         if terms not in self._densities and any(wanders(term) for term in terms):
             self._densities[terms] = self._fitted_anew(terms)
         if terms not in self._densities:
-            balance = self.screen.balance(terms)
-            known = cross_validated(balance, self._where[0])
-            unseen = predicted(balance.solve(), self.held_out.balance(terms), self._where[1])
-            self._densities[terms] = np.concatenate([known, unseen])
+            fitted, unseen = (screen.balance(terms) for _, screen in self._parts)
+            without = tuple(term for term in terms if not term.lead)
+            told = foretold(fitted, unseen, *self._where)
+            if fitted.recorded is not None and unseen.recorded is not None:
+                recorded = foretold(fitted.recorded, unseen.recorded, *self._where)
+                if self.bootstrap.gain(recorded, self.density(without)).chance > self.criterion.chance:
+                    told = recorded  # a filter that only makes the torque smaller
+            self._densities[terms] = told
         return self._densities[terms]
 
     def _fitted_anew(self, terms: Terms) -> Array:

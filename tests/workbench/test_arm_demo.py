@@ -15,7 +15,7 @@ def test_the_demo_finds_what_it_hides_and_tells_the_truth(tmp_path, capsys):
     arm_demo.run(report, files, 8.0, 2, Terminal())
     told = capsys.readouterr().out
     hidden = "load_dependent_friction@elbow"  # of which the elbow shows nothing: its links' parameters imitate it there
-    assert f"Missing: {hidden}" in told and f"hidden was {hidden}: mu |tau + w sin q| sgn q'" in told
+    assert f"Missing: {hidden}" in told and f"hidden was {hidden}: (mu |tau| + mu_o |w sin q|) sgn q'" in told
     assert "\nfound\n" in told
     rows = {line.split()[0]: line.split() for line in told.splitlines() if "@" in line and "±" in line}
     for name in ("mz@shoulder", "Iyy@elbow", "coulomb@elbow"):  # the file has other masses
