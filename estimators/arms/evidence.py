@@ -173,9 +173,9 @@ class ArmEvidence:
             passed[here] *= part.passed
             lead[here] += own.term.lead
             response[here] -= 0.0 if part.taken is None else part.taken
-        is_bent = any(part.taken is not None for _, part in owned)
-        bent = {"response": response * w[:, None], "pushes": pushes * w[:, None]} if is_bent else {}
-        made = Balance(phi * w[:, None], acting * w, slopes, least, most, np.ones(len(w)), **bent)
+        made = Balance(phi * w[:, None], acting * w, slopes, least, most, np.ones(len(w)))
+        if any(part.taken is not None for _, part in owned):
+            made = replace(made, response=response * w[:, None], pushes=pushes * w[:, None])
         if lead.any():
             rates = self._placed(self._links(_rates), [(own, self._columns(own, 0.0, _rates)[0]) for own in terms])
             ahead = replace(made, phi=(phi + lead[:, None] * rates) * w[:, None], y=y * w)

@@ -159,9 +159,8 @@ class Balance:
 
     def __getitem__(self, rows: Mask) -> Balance:
         phi, y, by_torque, weights = (values[rows] for values in (self.phi, self.y, self.by_torque, self.weights))
-        response, pushes, recorded = (
-            None if part is None else part[rows] for part in (self.response, self.pushes, self.recorded)
-        )
+        response, pushes = (None if part is None else part[rows] for part in (self.response, self.pushes))
+        recorded = None if self.recorded is None else self.recorded[rows]
         return Balance(phi, y, by_torque, self.least, self.most, weights, response, pushes, recorded)
 
     def error(self, theta: Array) -> Array:

@@ -108,12 +108,12 @@ class Screen:
 
     def _balance(self, terms: Sequence[Term], parts: Sequence[Columns], w: Array) -> Balance:
         columns = [column for term in terms for column in term.columns]
-        bounds = (np.array([getattr(column, end) for column in columns]) for end in ("least", "most"))
         balance = Balance(
             np.column_stack([part.linear for part in parts]),
             self._torque - sum(part.fixed for part in parts),
             np.column_stack([part.slope for part in parts]),
-            *bounds,
+            np.array([column.least for column in columns]),
+            np.array([column.most for column in columns]),
             w,
         )
         taken = [part.taken for part in parts if part.taken is not None]
