@@ -16,8 +16,8 @@ ONE := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 test: style
 	$(MAKE) --no-print-directory --keep-going --jobs=3 computing realtime types
 
-# What takes longer: statistics over many runs, every drive, and what README, docs/ and the tutorial show, which must
-# come out with the kernels of an old processor, too.
+# What takes longer: statistics over many runs, every drive, and what README, docs/ and the tutorial show: written with
+# the kernels of a new processor, it must come out with those of an old one.
 test-slow: .venv/dev
 	$(MAKE) --no-print-directory --keep-going --jobs=2 computing realtime WHICH="slow and not pages"
 	$(MAKE) --no-print-directory shown

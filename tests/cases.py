@@ -210,6 +210,7 @@ QUICK = {  # what `make test` reads: simulated together, without what takes long
     *("backlash", "stribeck and tilt", "torque_offset", "knocks", "cubic_damping", "random 0", "short"),
     *("bouncing", "brief", "moving", "quadratic_drag", "torque_saturation", "filtered noise"),
 }
+assert CASES.keys() >= QUICK
 
 
 def recording(name: str) -> Recording:

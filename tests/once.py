@@ -1,5 +1,6 @@
 """Results that several tests read: each is made once, by whichever process needs it first, and kept on disk for all."""
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -9,11 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
+import numpy
+import scipy
 from filelock import FileLock
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / ".pytest_cache" / "results"
 KEPT = 86_400.0  # [s], a day
+KERNELS = ("OPENBLAS_CORETYPE", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -30,11 +34,11 @@ def once(*sources: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """
 
     def decorate(make: Callable[P, R]) -> Callable[P, R]:
-        own, known = Path(make.__code__.co_filename), dict[str, R]()
+        digest, known = _digest(Path(make.__code__.co_filename), *sources), dict[str, R]()  # of what is imported now
 
         @functools.wraps(make)
         def made(*args: P.args, **kwargs: P.kwargs) -> R:
-            asked = pickle.dumps((_digest(own, *sources), args, sorted(kwargs.items())))
+            asked = pickle.dumps((digest, args, sorted(kwargs.items())))
             name = f"{make.__qualname__}-{hashlib.sha256(asked).hexdigest()[:16]}"
             if name not in known:
                 known[name] = _kept(FOLDER / f"{name}.pickle", functools.partial(make, *args, **kwargs))
@@ -53,20 +57,22 @@ def _kept(path: Path, make: Callable[[], R]) -> R:
             new = path.with_suffix(".new")
             new.write_bytes(pickle.dumps(make()))
             new.rename(path)
-    return pickle.loads(path.read_bytes())  # type: ignore[no-any-return]
+        return pickle.loads(path.read_bytes())  # type: ignore[no-any-return]
 
 
 @functools.cache
 def _digest(own: Path, *sources: str) -> str:
-    """What tells these sources from others, on this kind of processor."""
-    digest = hashlib.sha256(own.read_bytes() + os.environ.get("OPENBLAS_CORETYPE", "").encode())
+    """What tells these sources, and the libraries and kernels that they compute with, from others."""
+    computed = [numpy.__version__, scipy.__version__, *(os.environ.get(name, "") for name in KERNELS)]
+    digest = hashlib.sha256(own.read_bytes() + " ".join(computed).encode())
     for path in sorted(path for source in sources for path in (ROOT / source).rglob("*.py")):
-        digest.update(path.read_bytes())
+        digest.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
     return digest.hexdigest()
 
 
 def forget() -> None:
     """Remove what was made long ago."""
     for path in FOLDER.glob("*"):
-        if time.time() - path.stat().st_mtime > KEPT:
-            path.unlink(missing_ok=True)
+        with contextlib.suppress(FileNotFoundError):  # another run may do the same
+            if time.time() - path.stat().st_mtime > KEPT:
+                path.unlink()

@@ -8,7 +8,8 @@ import pytest
 
 def but(quick: Iterable[Any], values: Iterable[Any]) -> list[Any]:
     """Values of a parametrised test, or tuples of them; `make test` tries only the quick ones."""
-    always = list(quick)
+    always, values = list(quick), list(values)
+    assert all(value in values for value in always), f"not all of {always} are among the values"
     return [
         pytest.param(
             *(value if isinstance(value, tuple) else [value]), marks=() if value in always else pytest.mark.slow

@@ -127,20 +127,23 @@ def further(recordings: Sequence[Recording]) -> list[Recording]:
     ]
 
 
-def told(model: Model, recordings: Sequence[Recording], fit: Callable[[Sequence[Recording]], Model]) -> Model:
+def told(
+    model: Model, recordings: Sequence[Recording], fit: Callable[[Sequence[Recording]], Model], is_whole: bool = False
+) -> Model:
     """A model that was fitted to recordings, in the unit of their torque, with the torque constant and what it errs by.
-
-    The constant is the one beside the model itself, where that tells one; its parameters follow.
 
     Args:
         model: in which nothing is said of either.
         recordings: what it was fitted to.
         fit: finds parameters of the same names in recordings, by which it is seen what another constant makes of them.
+        is_whole: whether the model lacks nothing: then the constant is the one beside it, and its parameters follow.
     """
     first = recordings[0].torque_constant
     if first is None:
         return model.per(recordings[0].torque_unit)
-    beside = torque_constant([_logged(recording) for recording in recordings], model) if first.loads else first
+    if not (is_whole and first.loads):
+        return widened(model, first, fit(recordings), fit(further(recordings)))
+    beside = torque_constant([_logged(recording) for recording in recordings], model)
     constant = beside if isinstance(beside, TorqueConstant) else first
     by_it = [_turned(_logged(recording), constant) for recording in recordings]
     before, here, there = (fit(own) for own in (recordings, by_it, further(by_it)))

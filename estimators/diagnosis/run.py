@@ -256,16 +256,20 @@ def _of_one_plant(given: Prepared, setting: Setting) -> Diagnosis:
         odd = named if left else odd  # where every recording would be another plant's, what was said before stands
         if len(left) in (0, len(kept)):
             break
+    *others, last = found.steps
+    whole = replace(last, model=calibrated_model(last.model, kept, holdout, not found.unexplained))
     return replace(
         found,
-        steps=tuple(replace(step, model=calibrated_model(step.model, kept, holdout)) for step in found.steps),
+        steps=(*(replace(step, model=calibrated_model(step.model, kept, holdout)) for step in others), whole),
         disagreements=tuple(odd[number] for number in sorted(odd)),
     )
 
 
-def calibrated_model(model: Model, recordings: Sequence[Recording], holdout: Sequence[Recording]) -> Model:
+def calibrated_model(
+    model: Model, recordings: Sequence[Recording], holdout: Sequence[Recording], is_whole: bool = False
+) -> Model:
     """A model that was found in recordings, with the torque constant and what it errs by for it; see `told`."""
-    return told(model, recordings, lambda own: fit_terms(gather(own, holdout)[0], model.terms)[0])
+    return told(model, recordings, lambda own: fit_terms(gather(own, holdout)[0], model.terms)[0], is_whole)
 
 
 def _of_timing(given: Prepared, found: Diagnosis) -> list[str]:

@@ -43,7 +43,7 @@ def test_table_2_lists_the_schemes_in_order():
 
 @pytest.mark.parametrize("scheme", TABLE_2)
 def test_every_scheme_recovers_table_2(scheme, experiment):
-    """Median below 1 % is the aim; in 8 s each run stays well below it."""
+    """Median below 1 % is the aim; in 6 s each run stays well below it."""
     score = experiment.score("ours", scheme)
     assert score.worst.max() < 0.005
     np.testing.assert_array_less(score.median, score.worst + 1e-15)

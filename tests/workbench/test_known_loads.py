@@ -38,14 +38,15 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.slow
-def test_every_command_says_the_torque_constant(
+FOUND = re.compile(r"torque constant 0\.87\d* ± 0\.\d+ N m/A, from 3 known loads")
+
+
+def test_a_torque_constant_is_identified_kept_and_used(
     bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    study, model, page = str(bench / "all.toml"), str(tmp_path / "model.json"), tmp_path / "page.html"
-    found = re.compile(r"torque constant 0\.87\d* ± 0\.\d+ N m/A, from 3 known loads")
+    study, model = str(bench / "all.toml"), str(tmp_path / "model.json")
     assert main(["identify", study, "-o", model, "--json", str(tmp_path / "identified.json")]) == 0
-    assert found.search(capsys.readouterr().out)
+    assert FOUND.search(capsys.readouterr().out)
     data = json.loads((tmp_path / "identified.json").read_text())
     assert data["torque_constant"]["value"] == pytest.approx(K, rel=0.01)
     saved = json.loads(Path(model).read_text())["torque_constant"]
@@ -53,13 +54,17 @@ def test_every_command_says_the_torque_constant(
     assert main(["compare", model, str(bench / "one.toml")]) == 0  # whose current alone would not tell it
     told = capsys.readouterr().out
     assert "torque constant 0.87" in told and "N m/A, of the model" in told and "torque [N m]" in told
-    diagnosis = tmp_path / "diagnosis.json"
-    assert main(["diagnose", study, "--json", str(diagnosis), "--report", str(page)]) == 0
-    assert found.search(capsys.readouterr().out)
+
+
+@pytest.mark.slow
+def test_a_diagnosis_says_the_torque_constant(bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    diagnosis, page = tmp_path / "diagnosis.json", tmp_path / "page.html"
+    assert main(["diagnose", str(bench / "all.toml"), "--json", str(diagnosis), "--report", str(page)]) == 0
+    assert FOUND.search(capsys.readouterr().out)
     data = json.loads(diagnosis.read_text())
     assert data["selected"] == ["load_dependent_friction"]
     assert data["torque_constant"]["loads"] == 3
-    assert found.search(page.read_text())
+    assert FOUND.search(page.read_text())
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import threading
 import pytest
 
 from pendulum_env.backends.hardware.signals import Signals
+from tests.patience import PATIENCE
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
 
@@ -45,11 +46,11 @@ def test_a_signal_while_another_thread_speaks_to_the_drive_ends_in_the_main_one(
     def speak():
         with signals:
             entered.set()
-            leave.wait(5.0)
+            leave.wait(PATIENCE)
 
     worker = threading.Thread(target=speak)
     worker.start()
-    entered.wait(5.0)
+    entered.wait(PATIENCE)
     os.kill(os.getpid(), signal.SIGTERM)
     assert not stopped
     leave.set()

@@ -684,20 +684,20 @@ print(json.dumps([rows, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - bef
 
 def test_a_file_of_twice_the_rows_takes_twice_the_time_and_no_file_is_held_twice(tmp_path: Path) -> None:
     unit = 1024 if sys.platform != "darwin" else 1  # of ru_maxrss [bytes]
-    size, grown, seconds = [], [], []
-    for rows in (300_000, 600_000):
-        path = tmp_path / f"{rows}.csv"
-        time = np.arange(rows) / 1000.0
+    paths = [tmp_path / f"{rows}.csv" for rows in (300_000, 600_000)]
+    for path in paths:
+        time = np.arange(int(path.stem)) / 1000.0
         write_recording(Recording("large", time, np.sin(time), np.cos(time)), path)
-        runs = [
-            json.loads(subprocess.check_output([sys.executable, "-c", CHILD, str(path)], text=True)) for _ in range(2)
+    runs = np.array(  # the best of three each, in turn
+        [
+            [json.loads(subprocess.check_output([sys.executable, "-c", CHILD, str(path)], text=True)) for path in paths]
+            for _ in range(3)
         ]
-        assert {run[0] for run in runs} == {rows}
-        size.append(path.stat().st_size)
-        grown.append(min(run[1] for run in runs) * unit)
-        seconds.append(min(run[2] for run in runs))
-    assert np.diff(grown) < 1.7 * np.diff(size)
-    assert seconds[1] < 2.3 * seconds[0]
+    )
+    rows, grown, seconds = runs.min(axis=0).T
+    np.testing.assert_array_equal(rows, [300_000, 600_000])
+    assert np.diff(grown) * unit < 1.7 * np.diff([path.stat().st_size for path in paths])
+    assert seconds[1] < 3.0 * seconds[0]  # a share of a second each; 4 if every row went through all others
 
 
 # Recordings at hand

@@ -14,7 +14,7 @@ from pendulum_env.recording import write_recording
 from pendulum_env.words import name
 from tests import slow
 from tests.patience import PATIENCE, wait_until
-from tests.pendulum_env.rigs import EmulatedRig, Host
+from tests.pendulum_env.rigs import Disturbed, EmulatedRig, Host
 from tests.workbench.app.plants import recorded
 from workbench.app import live, missing
 from workbench.app.live import Run, Setup
@@ -110,7 +110,8 @@ def driving(session: Session, excitation: str = "paper") -> Run:
     session.run = run = Run(Setup("dm1015b", excitation, None, (), 60.0, 1, rig=session.rig))
     run.start()
     wait_until(lambda: run.look().time > 0.3 or not run.look().running)
-    assert run.look().running, run.look().trouble
+    if not run.look().running:
+        raise Disturbed(run.look().trouble)
     return run
 
 
@@ -128,6 +129,7 @@ def sessions(rig: EmulatedRig) -> Iterator[Sessions]:
     sessions.close()
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("excitation", slow.but_first(["paper", "rl-peak"]))
 def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done(
     rig: EmulatedRig, sessions: Sessions, excitation: str
@@ -150,6 +152,7 @@ def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done
     assert len(torque) > 0.2 * run.rate and 3.0 < np.abs(torque).max() < 4.1
 
 
+@pytest.mark.realtime
 @pytest.mark.slow
 def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: EmulatedRig, sessions: Sessions) -> None:
     session, looking, looked = sessions.of(ID), Event(), Event()
@@ -173,6 +176,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
     assert run.look().trouble == ""  # what was measured until then has come through
 
 
+@pytest.mark.realtime
 @pytest.mark.slow
 def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
     rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
@@ -190,6 +194,7 @@ def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
     assert is_off(rig)
 
 
+@pytest.mark.realtime
 @pytest.mark.slow
 def test_the_rig_has_no_torque_when_nobody_watches(
     rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
@@ -200,6 +205,7 @@ def test_the_rig_has_no_torque_when_nobody_watches(
     assert is_off(rig) and run.look().time < 50.0
 
 
+@pytest.mark.realtime
 @pytest.mark.slow
 def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig: EmulatedRig, sessions: Sessions) -> None:
     run = driving(sessions.of(ID))
@@ -209,6 +215,7 @@ def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig: EmulatedRig, sessions:
     assert np.isfinite(run.recording("rig").position).all() and (np.diff(run.recording("rig").time) > 0).all()
 
 
+@pytest.mark.realtime
 @pytest.mark.slow
 def test_the_rig_has_no_torque_once_the_server_is_killed(rig: EmulatedRig) -> None:
     host = Host(SERVER, rig.config)

@@ -423,10 +423,10 @@ def test_a_session_that_is_still_reading_its_recordings_holds_up_no_other(monkey
         first = pool.submit(sessions.of, IDS[1])
         assert reading.wait(PATIENCE)
         try:
-            assert pool.submit(sessions.of, IDS[0]).result(30) is other and not first.done()
+            assert pool.submit(sessions.of, IDS[0]).result(PATIENCE / 2) is other and not first.done()
         finally:
             read.set()
-        assert first.result(30).notice == "read"
+        assert first.result(PATIENCE).notice == "read"
     sessions.close()
 
 
