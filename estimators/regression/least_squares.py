@@ -167,10 +167,6 @@ class Balance:
         """Measured minus predicted torque (R,) [N m] at parameters (P,)."""
         return self._error(theta)[0]
 
-    def unpredicted(self, theta: Array) -> Array:
-        """The same (R,) of the torque as it was recorded."""
-        return (self.recorded or self).error(theta)
-
     @property
     def of_torque(self) -> Mask:
         """Which parameters' columns depend on the torque (P,)."""

@@ -87,16 +87,6 @@ class Measurements:
         """What a column depends on, (N,) each."""
         return Samples(self.time, self.position, self.velocity, self.torque, self.memory, self.load)
 
-    def noisier(self, rng: np.random.Generator) -> Measurements:
-        """The same with as much white noise on the torque once more, behind the same filter."""
-        at_instant, before = Smoothing(self.reach - SIDES - 1).of_torque()
-        noise = rng.standard_normal(len(self) + len(before) - 1) * self.torque_noise / _length(before)
-        return replace(
-            self,
-            torque=self.torque + np.convolve(noise, at_instant, "valid"),
-            held=self.held + np.convolve(noise, before, "valid"),
-        )
-
     def clear(self, guard: float | None) -> Mask:
         """Samples at least `guard` [s], and the filter's reach, away from stick and reversals; None keeps both, (N,).
 
