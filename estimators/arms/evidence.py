@@ -180,7 +180,7 @@ class ArmEvidence:
             rates = self._placed(self._links(_rates), [(own, self._columns(own, 0.0, _rates)[0]) for own in terms])
             ahead = replace(made, phi=(phi + lead[:, None] * rates) * w[:, None], y=y * w)
             made = replace(made, recorded=ahead)
-        return replace(made, phi=made.phi / passed[:, None], y=made.y / passed)
+        return replace(made, passed=passed)
 
     def residual(self, terms: Sequence[JointTerm], theta: Array) -> Array:
         """Torque (R,) that body and terms of linear parameters theta (P,) leave [N m]."""

@@ -99,14 +99,13 @@ class ArmSearch:
         """Log predictive density of every stretch (S,), those of the training data first [nat]."""
         if terms not in self._densities:
             fitted, unseen = (part.balance(terms, self.weights) for part in (self.train, self.held))
-            where, without = (
-                (self.train.stretches, self.held.stretches),
-                tuple(own for own in terms if not own.term.lead),
-            )
+            where = self.train.stretches, self.held.stretches
             told = foretold(fitted, unseen, *where)
             if fitted.recorded is not None and unseen.recorded is not None:
                 recorded = foretold(fitted.recorded, unseen.recorded, *where)
-                if self.bootstrap.gain(recorded, self.density(without)).chance > self.criterion.chance:
+                withouts = [tuple(other for other in terms if other is not own) for own in terms if own.term.lead]
+                gains = [self.bootstrap.gain(recorded, self.density(without)) for without in withouts]
+                if any(gain.chance > self.criterion.chance for gain in gains):
                     told = recorded  # a filter that only makes the torque smaller
             self._densities[terms] = told
         return self._densities[terms]

@@ -143,7 +143,7 @@ def told(
         return model.per(recordings[0].torque_unit)
     if not (is_whole and first.loads):
         return widened(model, first, fit(recordings), fit(further(recordings)))
-    beside = torque_constant([_logged(recording) for recording in recordings], model)
+    beside = torque_constant([_logged(recording) for recording in recordings], model, first.value)
     constant = beside if isinstance(beside, TorqueConstant) else first
     by_it = [_turned(_logged(recording), constant) for recording in recordings]
     before, here, there = (fit(own) for own in (recordings, by_it, further(by_it)))
@@ -185,7 +185,9 @@ def constant_of(model: Model, first: TorqueConstant | None) -> TorqueConstant | 
     return first if own is None or first is None else replace(first, value=own.value, std=own.std)
 
 
-def torque_constant(recordings: Sequence[Recording], model: Model | None = None) -> TorqueConstant | str:
+def torque_constant(
+    recordings: Sequence[Recording], model: Model | None = None, start: float = 1.0
+) -> TorqueConstant | str:
     """Torque constant from recordings of a current under known loads, or in a sentence why there is none.
 
     A recording of which no load is known counts as one without a load.
@@ -193,6 +195,7 @@ def torque_constant(recordings: Sequence[Recording], model: Model | None = None)
     Args:
         recordings: of a current.
         model: what the joint is beside its loads; a first guess bends to nearly any physics.
+        start: torque constant that the model's shape parameters are by [N m/A].
 
     Raises:
         IdentificationError: if the recordings hold too little motion.
@@ -206,7 +209,13 @@ def torque_constant(recordings: Sequence[Recording], model: Model | None = None)
             f"the {name} is not known, and every parameter is per {unit}: the log has {LOGGED.get(unit, unit)} for the "
             f"torque, and {hung}; record with another known load, or without any, and give `load` in the study"
         )
-    data, value, weight = prepare(recordings), 1.0, 0.0
+    data, value, weight = prepare(recordings), start, 0.0
+    moved = {load for load, w in zip(loads, data.windows, strict=True) if len(w.centers)}
+    if len(moved) < 2:
+        return (
+            f"the {name} is not known, and every parameter is per {unit}: of {len(set(loads))} known loads only one was"
+            " moved; move the joint under each of them, clear of stick"
+        )
     rubbing = Pressed if driven(data) > DRIVEN else LoadDependentFriction
     laws = smooth_laws(data.windows[0])
     laws = laws if len(data.weights) >= FEWEST * (len(laws) + 3) else BASE
@@ -222,7 +231,7 @@ def torque_constant(recordings: Sequence[Recording], model: Model | None = None)
     share, std = share / value, std / value  # 1/K
     if abs(share) <= LEAST * std:
         return (
-            f"the {name} is not known, and every parameter is per {unit}: all that {len(set(loads))} known loads tell "
+            f"the {name} is not known, and every parameter is per {unit}: all that {len(moved)} known loads tell "
             f"of its inverse is {plus_minus(share, std)} {unit}/(N m); take loads that differ more, or move further"
         )
     if share < 0:
@@ -230,7 +239,7 @@ def torque_constant(recordings: Sequence[Recording], model: Model | None = None)
             f"the {name} is not known, and every parameter is per {unit}: it would be negative, "
             f"{plus_minus(1 / share, std / share**2)} N m/{unit}; turn torque or position round with a minus sign"
         )
-    return TorqueConstant(value, std * value**2, unit, len(set(loads)))
+    return TorqueConstant(value, std * value**2, unit, len(moved))
 
 
 def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[str]:
@@ -312,9 +321,10 @@ def _share(data: Dataset, terms: Sequence[Term]) -> tuple[float, float, float]:
     balance = Screen(data).balance((KnownLoads(), *terms))
     fit = balance.fit(data.clusters)
     names = [column.name for term in terms for column in term.columns]
-    loads = [tuple(map(float, w.samples.load)) for w in data.windows]
+    loads = [tuple(map(float, w.samples.load)) if len(w.centers) else None for w in data.windows]
     between = _between(balance.slopes(fit.theta), fit.residual, balance.weights, data.recording_of_window, loads)
-    return 1.0 + float(fit.theta[0]), max(float(fit.std[0]), between), float(fit.theta[1 + names.index("gravity")])
+    weight = float(fit.theta[1 + names.index("gravity")]) if "gravity" in names else 0.0
+    return 1.0 + float(fit.theta[0]), max(float(fit.std[0]), between), weight
 
 
 def _between(slopes: Array, error: Array, weights: Array, owner: Index, loads: Sequence[object]) -> float:
@@ -322,9 +332,9 @@ def _between(slopes: Array, error: Array, weights: Array, owner: Index, loads: S
 
     One without which all others have the same load is not: they would know nothing.
     """
-    if len(loads) < BETWEEN:
+    if len(loads) - loads.count(None) < BETWEEN:
         return 0.0
     phi, left = slopes * weights[:, None], error * weights
-    others = [owner != k for k in range(len(loads)) if len({*loads[:k], *loads[k + 1 :]}) > 1]
+    others = [owner != k for k, own in enumerate(loads) if own and len({*loads[:k], *loads[k + 1 :]} - {None}) > 1]
     told = [least_squares(phi[own], left[own])[0] for own in others]
     return float(np.sqrt((len(told) - 1) * np.var(told))) if len(told) > 1 else 0.0

@@ -143,6 +143,8 @@ class Balance:
         pushes: of the torque in each equation (R, J) [N m], growing, zero in their middle.
         least, most: bounds of the parameters (P,); one that would leave them stays at the bound.
         weights: of the equations in a fit (R,).
+        passed: share of the torque that laws with memory leave, or that in each equation (R,); what takes torque away
+            explains none of it.
         recorded: the same equations solved for what was recorded where torque acts through a filter; they are what a
             model is judged by. A filter that takes torque away explains nothing of it.
     """
@@ -155,13 +157,15 @@ class Balance:
     weights: Array
     response: Array | None = None
     pushes: Array | None = None
+    passed: float | Array = 1.0
     recorded: Balance | None = None
 
     def __getitem__(self, rows: Mask) -> Balance:
         phi, y, by_torque, weights = (values[rows] for values in (self.phi, self.y, self.by_torque, self.weights))
         response, pushes = (None if part is None else part[rows] for part in (self.response, self.pushes))
         recorded = None if self.recorded is None else self.recorded[rows]
-        return Balance(phi, y, by_torque, self.least, self.most, weights, response, pushes, recorded)
+        passed = self.passed[rows] if isinstance(self.passed, np.ndarray) else self.passed
+        return Balance(phi, y, by_torque, self.least, self.most, weights, response, pushes, passed, recorded)
 
     def error(self, theta: Array) -> Array:
         """Measured minus predicted torque (R,) [N m] at parameters (P,)."""
@@ -179,7 +183,7 @@ class Balance:
 
     def _error(self, theta: Array) -> tuple[Array, Array]:
         """Errors (R,) and the slopes of the equations by the torque (R,) there."""
-        left, taken = self.y - self.phi @ theta, self.by_torque @ theta
+        left, taken = (self.y - self.phi @ theta) / self.passed, self.by_torque @ theta
         if self.response is None or self.pushes is None:
             slope = np.maximum(1.0 - taken, LEAST_SLOPE)
             return left / slope, slope
@@ -220,14 +224,15 @@ class Balance:
         Those by shape parameters follow, (R, P + S), where `jacobian` has the derivatives of phi theta by these (R, S).
         """
         error, slope = self._error(theta)
-        own = self.phi - error[:, None] * self.by_torque
-        return np.column_stack([own, *([] if jacobian is None else [jacobian])]) / slope[:, None]
+        passed = np.broadcast_to(self.passed, slope.shape)[:, None]
+        own = self.phi / passed - error[:, None] * self.by_torque
+        return np.column_stack([own, *([] if jacobian is None else [jacobian / passed])]) / slope[:, None]
 
     def _solve(self, theta: Array, free: Mask) -> Array:
         """The parameters with the free ones moved to where the squared error is least (Gauss-Newton)."""
         plain, w = free & ~self.of_torque, self.weights
         theta = np.where(plain, 0.0, theta)
-        slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE)
+        slope = np.maximum(1.0 - self.by_torque @ theta, LEAST_SLOPE) * self.passed
         known = (self.y - self.phi @ theta) * w / slope
         theta[plain] = least_squares(self.phi[:, plain] * (w / slope)[:, None], known)
         if self.is_linear or not free.any():

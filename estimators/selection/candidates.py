@@ -125,7 +125,7 @@ class Screen:
             others = sum(part.fixed for part, term in zip(parts, terms, strict=True) if not term.lead)
             ahead, loaded = balance.phi + lead * self.rates(terms), self._torque - lead * self._load_rates
             balance = replace(balance, recorded=replace(balance, phi=ahead, y=loaded - others))
-        return replace(balance, phi=balance.phi / passed, y=balance.y / passed)
+        return replace(balance, passed=passed)
 
     @cached_property
     def _load_rates(self) -> Array:
@@ -290,13 +290,15 @@ def columns_by_torque(
     if not variants[0].fixed:
         return parts
     if type(variants[0]).has_state():
-        whole = max(float(np.linalg.norm(torque)), 1e-300)
-        left = [min(1.0, float(np.linalg.norm(torque - part.fixed)) / whole) for part in parts]
-        shares = [1.0 if variant.delay else share for variant, share in zip(variants, left, strict=True)]
-        return [part._replace(passed=max(share, 1e-12)) for part, share in zip(parts, shares, strict=True)]
+        whole = float(np.linalg.norm(torque))
+        left = [float(np.linalg.norm(torque - part.fixed)) for part in parts]
+        return [
+            part if variant.delay or rest >= whole else part._replace(passed=max(rest / whole, 1e-12))
+            for variant, part, rest in zip(variants, parts, left, strict=True)
+        ]
     pushes = pushes_of(torque)
     return [
-        part._replace(taken=lost(variant, pushes) - part.fixed[:, None])
+        part._replace(taken=np.nan_to_num(lost(variant, pushes), nan=0.0, posinf=0.0, neginf=0.0) - part.fixed[:, None])
         for variant, part in zip(variants, parts, strict=True)
     ]
 

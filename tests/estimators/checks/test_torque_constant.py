@@ -17,7 +17,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
 from estimators.weak_form.dataset import prepare
-from pendulum_env.physics import BASE, Estimate, KnownLoad, Model, ModelError
+from pendulum_env.physics import BASE, Estimate, KnownLoad, Model, ModelError, effect
 from pendulum_env.physics import simulate as fly
 from pendulum_env.recording import Load, Recording
 from pendulum_env.recording.record import TorqueConstant
@@ -199,6 +199,23 @@ def test_without_loads_that_differ_all_is_in_amperes_and_a_sentence_says_why():
             assert gravity == pytest.approx((UNLOADED["gravity"] + LOADS[3].gravity) / K, rel=0.02)
         assert [found[id].unit for id in ("dynamic", "energy", "filtered_power")] == ["A", "A rad", "A rad/s"]
         assert "N m" not in json.dumps(found.json())
+
+
+def test_a_load_under_which_nothing_moves_tells_nothing():
+    light, heavy = bench(loads=(LOADS[0], LOADS[6]))
+    still = replace(heavy, position=np.zeros(len(heavy)), velocity=None)
+    assert "only one was moved" in torque_constant([light, still])
+    known = torque_constant([light, heavy])
+    assert torque_constant([light, heavy, replace(still, load=LOADS[3])]).value == pytest.approx(known.value, rel=1e-3)
+
+
+def test_beside_a_model_the_constant_is_the_same_whatever_it_is_and_whatever_the_model_has():
+    runs = [replace(run, torque=20 * run.torque) for run in bench(loads=(LOADS[0], LOADS[6]))]
+    limited = Model.build((*BASE, effect("torque_saturation")(100.0)), list(UNLOADED.values()))
+    found = torque_constant(runs, limited, 0.9 * K / 20)
+    assert found.value == pytest.approx(K / 20, rel=0.01)
+    level = Model.build(tuple(term for term in BASE if term.id != "gravity"), [0.03, 0.15, 0.25])
+    assert isinstance(torque_constant(runs, level), TorqueConstant)
 
 
 def test_loads_that_hardly_differ_are_not_enough():

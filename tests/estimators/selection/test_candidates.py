@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.diagnosis.run import gather
 from estimators.regression.least_squares import Balance
 from estimators.selection.candidates import Screen, depends_on_torque
+from estimators.selection.search import Search
 from estimators.weak_form.dataset import prepare
 from pendulum_env.filters import lag
 from pendulum_env.physics import BASE, Column, Samples, Shape, Term, effects
@@ -115,3 +117,23 @@ def test_torque_behind_a_lag_is_predicted_with_its_lead(screen: Screen):
     rate = np.cos(w.samples.position) * w.samples.velocity
     led = 2.0 * w.average(np.sin(w.samples.position) + 0.03 * rate)
     np.testing.assert_allclose(unpredicted(balance, theta), screen.data.torque() - led, atol=5e-3)
+
+
+def test_a_lag_of_a_torque_that_is_none_leaves_what_the_joint_needs(screen: Screen):
+    """A free swing, held out: nothing is taken away, and nothing is blown up."""
+    (w,) = screen.data.windows
+    free = Recording("free", w.recording.time, w.recording.position, np.zeros(len(w.recording)))
+    own = Screen(prepare([free]))
+    theta = np.array([0.09, 2.0, 0.36, 0.9])
+    lagging, plain = (own.balance(terms).error(theta) for terms in ((*BASE, effects()["actuator_lag"](0.03)), BASE))
+    np.testing.assert_allclose(lagging, plain, rtol=1e-9)
+
+
+def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
+    """A hum on the torque channel: a lag leaves less of it, and explains nothing."""
+    (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=8.0, seed=2))])
+    hum = 3.0 * np.sin(2 * np.pi * 15.0 * run.time)
+    search = Search(*gather([Recording("humming", run.time, run.position, run.torque + hum)]))
+    lag, base = (*BASE, effects()["actuator_lag"](0.01)), tuple(BASE)
+    assert np.std(search.screen.residual(lag)) < 0.9 * np.std(search.screen.residual(base))
+    assert search.density(lag).sum() < search.density(base).sum()
