@@ -112,7 +112,7 @@ def _effect_parameters(id: str, plant: Mapping[str, float], p: Mapping[str, Any]
         case "quadratic_drag":
             return {id: p["drag"]}
         case "load_dependent_friction":
-            return {id: p["load_mu"], f"{id}.weight": p.get("load_w", 0.0)}
+            return {id: p.get("load_mu", 0.0), f"{id}.output": p.get("load_out", 0.0), f"{id}.weight": 1.0}
         case "position_dependent_friction":
             return {f"{id}.sin": p["pos_s"], f"{id}.cos": p["pos_c"]}
         case "cogging":

@@ -166,7 +166,7 @@ DRAG_AND_TILT = {"quadratic_drag": {"drag": 0.05}, "gravity_tilt": {"tilt_cos": 
 RUBBING = SINGLES["stribeck"].hidden
 BLOW = np.where(np.arange(6000) // 5 == 526, -185.0, 0.0)  # [N m] for 10 ms, once, as it moves at 10 rad/s
 BRISTLES = Plant(0.063, 2.43, 0.458, 1.055, {"presliding": {"dahl_sigma": 79.4}})
-GEARS = {"load_dependent_friction": {"load_mu": 0.1, "load_w": 2.0}, "stribeck": {"strib_d": 0.4, "strib_v": 0.6}}
+GEARS = {"load_dependent_friction": {"load_mu": 0.1, "load_out": 0.2}, "stribeck": {"strib_d": 0.4, "strib_v": 0.6}}
 CREEPING = Plant(0.09, 2.0, 0.36, 0.92, {"spring": {"spring_k": 0.3, "spring_q0": 0.3}})
 OF_THE_PAPER = Plant(0.0895, 2.01, 0.3638, 0.9163)
 WALLS = (-4.17, 5.0)  # [rad]

@@ -14,7 +14,7 @@ from pendulum_env._typing import Array, Index, Mask
 RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of its step that are tried
 DISTINCT = 1e-6  # least eigenvalue of scaled normal equations, from which they keep ten digits
-LEAST_SLOPE = 0.01  # of an equation by the torque, so that an error stays finite: next to nothing comes through
+LEAST_SLOPE = 0.05  # of an equation by the torque, so that an error stays finite
 TURNS, ENOUGH = 30, 1e-12  # of Gauss-Newton, and relative fall of the squared error at which it ends
 CONVERGED = 0.01  # standard errors that a Gauss-Newton step may still take
 

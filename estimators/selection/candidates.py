@@ -61,6 +61,7 @@ class Screen:
     _columns: dict[Term, Columns] = field(default_factory=dict)
     _weights: dict[tuple[Term, ...], Array] = field(default_factory=dict)
     _rates: dict[Term, Array] = field(default_factory=dict)
+    _muffled: dict[Term, float] = field(default_factory=dict)
     _ranked: dict[tuple[tuple[Term, ...], str], list[Trial]] = field(default_factory=dict)
     _variants: dict[tuple[tuple[Term, ...], str], list[Trial]] = field(default_factory=dict)
 
@@ -151,12 +152,27 @@ class Screen:
             for k, balance in enumerate(balances):
                 if np.any((theta[k] < balance.least) | (theta[k] > balance.most)):
                     squares[k] = np.sum((w * balance.error(balance.solve())) ** 2)
-        return [Trial(model, float(np.sqrt(square / (w @ w)))) for model, square in zip(models, squares, strict=True)]
+        return [
+            Trial(model, float(np.sqrt(square / (w @ w) + self.hidden_noise(model))))
+            for model, square in zip(models, squares, strict=True)
+        ]
 
     def trial(self, terms: Sequence[Term]) -> Trial:
         """Errors of one set of terms."""
         *others, last = terms
         return self.trials(others, [last])[0]
+
+    def hidden_noise(self, terms: Sequence[Term]) -> float:
+        """Variance of torque noise that terms filter out of the equations [(N m)^2]; it counts as error all the same.
+
+        A lag smooths the noise of the torque channel along with the torque: that must not make it look likelier.
+        """
+        total = 0.0
+        for term in terms:
+            if term.fixed and term.has_state() and term not in self._muffled:
+                self._muffled[term] = self.data.muffled(term)
+            total += self._muffled.get(term, 0.0)
+        return total
 
     def residual(self, terms: Sequence[Term]) -> Array:
         """Torque (R,) that a fit of the terms does not predict [N m]."""

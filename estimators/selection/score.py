@@ -51,35 +51,40 @@ class Stretches:
         return np.asarray(self.piece % FOLDS)
 
 
-def cross_validated(balance: Balance, where: Stretches) -> Array:
+def cross_validated(balance: Balance, where: Stretches, hidden: float = 0.0) -> Array:
     """Log density of each stretch (S,), predicted by the fit to the others [nat].
 
     Args:
         balance: equations of the model.
         where: stretch and recording of each equation.
+        hidden: variance of torque noise that the model takes out of the equations; it counts as error all the same.
     """
     errors, whole = np.empty((FOLDS, len(balance.y))), balance.solve()
     for k in range(FOLDS):
         errors[k] = balance.error(balance[where.fold != k].solve(whole))
-    return _density(errors, where)
+    return _density(errors, where, hidden)
 
 
-def predicted(theta: Array, balance: Balance, where: Stretches) -> Array:
+def predicted(theta: Array, balance: Balance, where: Stretches, hidden: float = 0.0) -> Array:
     """Log density of each held-out stretch (S,) under parameters (P,) fitted elsewhere [nat]."""
-    return _density(np.broadcast_to(balance.error(theta), (FOLDS, len(balance.y))), where)
+    return _density(np.broadcast_to(balance.error(theta), (FOLDS, len(balance.y))), where, hidden)
 
 
-def foretold(fitted: Balance, unseen: Balance, first: Stretches, second: Stretches) -> Array:
+def foretold(
+    fitted: Balance, unseen: Balance, first: Stretches, second: Stretches, hidden: tuple[float, float] = (0.0, 0.0)
+) -> Array:
     """Log density of each stretch (S,), those of the fitted data first, then those of held-out ones [nat]."""
-    return np.concatenate([cross_validated(fitted, first), predicted(fitted.solve(), unseen, second)])
+    known = cross_validated(fitted, first, hidden[0])
+    return np.concatenate([known, predicted(fitted.solve(), unseen, second, hidden[1])])
 
 
-def _density(errors: Array, where: Stretches) -> Array:
+def _density(errors: Array, where: Stretches, hidden: float) -> Array:
     """Log density of each stretch, from the errors (FOLDS, R) under the fit without each fold.
 
     The scale is that of the other folds of the same recording: recordings differ in what no model explains of them.
     """
     fold, errors = where.fold, np.clip(errors, -DIVERGED, DIVERGED)
+    errors = errors * np.sqrt(1 + hidden / max(float(np.mean(errors**2)), 1e-300))
     total = np.zeros(len(where.of_stretch))
     for recording in np.unique(where.recording):
         own = where.recording == recording

@@ -103,7 +103,8 @@ class Search:
         if terms not in self._densities:
             fitted, unseen = (screen.balance(terms) for _, screen in self._parts)
             without = tuple(term for term in terms if not term.lead)
-            told = foretold(fitted, unseen, *self._where)
+            hidden = self.screen.hidden_noise(terms), self.held_out.hidden_noise(terms)
+            told = foretold(fitted, unseen, *self._where, hidden)
             if fitted.recorded is not None and unseen.recorded is not None:
                 recorded = foretold(fitted.recorded, unseen.recorded, *self._where)
                 if self.bootstrap.gain(recorded, self.density(without)).chance > self.criterion.chance:
@@ -119,7 +120,7 @@ class Search:
         parts = []
         for (part, screen), where in zip(self._parts, self._finer, strict=True):
             here = _wandering_in(part, terms)
-            parts.append(cross_validated(screen.balance(here), where))
+            parts.append(cross_validated(screen.balance(here), where, screen.hidden_noise(here)))
         return np.concatenate(parts)
 
     def gain(self, after: Terms, before: Terms) -> Gain:

@@ -202,6 +202,12 @@ class Dataset:
         phi = np.column_stack([linear for linear, _ in parts])
         return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
 
+    def muffled(self, term: Term) -> float:
+        """Variance of torque noise that the term takes out, mean over the equations [(N m)^2]."""
+        counts = [len(w.centers) for w in self.windows]
+        parts = [count * w.muffled(term) for count, w in zip(counts, self.windows, strict=True) if count]
+        return sum(parts) / max(1, sum(counts))
+
     def noise(self, inertia: float) -> float:
         """Root mean square over the windows of what measurement noise alone leaves [N m]."""
         counts = np.array([len(w.centers) for w in self.windows])

@@ -143,6 +143,20 @@ class Windows:
             parts.append((np.column_stack(linear) if linear else np.empty((len(self.centers), 0)), fixed))
         return parts
 
+    def muffled(self, term: Term) -> float:
+        """Variance of white torque noise that the term's fixed columns take out of the windows [(N m)^2]."""
+        noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
+        held = noise.copy()
+        held[1:] = 0.5 * (noise[1:] + noise[:-1])
+        noisier = replace(
+            self,
+            recording=replace(self.recording, torque=self.recording.torque + noise),
+            samples=replace(self.samples, torque=self.samples.torque + held),
+        )
+        ((_, more),), ((_, taken),) = noisier.columns([term]), self.columns([term])
+        raw = self.average(held)
+        return float(np.var(raw) - np.var(raw - (more - taken)))
+
     def torque(self) -> Array:
         """Averages (R,) of the measured torque [N m]."""
         return self.average(self.samples.torque)
