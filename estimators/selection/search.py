@@ -104,9 +104,10 @@ class Search:
             fitted, unseen = (screen.balance(terms) for _, screen in self._parts)
             without = tuple(term for term in terms if not term.lead)
             hidden = self.screen.hidden_noise(terms), self.held_out.hidden_noise(terms)
-            told = foretold(fitted, unseen, *self._where, hidden)
+            first, second = self._where
+            told = foretold(fitted, unseen, first, second, hidden)
             if fitted.recorded is not None and unseen.recorded is not None:
-                recorded = foretold(fitted.recorded, unseen.recorded, *self._where)
+                recorded = foretold(fitted.recorded, unseen.recorded, first, second)
                 if self.bootstrap.gain(recorded, self.density(without)).chance > self.criterion.chance:
                     told = recorded  # a filter that only makes the torque smaller
             self._densities[terms] = told

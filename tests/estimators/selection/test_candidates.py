@@ -6,8 +6,6 @@ from typing import Self
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.diagnosis.run import gather
@@ -84,17 +82,15 @@ def test_laws_of_the_torque_are_those_that_it_goes_through():
 
 
 @pytest.mark.parametrize("id", LAWS)
-@given(data=st.data())
-def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(screen: Screen, id: str, data: st.DataObject):
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
+def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(screen: Screen, id: str, share: float):
     """Of a model whose motion takes no torque, all that was recorded is left, whatever becomes of it on the way."""
-    variants = list(LAWS[id].grid(screen.data.samples, screen.data.torque()))
-    term = data.draw(st.sampled_from(variants))
-    sizes = [data.draw(st.floats(0.0, min(column.most, 0.5))) for column in term.columns]
-    terms = (*BASE, term)
-    balance = screen.balance(terms)
-    theta = np.where(balance.of_torque, [0.0] * (balance.phi.shape[1] - len(sizes)) + sizes, 0.0)
-    recorded, left = screen.data.torque(), unpredicted(balance, theta)
-    assert np.linalg.norm(left) > 0.97 * np.linalg.norm(recorded)
+    recorded = screen.data.torque()
+    for term in LAWS[id].grid(screen.data.samples, recorded):
+        balance = screen.balance((*BASE, term))
+        theta = np.where(balance.of_torque, np.minimum(balance.most, share), 0.0)
+        left = np.linalg.norm(unpredicted(balance, theta))
+        assert left > 0.9 * np.linalg.norm(recorded), term  # all but what the least slope of an equation hides
 
 
 def test_a_bent_torque_is_solved_for_what_was_recorded(screen: Screen):
