@@ -164,17 +164,19 @@ class ArmEvidence:
         least, most = np.r_[-free, [c.least for c in columns]], np.r_[free, [c.most for c in columns]]
         w, y = weights[self.joint], self.torque.copy()
         acting, passed, lead = y.copy(), np.ones(len(y)), np.zeros(len(y))
-        pushes = np.stack([pushes_of(self.torque[self.of(k)]) for k in range(len(weights))])[self.joint]
-        response = pushes.copy()
         for own, part in owned:
             here = self.of(own.joint)
             acting[here] -= part.fixed
             y[here] -= part.fixed * (own.term.lead == 0)
             passed[here] *= part.passed
             lead[here] += own.term.lead
-            response[here] -= 0.0 if part.taken is None else part.taken
         made = Balance(phi * w[:, None], acting * w, slopes, least, most, np.ones(len(w)))
-        if any(part.taken is not None for _, part in owned):
+        bent = [(own.joint, part.taken) for own, part in owned if part.taken is not None]
+        if bent:
+            pushes = np.stack([pushes_of(self.torque[self.of(k)]) for k in range(len(weights))])[self.joint]
+            response = pushes.copy()
+            for joint, taken in bent:
+                response[self.of(joint)] -= taken
             made = replace(made, response=response * w[:, None], pushes=pushes * w[:, None])
         if lead.any():
             rates = self._placed(self._links(_rates), [(own, self._columns(own, 0.0, _rates)[0]) for own in terms])

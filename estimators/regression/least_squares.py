@@ -145,8 +145,8 @@ class Balance:
         weights: of the equations in a fit (R,).
         passed: share of the torque that laws with memory leave, or that in each equation (R,); what takes torque away
             explains none of it.
-        recorded: the same equations solved for what was recorded where torque acts through a filter; they are what a
-            model is judged by. A filter that takes torque away explains nothing of it.
+        recorded: the same equations solved for what was recorded, where torque acts through a filter: one that only
+            takes torque away explains nothing of it.
     """
 
     phi: Array

@@ -275,12 +275,16 @@ class Screen:
 
 def nudge_of(torque: Array) -> float:
     """Push of the torque [N m], for slopes by it."""
-    return NUDGE * max(float(np.abs(torque).max()), 1e-12)
+    return NUDGE * _largest(torque)
 
 
 def pushes_of(torque: Array) -> Array:
     """Pushes of the torque (J,) [N m], growing, zero in their middle, by which bent laws of it are solved for it."""
-    return max(float(np.abs(torque).max()), 1e-12) * np.concatenate([-PUSHES[::-1], [0.0], PUSHES])
+    return _largest(torque) * np.concatenate([-PUSHES[::-1], [0.0], PUSHES])
+
+
+def _largest(torque: Array) -> float:
+    return max(float(np.abs(torque).max()), 1e-12)
 
 
 def columns_by_torque(

@@ -42,7 +42,7 @@ class Left:
     """Power of what a model leaves of some data.
 
     Attributes:
-        all: mean square [N^2 m^2].
+        all: mean square, with that of the torque noise that the model takes out [N^2 m^2].
         shared: that of what neighbouring windows share [N^2 m^2].
     """
 
@@ -102,12 +102,12 @@ class Search:
             self._densities[terms] = self._fitted_anew(terms)
         if terms not in self._densities:
             fitted, unseen = (screen.balance(terms) for _, screen in self._parts)
-            without = tuple(term for term in terms if not term.lead)
             hidden = self.screen.hidden_noise(terms), self.held_out.hidden_noise(terms)
             first, second = self._where
             told = foretold(fitted, unseen, first, second, hidden)
             if fitted.recorded is not None and unseen.recorded is not None:
                 recorded = foretold(fitted.recorded, unseen.recorded, first, second)
+                without = tuple(term for term in terms if not term.lead)
                 if self.bootstrap.gain(recorded, self.density(without)).chance > self.criterion.chance:
                     told = recorded  # a filter that only makes the torque smaller
             self._densities[terms] = told
@@ -150,8 +150,11 @@ class Search:
                 theta = self.screen.solve(terms)
                 residuals = [screen.balance(terms).error(theta) for _, screen in self._parts]
             first, second = (
-                Left(float(np.mean(residual**2)), part.data.structure(residual, self.inertia)[0] ** 2)
-                for residual, (part, _) in zip(residuals, self._parts, strict=True)
+                Left(
+                    float(np.mean(residual**2)) + screen.hidden_noise(terms),
+                    part.data.structure(residual, self.inertia)[0] ** 2,
+                )
+                for residual, (part, screen) in zip(residuals, self._parts, strict=True)
             )
             self._left[terms] = first, second
         return self._left[terms]

@@ -80,6 +80,19 @@ def test_a_column_of_noise_predicts_no_better_and_a_true_one_does():
     assert useful == 20
 
 
+def test_noise_that_a_model_takes_out_counts_as_error_all_the_same():
+    where = stretches(1, 20, 30)
+    phi, y = data(4, where)
+    square = 0.3**2
+    smoothed = linear(phi, phi @ [1.0, 2.0, 3.0] + 0.5 * (y - phi @ [1.0, 2.0, 3.0]))  # the same with half the noise
+    honest = cross_validated(smoothed, where, 0.75 * square).sum()
+    assert honest == pytest.approx(cross_validated(linear(phi, y), where).sum(), abs=len(y) * 0.05)
+    assert cross_validated(smoothed, where).sum() > honest + len(y) * 0.5
+
+
+# ------------------------------------------------------------------------------------------------ what is sure of a sum
+
+
 def chance(differences: list[list[float]]) -> float:
     """Chance that nothing is gained, from the differences of each recording's stretches."""
     owner = np.repeat(np.arange(len(differences)), [len(own) for own in differences])
