@@ -69,6 +69,18 @@ def smooth_reference(rng: np.random.Generator, time: Array, scale: float = 1.0) 
     return scale * wave * (1 - np.exp(-time / 0.5))  # starts where the arm hangs
 
 
+def speed_profile(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
+    """Turns at 1 to 6 rad/s either way, each for a second or two, for a speed loop with an integrator [rad]."""
+    edges = np.cumsum(rng.uniform(1.0, 2.0, int(time[-1]) + 2))
+    speeds = rng.uniform(1.0, 6.0, len(edges) + 1) * rng.choice([-1.0, 1.0], len(edges) + 1)
+    speed = speeds[np.searchsorted(edges, time)]
+    pole, smooth, last = np.exp(-20.0 * (time[1] - time[0])), np.empty(len(time)), 0.0
+    for k, wanted in enumerate(speed.tolist()):
+        last = pole * last + (1 - pole) * wanted
+        smooth[k] = last
+    return scale * np.cumsum(smooth) * (time[1] - time[0])
+
+
 OPEN_LOOP: dict[str, Callable[[np.random.Generator, Array, float], Array]] = {
     "two_tone": two_tone,
     "other_tones": other_tones,
@@ -78,5 +90,8 @@ OPEN_LOOP: dict[str, Callable[[np.random.Generator, Array, float], Array]] = {
     "steps": steps,
     "filtered_noise": filtered_noise,
 }
-CLOSED_LOOP: dict[str, Callable[[np.random.Generator, Array, float], Array]] = {"pd_loop": smooth_reference}
+CLOSED_LOOP: dict[str, Callable[[np.random.Generator, Array, float], Array]] = {
+    "pd_loop": smooth_reference,
+    "speed_loop": speed_profile,
+}
 EXCITATIONS = (*OPEN_LOOP, *CLOSED_LOOP)

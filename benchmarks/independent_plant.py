@@ -834,7 +834,7 @@ def random_case(
     return Case(Plant(effects=hidden, **fields), train, replace(train, seed=seeds[1]))
 
 
-_WEIGHTS = np.array([4, 2, 4, 4, 1, 1.5, 1.5, 2]) / 20  # of EXCITATIONS in a random case
+_WEIGHTS = np.array([4, 2, 4, 4, 1, 1.5, 1.5, 2, 0]) / 20  # of EXCITATIONS in a random case
 
 
 def _write_csv(path: Path, recording: SimulatedRecording) -> None:

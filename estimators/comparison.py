@@ -12,7 +12,7 @@ from estimators.checks.homogeneity import Disagreement, disagreements_with, misf
 from estimators.checks.residual import Profile, Region, profiles, stand_out
 from estimators.checks.torque_constant import Calibrated, unit_of
 from estimators.regression.equations import IdentificationError
-from estimators.selection.data import Errors, Evidence
+from estimators.selection.data import Errors, Evidence, noise_floor
 from estimators.simulation.free_running import growth, select
 from estimators.simulation.link_segments import has_link
 from estimators.weak_form.dataset import dataset
@@ -136,7 +136,8 @@ def distance(name: str, evidence: Evidence, model: Model) -> Distance:
     kept = tuple(select(*pair) for pair in zip(evidence.flights, steady, strict=True) if pair[1].any())
     errors = (replace(evidence, flights=kept) if kept else evidence).errors(model)
     unstable = 1.0 - float(np.mean(np.concatenate(steady)))
-    return Distance(name, errors, evidence.data.noise(abs(model.estimates["inertia"].value)), unstable)
+    scatter = evidence.data.noise(abs(model.estimates["inertia"].value))
+    return Distance(name, errors, noise_floor(scatter, [errors]), unstable)
 
 
 def joined(parts: Sequence[Evidence]) -> Evidence:

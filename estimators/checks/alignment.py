@@ -10,7 +10,9 @@ channel are fitted,
     tau = u + lag u'                         lag > 0: logged through a low-pass filter
     tau + |lag| tau' = u                     lag < 0: it acts through one, as after the lag of a drive
 
-beside a model that follows nearly any motion: every term is a function of position, velocity and acceleration at the
+or torque was sampled from one that goes on changing until the next sample, as in a log that keeps every tenth sample of
+a controller: slow torque then looks logged late by half a sample. All are fitted beside a model that follows nearly any
+motion: every term is a function of position, velocity and acceleration at the
 same instant, so that none of them can stand in for time. What the model misses makes the standard error larger.
 """
 
@@ -23,7 +25,7 @@ from typing import Literal
 
 import numpy as np
 
-from estimators.checks.channel_fits import CLEARER, SURE, ChannelFits, View
+from estimators.checks.channel_fits import CLEARER, SURE, ChannelFits, Law, View
 from estimators.regression.equations import IdentificationError
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import prepare
@@ -65,6 +67,7 @@ class Alignment:
         return {
             "delay": {"value": self.delay, "std": errors[0], "unit": "s"},
             "lag": {"value": self.lag, "std": errors[1], "unit": "s"},
+            "sampled": self.channel.is_sampled,
             "text": self.text,
         }
 
@@ -75,7 +78,7 @@ class Alignment:
 
     @property
     def is_late(self) -> bool:
-        """Whether torque is logged late or filtered, which no physical effect can do."""
+        """Whether torque is logged late, filtered or sampled, which no physical effect can do."""
         return self.channel.is_late
 
     @property
@@ -87,6 +90,7 @@ class Alignment:
         either = f" (or {self.rival}: only steps of torque would tell)" if self.rival else ""
         if self.is_late:
             found = [
+                *(["sampled like the position, and not held until the next sample"] if self.channel.is_sampled else []),
                 *([f"logged {delay} late"] if self.delay else []),
                 *([f"logged through a low-pass filter with a time constant of {lag}"] if self.lag else []),
             ]
@@ -106,14 +110,15 @@ class Alignment:
         return bool(abs(apart) <= SURE * spread)
 
     def apply(self, recording: Recording) -> Recording:
-        """The recording with the torque that acted, where it was logged late or filtered; else as it is.
+        """The recording with the torque that acted, where it was logged late, filtered or sampled; else as it is.
 
         The last samples of each segment, whose torque was never logged, are left out.
         """
         if not self.is_late:
             return recording
         period = 1.0 / recording.rate
-        first, beyond = int(self.lag > 0), int(np.ceil(max(self.delay, 0.0) / period - 1e-9))
+        first = int(self.lag > 0)
+        beyond = int(np.ceil(max(self.delay, 0.0) / period - 1e-9)) + int(self.channel.is_sampled)
         kept, torque = [], []
         for begin, end in pairwise((*recording.starts, len(recording))):
             if end - beyond - begin - first >= 2:
@@ -147,8 +152,9 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
     A law is reported if its delay or lag is `SURE` standard errors (jackknife over stretches of time) from none, if it
     surely predicts seconds better to which it was not fitted, as an effect has to, and if that holds under every more
     general model of the motion that predicts better. A filter is told from a delay where it predicts better by
-    `CLEARER` standard errors, else both are said.
-    Recordings too short to tell give an alignment without a finding and with infinite standard errors.
+    `CLEARER` standard errors, else both are said. What looks logged late by half a sample was sampled, unless held
+    torque that is logged late predicts better by as much; what looks late by more was, if that predicts better by as
+    much. Recordings too short to tell give an alignment without a finding and with infinite standard errors.
     """
     try:
         if not any(recording.torque.any() for recording in recordings):
@@ -158,7 +164,14 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
         fits = None
     if fits is None:
         return Alignment(Channel(), np.inf, np.inf)
-    return _agreed(fits.views(), 1.0 / max(recording.rate for recording in recordings))
+    period = 1.0 / max(recording.rate for recording in recordings)
+    found, held = _agreed(fits.views(), period)
+    if found.is_late:
+        other, sampled = _agreed(fits.sampled().views(), period)
+        is_simpler = other.delay == other.lag == 0
+        if sampled.excels(held, CLEARER) or (is_simpler and not held.excels(sampled, CLEARER)):
+            return other if other.delay + other.lag >= 0 else found
+    return found
 
 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
@@ -231,7 +244,7 @@ class Aligned:
 Name = Literal["delay", "lag", "both"]
 
 
-def _agreed(views: Sequence[View], period: float) -> Alignment:
+def _agreed(views: Sequence[View], period: float) -> tuple[Alignment, Law]:
     """The simplest law on which all views agree, as the first sees it.
 
     A filter that is shorter than a sample is a delay by a share of it, as far as samples tell.
@@ -240,7 +253,7 @@ def _agreed(views: Sequence[View], period: float) -> Alignment:
 
     def stands(law: Name) -> bool:
         found = [getattr(view, law) for view in views]
-        signs = {one.channel.is_late for one in found if one is not None}
+        signs = {one.is_behind for one in found if one is not None}
         return len(signs) == 1 and all(
             one is not None and one.is_sure and view.bears_out(one) for one, view in zip(found, views, strict=True)
         )
@@ -251,27 +264,25 @@ def _agreed(views: Sequence[View], period: float) -> Alignment:
     delay, lag, both = first.delay, first.lag, first.both
     if not stands("delay") or abs(delay.channel.delay) < TRIFLE * period:  # what is filtered is late as well
         # what is not borne out is no more exact than that: it must not speak against what other recordings tell
-        return Alignment(
-            Channel(),
-            max(delay.std[0], abs(delay.channel.delay) / SURE),
-            max(lag.std[1], abs(lag.channel.lag) / SURE),
-        )
+        spread = max(delay.std[0], abs(delay.channel.delay) / SURE), max(lag.std[1], abs(lag.channel.lag) / SURE)
+        return Alignment(first.none.channel, *spread), first.none
     if both is not None and stands("both") and both.channel.lag > period:
         if excels("both", "delay") and excels("both", "lag"):
-            return Alignment(both.channel, *both.std)
+            return Alignment(both.channel, *both.std), both
     if not stands("lag") or excels("delay", "lag"):
-        return Alignment(delay.channel, *delay.std)
+        return Alignment(delay.channel, *delay.std), delay
     if abs(lag.channel.lag) < period or not excels("lag", "delay", 0.0):
-        return Alignment(delay.channel, *delay.std, rival=_words(lag.channel))
-    return Alignment(lag.channel, *lag.std, rival=None if excels("lag", "delay") else _words(delay.channel))
+        return Alignment(delay.channel, *delay.std, rival=_words(lag)), delay
+    return Alignment(lag.channel, *lag.std, rival=None if excels("lag", "delay") else _words(delay)), lag
 
 
-def _words(channel: Channel) -> str:
+def _words(law: Law) -> str:
     """The rival in words."""
+    channel = law.channel
     if channel.delay:
         return f"by a delay of {1e3 * abs(channel.delay):.3g} ms"
-    law = "through a low-pass filter with a time constant" if channel.is_late else "with a lag"
-    return f"{law} of {1e3 * abs(channel.lag):.3g} ms"
+    kind = "through a low-pass filter with a time constant" if law.is_behind else "with a lag"
+    return f"{kind} of {1e3 * abs(channel.lag):.3g} ms"
 
 
 def _estimate(value: float, std: float) -> str:

@@ -42,6 +42,11 @@ class Law:
     density: Array  # log predictive density of each stretch, (2, C), see `ChannelFits.density`
 
     @property
+    def is_behind(self) -> bool:
+        """Whether the log is behind the torque that acts, else ahead of it."""
+        return self.channel.delay + self.channel.lag > 0
+
+    @property
     def is_sure(self) -> bool:
         """Whether each of its parameters is told from zero, and none is at the end of the search."""
         pairs = zip((self.channel.delay, self.channel.lag), self.std, strict=True)
@@ -92,6 +97,7 @@ class ChannelFits:
         phi: columns (R, P), weighted.
         clusters: stretch of each equation for standard errors, (R,).
         where: stretch of each equation for predictions.
+        is_sampled: whether torque is taken for sampled, else for held.
         torques: weighted torque (R,) that acts in the windows by law of the channel, as far as they were asked for.
     """
 
@@ -100,6 +106,7 @@ class ChannelFits:
     phi: Array
     clusters: Index
     where: Stretches
+    is_sampled: bool = False
     torques: dict[Channel, Array] = field(default_factory=dict)
 
     @classmethod
@@ -138,6 +145,10 @@ class ChannelFits:
         net = np.concatenate(parts) - self.carried
         self.torques[channel] = net[self.rows] * self.data.weights[self.rows]
         return self.torques[channel]
+
+    def sampled(self) -> Self:
+        """The same of torque that was sampled, and not held."""
+        return replace(self, is_sampled=True)
 
     def drifting(self) -> Self:
         """The same with base parameters that change along each recording."""
@@ -184,7 +195,8 @@ class ChannelFits:
         """Law with a delay and a filter that delays slow torque by so much [s]; time constants are steep near zero."""
         delay, shift = (float(value) for value in x)
         period = 1.0 / self.data.windows[0].recording.rate
-        return Channel(delay, shift if shift <= 0 else period / float(np.log1p(period / shift)))
+        lag = shift if shift <= 0 else period / float(np.log1p(period / shift))
+        return Channel(delay, lag, self.is_sampled)
 
     def misfit(self, x: Array) -> float:
         """Sum of squared residuals."""
@@ -251,7 +263,7 @@ class ChannelFits:
             period = 1.0 / w.recording.rate
             impulse = np.zeros(2 * int(np.ceil(5 * REACH / period)) + 1)
             impulse[len(impulse) // 2] = 1.0
-            ways = (Channel(), Channel(0.0, channel.lag))
+            ways = (Channel(), replace(channel, delay=0.0))
             before, after = (way.around(w.samples, impulse, period) for way in ways)
             gains.append(np.linalg.norm(np.convolve(after, w.kernel)) / np.linalg.norm(np.convolve(before, w.kernel)))
         return float(np.mean(gains))

@@ -24,6 +24,7 @@ from estimators.arguments import within_limits
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import least_squares
 from estimators.selection.candidates import Screen
+from estimators.selection.data import Evidence, fit_terms
 from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index
@@ -127,31 +128,35 @@ def further(recordings: Sequence[Recording]) -> list[Recording]:
     ]
 
 
-def told(
-    model: Model, recordings: Sequence[Recording], fit: Callable[[Sequence[Recording]], Model], is_whole: bool = False
-) -> Model:
-    """A model that was fitted to recordings, in the unit of their torque, with the torque constant and what it errs by.
+def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = None, is_whole: bool = False) -> Model:
+    """A model that was fitted to data, in the unit of their torque, with the torque constant and what it errs by.
 
     Args:
         model: in which nothing is said of either.
-        recordings: what it was fitted to.
-        fit: finds parameters of the same names in recordings, by which it is seen what another constant makes of them.
+        data: what it was fitted to.
+        fit: finds parameters of the same names in data, by which it is seen what another constant makes of them; if not
+            given, the model's terms are fitted as they are.
         is_whole: whether the model lacks nothing: then the constant is the one beside it, and its parameters follow.
     """
+    recordings = [w.recording for w in data.windows]
     first = recordings[0].torque_constant
     if first is None:
         return model.per(recordings[0].torque_unit)
-    if not (is_whole and first.loads):
-        return widened(model, first, fit(recordings), fit(further(recordings)))
-    beside = torque_constant([_logged(recording) for recording in recordings], model, first.value)
-    constant = beside if isinstance(beside, TorqueConstant) else first
-    by_it = [_turned(_logged(recording), constant) for recording in recordings]
-    before, here, there = (fit(own) for own in (recordings, by_it, further(by_it)))
+
+    def by(constant: float) -> Model:
+        scaled = _scaled(data, constant / first.value)
+        return fit_terms(Evidence(scaled, ()), model.terms)[0] if fit is None else fit(scaled)
+
+    found = first
+    if is_whole and first.loads:
+        beside = torque_constant([_logged(recording) for recording in recordings], model, first.value)
+        found = beside if isinstance(beside, TorqueConstant) else first
+    before, here, there = by(first.value), by(found.value), by(found.value + found.std)
     estimates = {}
     for name, own in model.estimates.items():
         moved = here.estimates[name].value - before.estimates[name].value
         estimates[name] = replace(own, value=own.value + moved)
-    return widened(replace(model, estimates=estimates), constant, here, there)
+    return widened(replace(model, estimates=estimates), found, here, there)
 
 
 def widened(model: Model, constant: TorqueConstant, here: Model, there: Model) -> Model:
@@ -301,16 +306,26 @@ def _with_known_motor(model: Model) -> tuple[Term, ...]:
     return within_limits(model.terms, {}, known, {})[0]
 
 
+def _scaled(data: Dataset, factor: float) -> Dataset:
+    """Data whose torque is larger by a factor."""
+
+    def scaled(w: Windows) -> Windows:
+        recording = replace(w.recording, torque=factor * w.recording.torque)
+        samples = replace(w.samples, torque=factor * w.samples.torque)
+        return replace(w, recording=recording, samples=samples, torque_noise=factor * w.torque_noise)
+
+    return replace(data, windows=tuple(map(scaled, data.windows)))
+
+
 def _in_newton_metres(data: Dataset, loads: Sequence[Load], constant: float) -> Dataset:
     """Windows of currents as those of torques, by a constant that is tried [N m/A]."""
 
     def turned(w: Windows, load: Load) -> Windows:
-        recording = replace(w.recording, torque=constant * w.recording.torque, torque_unit=NEWTON_METRE)
-        known = KnownLoad(load.inertia, load.gravity)
-        samples = replace(w.samples, torque=constant * w.samples.torque, load=known)
-        return replace(w, recording=recording, samples=samples, torque_noise=constant * w.torque_noise)
+        samples = replace(w.samples, load=KnownLoad(load.inertia, load.gravity))
+        return replace(w, recording=replace(w.recording, torque_unit=NEWTON_METRE), samples=samples)
 
-    return replace(data, windows=tuple(turned(w, load) for w, load in zip(data.windows, loads, strict=True)))
+    windows = zip(_scaled(data, constant).windows, loads, strict=True)
+    return replace(data, windows=tuple(turned(w, load) for w, load in windows))
 
 
 def _share(data: Dataset, terms: Sequence[Term]) -> tuple[float, float, float]:

@@ -9,10 +9,10 @@ import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, within_limits
 from estimators.checks.physical import objection
-from estimators.checks.torque_constant import Calibrated
-from estimators.diagnosis.run import calibrated_model, gather
+from estimators.checks.torque_constant import Calibrated, told
+from estimators.diagnosis.run import gather
 from estimators.progress import Progress, no_progress
-from estimators.selection.data import Evidence, Step, with_knocks
+from estimators.selection.data import Evidence, Step, noise_floor, with_knocks
 from estimators.selection.motion import sharpen
 from estimators.selection.search import Search, is_hidden
 from pendulum_env.notebook import shown
@@ -123,5 +123,6 @@ def add(
     against = objection(after, shown, search.train.samples)
     if against is None and trial is not None and not is_hidden(terms[-1]):  # motion tells of these
         against = None if search.is_sure(terms, before.model.terms) else CHANCE
-    shown, after = (replace(step, model=calibrated_model(step.model, recordings, holdout)) for step in (shown, after))
-    return Addition(shown, after, search.floor, against, calibrated.doubt)
+    shown, after = (replace(step, model=told(step.model, search.train.data)) for step in (shown, after))
+    floor = noise_floor(search.floor, after.errors.values())
+    return Addition(shown, after, floor, against, calibrated.doubt)

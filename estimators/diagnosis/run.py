@@ -22,7 +22,7 @@ from estimators.diagnosis.sensitivity import in_words
 from estimators.progress import Progress, forward, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, Step, fit_terms, with_knocks
+from estimators.selection.data import Evidence, Step, fit_terms, noise_floor, with_knocks
 from estimators.selection.foils import words
 from estimators.selection.motion import is_astray, refine, relink, sharpen
 from estimators.selection.search import Search, held_out_cost, ids
@@ -31,7 +31,7 @@ from estimators.weak_form.dataset import choose_half_width, prepare
 from estimators.weak_form.instruments import fit_by_reference
 from estimators.weak_form.windows import SLOWEST
 from pendulum_env._typing import Array
-from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics import BASE, Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing
@@ -257,19 +257,13 @@ def _of_one_plant(given: Prepared, setting: Setting) -> Diagnosis:
         if len(left) in (0, len(kept)):
             break
     *others, last = found.steps
-    whole = replace(last, model=calibrated_model(last.model, kept, holdout, not found.unexplained))
+    model = told(last.model, evidence[0].data, is_whole=not found.unexplained)
+    whole = replace(last, model=model.biased() if found.unexplained else model)
     return replace(
         found,
-        steps=(*(replace(step, model=calibrated_model(step.model, kept, holdout)) for step in others), whole),
+        steps=(*(replace(step, model=told(step.model, evidence[0].data)) for step in others), whole),
         disagreements=tuple(odd[number] for number in sorted(odd)),
     )
-
-
-def calibrated_model(
-    model: Model, recordings: Sequence[Recording], holdout: Sequence[Recording], is_whole: bool = False
-) -> Model:
-    """A model that was found in recordings, with the torque constant and what it errs by for it; see `told`."""
-    return told(model, recordings, lambda own: fit_terms(gather(own, holdout)[0], model.terms)[0], is_whole)
 
 
 def _of_timing(given: Prepared, found: Diagnosis) -> list[str]:
@@ -331,7 +325,7 @@ def _examine(
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=tuple(left),
-        noise_floor=search.floor,
+        noise_floor=noise_floor(search.floor, steps[-1].errors.values()),
         advice=(
             *look_alike,
             *_of_little(evidence[0]),

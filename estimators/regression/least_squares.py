@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -15,7 +16,7 @@ RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of its step that are tried
 DISTINCT = 1e-6  # least eigenvalue of scaled normal equations, from which they keep ten digits
 LEAST_SLOPE = 0.05  # of an equation by the torque, so that an error stays finite
-TURNS, ENOUGH = 30, 1e-12  # of Gauss-Newton, and relative fall of the squared error at which it ends
+TURNS, ENOUGH = 30, 1e-9  # of Gauss-Newton, and relative fall of the squared error at which it ends
 CONVERGED = 0.01  # standard errors that a Gauss-Newton step may still take
 
 
@@ -110,14 +111,13 @@ def jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Arra
     phi = phi / size
     bread = np.linalg.pinv(phi.T @ phi, rcond=1e-12, hermitian=True)
     count = int(clusters.max()) + 1
-    scores, meat = np.zeros((count, phi.shape[1])), np.zeros_like(bread)
-    told = np.zeros_like(scores)
+    parts = [phi[clusters == cluster] for cluster in range(count)]
+    scores = np.zeros((count, phi.shape[1]))
     np.add.at(scores, clusters, phi * residual[:, None])
-    for cluster, score in enumerate(scores):
-        own = phi[clusters == cluster]
-        alone = np.linalg.pinv(np.eye(len(bread)) - own.T @ own @ bread, rcond=1e-6) @ score
-        meat += np.outer(alone, alone)
-        told[cluster] = np.sum((own @ bread) ** 2, axis=0)
+    kept = np.eye(len(bread)) - np.array([own.T @ own for own in parts]) @ bread
+    alone = (np.linalg.pinv(kept, rcond=1e-6) @ scores[:, :, None])[:, :, 0]
+    told = np.array([np.sum((own @ bread) ** 2, axis=0) for own in parts])
+    meat = alone.T @ alone
     covariance = (count - 1) / count * bread @ meat @ bread
     return np.asarray(covariance / np.outer(size, size)), told
 
@@ -201,6 +201,28 @@ class Balance:
         theta = np.zeros(len(free)) if start is None else start * self.of_torque
         return within_bounds(self._solve, theta, free, self.least, self.most)[0]
 
+    def solve_without(self, fold: Index, count: int) -> Array:
+        """Parameters (K, P) as `solve` finds them without each of K folds, given the fold of every equation (R,).
+
+        Where errors are linear, each fold's normal equations are made once, and what is solved is as small as they are.
+        """
+        if not self.is_linear:
+            whole = self.solve()
+            return np.array([self[fold != k].solve(whole) for k in range(count)])
+        rows = np.column_stack([self.phi, self.y]) * (self.weights / self.passed)[:, None]
+        size = np.linalg.norm(rows[:, :-1], axis=0)
+        size[size == 0] = 1.0
+        rows[:, :-1] /= size
+        grams = np.array([rows[fold == k].T @ rows[fold == k] for k in range(count)])
+        found = np.empty((count, len(size)))
+        for k in range(count):
+            gram = grams[np.arange(count) != k].sum(axis=0)  # not the difference from the whole, which loses digits
+            if len(size) and np.linalg.eigvalsh(gram[:-1, :-1])[0] > DISTINCT:
+                found[k] = _within_bounds_of(gram, self.least * size, self.most * size) / size
+            else:
+                found[k] = self[fold != k].solve()
+        return found
+
     def fit(self, clusters: Index, jacobian: Array | None = None) -> Fit:
         """The solution with its covariance, see `solve`, linear in the errors of the predicted torque around it.
 
@@ -227,6 +249,12 @@ class Balance:
         passed = np.broadcast_to(self.passed, slope.shape)[:, None]
         own = self.phi / passed - error[:, None] * self.by_torque
         return np.column_stack([own, *([] if jacobian is None else [jacobian / passed])]) / slope[:, None]
+
+    def tangent(self) -> Tangent:
+        """The errors, linear around the fit; exactly so where they are linear, and then around zero."""
+        theta = np.zeros(self.phi.shape[1]) if self.is_linear else self.solve()
+        error, slope = self._error(theta)
+        return Tangent(theta, error, self.slopes(theta), 1.0 / (slope * self.passed))
 
     def _solve(self, theta: Array, free: Mask) -> Array:
         """The parameters with the free ones moved to where the squared error is least (Gauss-Newton)."""
@@ -255,6 +283,22 @@ class Balance:
         return theta
 
 
+class Tangent(NamedTuple):
+    """Errors of the predicted torque near some parameters, to first order.
+
+    Attributes:
+        theta: the parameters (P,).
+        error: there (R,) [N m].
+        slopes: by which errors fall with the parameters (R, P).
+        scale: by which errors grow with the left-hand sides of the equations (R,).
+    """
+
+    theta: Array
+    error: Array
+    slopes: Array
+    scale: Array
+
+
 def within_bounds(
     solve: Callable[[Array, Mask], Array], theta: Array, free: Mask, least: Array, most: Array
 ) -> tuple[Array, Mask]:
@@ -276,6 +320,18 @@ def within_bounds(
         if not leaves.any():
             return theta, free
         theta, free = np.where(leaves, bounded, theta), free & ~leaves
+
+
+def _within_bounds_of(gram: Array, least: Array, most: Array) -> Array:
+    """Parameters (P,) that solve normal equations within bounds, given the Gram matrix (P + 1, P + 1) of [phi, y]."""
+    phi, y = gram[:-1, :-1], gram[:-1, -1]
+
+    def solve(theta: Array, free: Mask) -> Array:
+        theta = np.where(free, 0.0, theta)
+        theta[free] = np.linalg.solve(phi[np.ix_(free, free)], (y - phi @ theta)[free])
+        return theta
+
+    return within_bounds(solve, np.zeros(len(least)), np.ones(len(least), dtype=bool), least, most)[0]
 
 
 def information(covariance: Array) -> Array:

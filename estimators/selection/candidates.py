@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.regression.least_squares import RIDGE, Balance
+from estimators.regression.least_squares import RIDGE, Balance, Tangent
 from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.shapes import Residuals, cross_entropy, gauss_newton, scan
 from pendulum_env._typing import Array
@@ -77,7 +77,7 @@ class Screen:
 
     def _cut(self, variants: Sequence[Term]) -> list[Columns]:
         nudged = self._nudged.columns(variants) if depends_on_torque(variants[0]) else None
-        return columns_by_torque(variants, self.data.columns(variants), nudged, self.data.lost, self.data.torque())
+        return columns_by_torque(variants, self.data.columns(variants), nudged, self.data.rows.lost, self.data.torque())
 
     @cached_property
     def _nudged(self) -> Dataset:
@@ -108,13 +108,11 @@ class Screen:
         return self._weights[key]
 
     def _balance(self, terms: Sequence[Term], parts: Sequence[Columns], w: Array) -> Balance:
-        columns = [column for term in terms for column in term.columns]
         balance = Balance(
             np.column_stack([part.linear for part in parts]),
             self._torque - sum(part.fixed for part in parts),
             np.column_stack([part.slope for part in parts]),
-            np.array([column.least for column in columns]),
-            np.array([column.most for column in columns]),
+            *_bounds(terms),
             w,
         )
         taken = [part.taken for part in parts if part.taken is not None]
@@ -138,20 +136,23 @@ class Screen:
 
     def trials(self, terms: Sequence[Term], variants: Sequence[Term]) -> list[Trial]:
         """`terms` with each of V variants of one further effect added, and their errors."""
-        shared = [self.columns([term])[0] for term in terms]
+        shared, w = [self.columns([term])[0] for term in terms], self.weights(terms)
         models = [(*terms, variant) for variant in variants]
-        pairs = zip(models, self.columns(variants), strict=True)
-        w = self.weights(terms)
-        balances = [self._balance(model, [*shared, own], w) for model, own in pairs]
-        if depends_on_torque(*terms, variants[0]) or is_known(*terms, variants[0]):
-            errors = [w * balance.error(balance.solve()) for balance in balances]
-            squares = np.array([error @ error for error in errors])
+        parts = self.columns(variants)
+
+        def exact(model: Sequence[Term], own: Columns) -> float:
+            balance = self._balance(model, [*shared, own], w)
+            return float(np.sum((w * balance.error(balance.solve())) ** 2))
+
+        if not terms or depends_on_torque(variants[0]) or is_known(*terms, variants[0]):
+            squares = np.array([exact(*pair) for pair in zip(models, parts, strict=True)])
         else:
-            stacked = w[None, :, None] * np.stack([np.column_stack([own.phi, own.y]) for own in balances])
-            squares, theta = squared_errors(np.swapaxes(stacked, 1, 2) @ stacked)
-            for k, balance in enumerate(balances):
-                if np.any((theta[k] < balance.least) | (theta[k] > balance.most)):
-                    squares[k] = np.sum((w * balance.error(balance.solve())) ** 2)
+            near = self._balance(terms, shared, w).tangent()
+            squares, theta = squared_errors(_grams(near, parts, w))
+            theta[:, : len(near.theta)] += near.theta
+            least, most = _bounds(models[0])
+            for k in np.flatnonzero(np.any((theta < least) | (theta > most), axis=1)):
+                squares[k] = exact(models[k], parts[k])
         return [
             Trial(model, float(np.sqrt(square / (w @ w) + self.hidden_noise(model))))
             for model, square in zip(models, squares, strict=True)
@@ -245,27 +246,29 @@ class Screen:
 
         The terms' own columns are projected out once, each variant's then take a small solve.
         """
-        shared = [self.columns([term])[0] for term in terms]
-        w = self.weights(terms)
-        frame = np.linalg.qr(np.column_stack([own.linear for own in shared]) * w[:, None])[0]
+        shared, w = [self.columns([term])[0] for term in terms], self.weights(terms)
+        near = self._balance(terms, shared, w).tangent()
+        frame = np.linalg.qr(near.slopes * w[:, None])[0]
+        scale = w * near.scale
 
         def clear(columns: Array) -> Array:
             return np.asarray(columns - frame @ (frame.T @ columns))
 
-        def linear(balance: Balance, count: int) -> Array:
-            target, extra = clear(w * balance.y), clear(w[:, None] * balance.phi[:, balance.phi.shape[1] - count :])
-            size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
-            extra = extra / size
-            theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ target)
-            if np.any((theta < balance.least[-count:] * size) | (theta > balance.most[-count:] * size)):
-                return w * balance.error(balance.solve())
-            return np.asarray(target - extra @ theta)
+        def exact(variant: Term, own: Columns) -> Array:
+            balance = self._balance((*terms, variant), [*shared, own], w)
+            return w * balance.error(balance.solve())
 
         def residual(variant: Term, own: Columns) -> Array:
-            balance = self._balance((*terms, variant), [*shared, own], w)
-            if not (balance.is_linear and variant.columns) or is_known(*terms, variant):
-                return w * balance.error(balance.solve())
-            return linear(balance, own.linear.shape[1])
+            if depends_on_torque(variant) or is_known(*terms, variant) or not variant.columns:
+                return exact(variant, own)
+            target, extra = clear(w * near.error - scale * own.fixed), clear(scale[:, None] * own.linear)
+            size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
+            extra = extra / size
+            theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ target) / size
+            least, most = _bounds([variant])
+            if np.any((theta < least) | (theta > most)):
+                return exact(variant, own)
+            return np.asarray(target - (extra * size) @ theta)
 
         def residuals(variants: Sequence[Term]) -> list[Array]:
             return [residual(*pair) for pair in zip(variants, self._cut(variants), strict=True)]
@@ -331,6 +334,30 @@ def depends_on_torque(*terms: Term) -> bool:
 def is_known(*terms: Term) -> bool:
     """Whether a linear parameter of the terms is known, and not to be fitted."""
     return any(column.is_known for term in terms for column in term.columns)
+
+
+def _bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
+    """Bounds of the linear parameters (P,) of some terms."""
+    columns = [column for term in terms for column in term.columns]
+    return np.array([column.least for column in columns]), np.array([column.most for column in columns])
+
+
+def _grams(near: Tangent, parts: Sequence[Columns], weights: Array) -> Array:
+    """Gram matrices (V, P + 1, P + 1) of fits with each of V variants that do not depend on the torque.
+
+    Of what all share they are made once. The left-hand side comes last, the parameters of the variant before it.
+    """
+    shared = weights[:, None] * np.column_stack([near.slopes, near.error])
+    own = (weights * near.scale)[:, None] * np.stack([np.column_stack([part.linear, -part.fixed]) for part in parts])
+    first, more = shared.shape[1], own.shape[2]
+    grams = np.empty((len(parts), first + more, first + more))
+    grams[:, :first, :first], grams[:, :first, first:] = shared.T @ shared, shared.T @ own
+    grams[:, first:, :first] = np.swapaxes(grams[:, :first, first:], 1, 2)
+    grams[:, first:, first:] = np.swapaxes(own, 1, 2) @ own
+    order = [*range(first - 1), *range(first, first + more - 1), first - 1]
+    fold = np.eye(first + more)[:, order]
+    fold[-1, -1] = 1.0  # what is fixed is on the left-hand side as well
+    return np.asarray(fold.T @ grams @ fold)
 
 
 def squared_errors(grams: Array) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 
@@ -43,6 +43,11 @@ class Errors:
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         return {name: value for name, value in asdict(self).items() if np.isfinite(value)}
+
+
+def noise_floor(scatter: float, errors: Iterable[Errors]) -> float:
+    """Torque error that noise alone gives [N m]: by the scatter of the log, and no more than a model leaves."""
+    return min(scatter, *(error.torque_rms for error in errors))
 
 
 @dataclass(frozen=True)

@@ -152,7 +152,9 @@ def _best_in_flight(search: Search, last: Step) -> Step | None:
         ranked.append((output_error.promise(flights, point, weights), complexity(point.terms[-1]), point))
     ranked.sort(key=lambda entry: entry[:2])
     best, least = None, np.inf
-    for _, _, point in ranked[:IN_FLIGHT]:
+    for promised, _, point in ranked[:IN_FLIGHT]:
+        if promised > least:
+            break  # what another has left already is less
         search.progress(f"fitting the flights with {point.terms[-1].id}", 0.9)
         point = output_error.fit(flights, point.terms, point.theta)
         error = output_error.rms(flights, point, weights)

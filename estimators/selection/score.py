@@ -22,7 +22,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from estimators.regression.least_squares import Balance
-from pendulum_env._typing import JSON, Array, Index
+from pendulum_env._typing import JSON, Array, Index, Mask
 
 NU = 4.0  # degrees of freedom of Student's t
 FOLDS = 10  # of cross-validation
@@ -59,9 +59,7 @@ def cross_validated(balance: Balance, where: Stretches, hidden: float = 0.0) -> 
         where: stretch and recording of each equation.
         hidden: variance of torque noise that the model takes out of the equations; it counts as error all the same.
     """
-    errors, whole = np.empty((FOLDS, len(balance.y))), balance.solve()
-    for k in range(FOLDS):
-        errors[k] = balance.error(balance[where.fold != k].solve(whole))
+    errors = np.array([balance.error(theta) for theta in balance.solve_without(where.fold, FOLDS)])
     return _density(errors, where, hidden)
 
 
@@ -86,25 +84,37 @@ def _density(errors: Array, where: Stretches, hidden: float) -> Array:
     fold, errors = where.fold, np.clip(errors, -DIVERGED, DIVERGED)
     errors = errors * np.sqrt(1 + hidden / max(float(np.mean(errors**2)), 1e-300))
     total = np.zeros(len(where.of_stretch))
-    for recording in np.unique(where.recording):
-        own = where.recording == recording
-        for k in np.unique(fold[own]):
-            test = own & (fold == k)
-            known = own & (fold != k)
-            square = _scale(errors[k, known] if known.any() else errors[k, test]) ** 2
-            log = gammaln((NU + 1) / 2) - gammaln(NU / 2) - 0.5 * np.log(NU * np.pi * square)
-            density = log - (NU + 1) / 2 * np.log1p(errors[k, test] ** 2 / (NU * square))
-            np.add.at(total, where.stretch[test], density)
+    for k in np.unique(fold):
+        test = fold == k
+        own = where.recording[test]
+        square = _scales(errors[k], where.recording, test)[own]
+        log = gammaln((NU + 1) / 2) - gammaln(NU / 2) - 0.5 * np.log(NU * np.pi * square)
+        density = log - (NU + 1) / 2 * np.log1p(errors[k, test] ** 2 / (NU * square))
+        total += np.bincount(where.stretch[test], density, len(total))
     return total
 
 
-def _scale(errors: Array) -> float:
-    """Maximum-likelihood scale of Student's t."""
-    squares = errors**2
-    square = max(float(np.mean(squares)), 1e-300)
+def _scales(errors: Array, recording: Index, test: Mask) -> Array:
+    """Squared maximum-likelihood scale of Student's t of each recording's errors, without those that are predicted.
+
+    Args:
+        errors: (R,).
+        recording: of each.
+        test: those that are predicted (R,); a recording with no others is judged by them all the same.
+    """
+    count = int(recording.max()) + 1
+    known = ~test
+    known |= np.bincount(recording, known, count)[recording] == 0
+    squares, owner = errors[known] ** 2, recording[known]
+    number = np.maximum(np.bincount(owner, minlength=count), 1)
+
+    def mean(values: Array) -> Array:
+        return np.maximum(np.bincount(owner, values, count) / number, 1e-300)
+
+    square = mean(squares)
     for _ in range(TURNS):
-        square = max(float(np.mean((NU + 1) * squares / (NU + squares / square))), 1e-300)
-    return float(np.sqrt(square))
+        square = mean((NU + 1) * squares / (NU + squares / square[owner]))
+    return square
 
 
 @dataclass(frozen=True)

@@ -181,7 +181,13 @@ def rms(
     parts = residuals(flights, [point], filters)
     weights = _weights(parts) if weights is None else weights
     total = sum(float((weight * part**2).sum()) for part, weight in zip(parts, weights, strict=True))
-    return float(np.sqrt(total / sum(float(w.sum()) * part.shape[1] for w, part in zip(weights, parts, strict=True))))
+    return float(np.sqrt(total / _count(flights, weights)))
+
+
+def _count(flights: Sequence[Flights], weights: Sequence[Array]) -> float:
+    """Number of errors that are compared, as they are weighted."""
+    compared = (len(flight.position[grain_of(flight) :: grain_of(flight)]) for flight in flights)
+    return sum(count * float(weight.sum()) for count, weight in zip(compared, weights, strict=True))
 
 
 def noise(flights: Sequence[Flights], point: Point) -> float:
@@ -214,12 +220,11 @@ def sizes(flights: Sequence[Flights], point: Point) -> Array:
 
 
 def promise(flights: Sequence[Flights], point: Point, weights: Sequence[Array]) -> float:
-    """Squared error that a linear fit of all parameters around a point would leave."""
+    """Weighted root mean square error that a linear fit of all parameters around a point would leave [rad]."""
     error, slopes, _ = _slopes(flights, point, weights)
     size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
     step = np.linalg.lstsq(slopes / size, -error, rcond=1e-6)[0]
-    left = error + slopes / size @ step
-    return float(left @ left)
+    return float(np.linalg.norm(error + slopes / size @ step) / np.sqrt(_count(flights, weights)))
 
 
 def model(flights: Sequence[Flights], point: Point, filters: Filters = ()) -> Model:

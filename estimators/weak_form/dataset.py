@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from estimators.regression.equations import Equations, IdentificationError
-from estimators.weak_form.windows import WHOLE, Part, Windows, cut, trace_all
+from estimators.weak_form.windows import WHOLE, Part, Rows, Windows, cut, in_a_row, trace_all
 from pendulum_env._typing import Array, Index
-from pendulum_env.physics import BASE, KnownLoad, Samples, Term
+from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import PositionDependentFriction, QuadraticDrag, Stribeck, ViscousAsymmetry
 from pendulum_env.physics.potential import Cogging, GravityTilt
@@ -59,45 +60,42 @@ class Dataset:
     clusters: Index
     watched: Mapping[str, Sequence[Samples]] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def samples(self) -> Samples:
         """Samples at the windows' centres, all recordings in a row, (R,) each."""
-        parts = [w.at_centers() for w in self.windows]
-        loads = [
-            np.concatenate([np.broadcast_to(own, x.time.shape) for own, x in zip(of_each, parts, strict=True)])
-            for of_each in zip(*(x.load for x in parts), strict=True)
-        ]
-        return Samples(
-            np.concatenate([x.time for x in parts]),
-            np.concatenate([x.position for x in parts]),
-            np.concatenate([x.velocity for x in parts]),
-            np.concatenate([x.torque for x in parts]),
-            load=KnownLoad(*loads),
-        )
+        return in_a_row([w.at_centers() for w in self.windows])
+
+    @cached_property
+    def rows(self) -> Rows:
+        """What is averaged over the windows, all recordings in a row."""
+        return Rows.joined([w.rows for w in self.windows])
+
+    @cached_property
+    def _rates(self) -> Rows:
+        return Rows.joined([w.rates for w in self.windows])
+
+    def trace(self, variants: Sequence[Term]) -> list[Samples]:
+        """Samples with the state variables that each of several variants of one effect has, all recordings in a row."""
+        known = self.watched.get(variants[0].id)
+        if known:
+            return [in_a_row(known)] * len(variants)
+        if not type(variants[0]).has_state():
+            return [self.rows.samples] * len(variants)
+        return [in_a_row(own) for own in zip(*trace_all(self.windows, variants), strict=True)]
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
         """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,)."""
-        known = self.watched.get(variants[0].id)
-        traced = [[x] * len(variants) for x in known] if known else trace_all(self.windows, variants)
-        per_window = [w.columns(variants, own) for w, own in zip(self.windows, traced, strict=True)]
-        return [
-            (np.concatenate([phi for phi, _ in parts]), np.concatenate([fixed for _, fixed in parts]))
-            for parts in zip(*per_window, strict=True)
-        ]
+        return self.rows.columns(variants, self.trace(variants))
 
     def rates(self, term: Term) -> Array:
         """Time derivatives of the linear columns of a term (R, P)."""
-        known = self.watched.get(term.id)
-        traced = known or [own[0] for own in trace_all(self.windows, [term])]
-        return np.concatenate([w.rates(term.columns, x) for w, x in zip(self.windows, traced, strict=True)])
-
-    def lost(self, term: Term, pushes: Array) -> Array:
-        """Fixed columns of a term without memory (R, J) under each of several pushes of the torque (J,) [N m]."""
-        return np.concatenate([w.lost(term, pushes) for w in self.windows])
+        (x,) = self.trace([term])
+        own = [self._rates.column(column, x) for column in term.columns]
+        return np.column_stack(own) if own else np.empty((len(self.weights), 0))
 
     def load_rates(self) -> Array:
         """Time derivative of what known loads take (R,) [N m/s]."""
-        return np.concatenate([w.rates([LOAD], w.samples)[:, 0] * bool(w.samples.load) for w in self.windows])
+        return self._rates.column(LOAD, self.rows.samples)
 
     @property
     def recording_of_window(self) -> Index:

@@ -18,11 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import binary_dilation
+from scipy.sparse import block_diag, csr_array
 
 from estimators.signals.differentiation import from_position, from_velocity, shared, white_noise
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
@@ -33,6 +35,92 @@ from pendulum_env.recording.record import NEWTON_METRE
 
 LEAD_IN = 0.3  # [s] at the start, in which effects with memory still know a start that was not recorded
 SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity has no sign
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What is averaged over the windows of one recording, or of several in a row: rows of a regression.
+
+    Attributes:
+        samples: at N instants.
+        acceleration: there, see `Windows`.
+        narrow: averages (R, N) of what is held from sample to sample, like torque.
+        wider: of smooth functions, which pass the triangle first.
+    """
+
+    samples: Samples
+    acceleration: Array
+    narrow: csr_array
+    wider: csr_array
+
+    @classmethod
+    def joined(cls, parts: Sequence[Rows]) -> Rows:
+        """Those of several recordings in a row."""
+        if len(parts) == 1:
+            return parts[0]
+        narrow, wider = (
+            block_diag(every, "csr") for every in zip(*((own.narrow, own.wider) for own in parts), strict=True)
+        )
+        acceleration = np.concatenate([own.acceleration for own in parts])
+        return cls(in_a_row([own.samples for own in parts]), acceleration, csr_array(narrow), csr_array(wider))
+
+    def column(self, column: Column, x: Samples) -> Array:
+        """Averages (R,) of a column of the regressor, along samples with the term's state variables."""
+        smooth = column.force(x) + column.dry(x) * np.sign(x.velocity)
+        # torque samples are averages over the triangle already
+        averages = _averaged(self.narrow if column.of_torque else self.wider, smooth)
+        mass = column.mass(x)
+        if np.ndim(mass) or mass:
+            averages = averages + self.narrow @ (mass * self.acceleration)
+        return np.nan_to_num(averages, nan=0.0, posinf=0.0, neginf=0.0)  # a state that diverged explains nothing
+
+    def columns(self, variants: Sequence[Term], traced: Sequence[Samples]) -> list[tuple[Array, Array]]:
+        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,).
+
+        Args:
+            variants: of one effect.
+            traced: samples with the state variables of each.
+        """
+        parts = []
+        none = np.zeros(self.narrow.shape[0])
+        for variant, x in zip(variants, traced, strict=True):
+            linear = [self.column(c, x) for c in variant.columns]
+            # fixed columns are torques that hold like the command, and already averages over the triangle
+            fixed = sum((_averaged(self.narrow, c.force(x)) for c in variant.fixed), none)
+            fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
+            parts.append((np.column_stack(linear) if linear else np.empty((len(none), 0)), fixed))
+        return parts
+
+    def lost(self, term: Term, pushes: Array) -> Array:
+        """Fixed columns of a term without memory (R, J) under each of several pushes of the torque (J,) [N m]."""
+        x = replace(self.samples, torque=self.samples.torque + pushes[:, None])
+        parts = [self.narrow @ np.broadcast_to(c.force(x), (len(pushes), self.narrow.shape[1])).T for c in term.fixed]
+        return np.asarray(sum(parts, np.zeros((self.narrow.shape[0], len(pushes)))))
+
+
+def _averaged(averages: csr_array, series: ArrayLike) -> Array:
+    """Averages (R,) of a series, or of what is the same at all instants."""
+    return np.asarray(averages @ np.broadcast_to(np.asarray(series, dtype=float), averages.shape[1:]))
+
+
+def in_a_row(parts: Sequence[Samples]) -> Samples:
+    """Samples of several recordings in a row, with the states of the same terms."""
+    loads = [
+        np.concatenate([np.broadcast_to(own, x.time.shape) for own, x in zip(of_each, parts, strict=True)])
+        for of_each in zip(*(x.load for x in parts), strict=True)
+    ]
+    memory = {
+        id: tuple(np.concatenate(series) for series in zip(*(x.memory[id] for x in parts), strict=True))
+        for id in parts[0].memory
+    }
+    return Samples(
+        np.concatenate([x.time for x in parts]),
+        np.concatenate([x.position for x in parts]),
+        np.concatenate([x.velocity for x in parts]),
+        np.concatenate([x.torque for x in parts]),
+        memory,
+        KnownLoad(*loads),
+    )
 
 
 @dataclass(frozen=True)
@@ -74,15 +162,30 @@ class Windows:
         """Standard deviation of the white noise of the torque channel [N m]."""
         return self.torque_noise / float(np.linalg.norm(np.convolve(self.kernel, [0.5, 0.5])))
 
-    def average(self, series: ArrayLike, kernel: Array | None = None) -> Array:
-        """Averages (..., R) of a series (..., N) over the windows."""
-        kernel = self.kernel if kernel is None else kernel
-        series = np.broadcast_to(
-            np.asarray(series, dtype=float), np.broadcast_shapes(np.shape(series), (len(self.moving),))
-        )
-        if len(self.centers) == 0:
-            return np.empty((*series.shape[:-1], 0))
-        return sliding_window_view(series, len(kernel), -1)[..., self.centers - len(kernel) // 2, :] @ kernel
+    @cached_property
+    def rows(self) -> Rows:
+        """What is averaged over the windows."""
+        return self._rows(self.kernel)
+
+    @cached_property
+    def rates(self) -> Rows:
+        """The same of time derivatives, by which torque that lags is predicted: <w f'> = -<w' f>."""
+        padded = np.pad(self.kernel, 2)
+        return self._rows(0.5 * self.recording.rate * (padded[:-2] - padded[2:]))
+
+    def _rows(self, kernel: Array) -> Rows:
+        wider = np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12])
+        return Rows(self.samples, self.acceleration, self._averages(kernel), self._averages(wider))
+
+    def _averages(self, kernel: Array) -> csr_array:
+        count, length = len(self.centers), len(kernel)
+        place = self.centers[:, None] + np.arange(length) - length // 2
+        parts = np.tile(kernel, count), place.ravel(), length * np.arange(count + 1)
+        return csr_array(parts, shape=(count, len(self.moving)))
+
+    def average(self, series: Array) -> Array:
+        """Averages (R,) of a series (N,) over the windows."""
+        return np.asarray(self.rows.narrow @ series)
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
         """Samples with the state variables that each of several variants of one effect has along the recording."""
@@ -95,53 +198,9 @@ class Windows:
         q = self.recording.position  # impacts are shorter than any smoothing
         return replace(self.samples, position=q, velocity=np.gradient(q, 1.0 / self.recording.rate))
 
-    def column(self, column: Column, x: Samples, kernel: Array | None = None) -> Array:
-        """Averages (R,) of a column of the regressor over the windows, or under another kernel.
-
-        Args:
-            column: of the regressor.
-            x: samples with the term's state variables.
-            kernel: if not the window.
-        """
-        kernel = self.kernel if kernel is None else kernel
-        smooth = column.force(x) + column.dry(x) * np.sign(x.velocity)
-        # torque samples are averages over the triangle already
-        wider = kernel if column.of_torque else np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12])
-        averages = self.average(column.mass(x) * self.acceleration, kernel) + self.average(smooth, wider)
-        return np.nan_to_num(averages, nan=0.0, posinf=0.0, neginf=0.0)  # a state that diverged explains nothing
-
-    def lost(self, term: Term, pushes: Array) -> Array:
-        """Fixed columns of a term without memory (R, J) under each of several pushes of the torque (J,) [N m]."""
-        x = replace(self.samples, torque=self.samples.torque + pushes[:, None])
-        return sum(
-            (self.average(column.force(x)) for column in term.fixed), np.zeros((len(pushes), len(self.centers)))
-        ).T
-
-    def rates(self, columns: Sequence[Column], x: Samples) -> Array:
-        """Averages (R, P) of the time derivatives of columns, by which torque that lags is predicted.
-
-        The derivative is the window's: <w f'> = -<w' f>.
-        """
-        padded = np.pad(self.kernel, 2)
-        derivative = 0.5 * self.recording.rate * (padded[:-2] - padded[2:])
-        own = [self.column(column, x, derivative) for column in columns]
-        return np.column_stack(own) if own else np.empty((len(self.centers), 0))
-
-    def columns(self, variants: Sequence[Term], traced: Sequence[Samples] | None = None) -> list[tuple[Array, Array]]:
-        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,).
-
-        Args:
-            variants: of one effect.
-            traced: their samples with state variables, where these are known already.
-        """
-        parts = []
-        for variant, x in zip(variants, self.trace(variants) if traced is None else traced, strict=True):
-            linear = [self.column(c, x) for c in variant.columns]
-            # fixed columns are torques that hold like the command, and already averages over the triangle
-            fixed = sum((self.average(c.force(x)) for c in variant.fixed), np.zeros(len(self.centers)))
-            fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
-            parts.append((np.column_stack(linear) if linear else np.empty((len(self.centers), 0)), fixed))
-        return parts
+    def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
+        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,)."""
+        return self.rows.columns(variants, self.trace(variants))
 
     def muffled(self, term: Term) -> float:
         """Variance of white torque noise that the term's fixed columns take out of the windows [(N m)^2]."""
@@ -163,7 +222,7 @@ class Windows:
 
     def net_torque(self) -> Array:
         """Averages (R,) of the measured torque less what the known load takes: what the model is to explain [N m]."""
-        return self.torque() - self.column(LOAD, self.samples) if self.samples.load else self.torque()
+        return self.torque() - self.rows.column(LOAD, self.samples) if self.samples.load else self.torque()
 
     def at_centers(self) -> Samples:
         """Samples at the windows' centres, (R,) each."""

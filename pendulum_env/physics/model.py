@@ -34,12 +34,14 @@ class Estimate:
     """Value of a parameter with its standard error, both in `unit`; the error is 0 where nothing was estimated.
 
     So it is at a bound: the fit would have gone further, and noise says nothing of a value that it did not choose.
+    Where the model lacks something, the value is biased by nobody knows how much, and the error counts noise alone.
     """
 
     value: float
     std: float
     unit: str
     at_bound: bool = field(default=False, compare=False)
+    is_biased: bool = field(default=False, compare=False)
 
     @classmethod
     def within(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
@@ -49,15 +51,18 @@ class Estimate:
 
     @property
     def text(self) -> str:
-        """As in a table of its unit: `0.08951 ± 0.00012`, `0.3 (at its bound)`."""
+        """As in a table of its unit: `0.08951 ± 0.00012`, `0.3 (at its bound)`, `0.0895 (biased)`."""
+        if self.is_biased and not self.at_bound and self.std > 0:
+            return f"{self.value:.3g} (biased)"
         return plus_minus(self.value, self.std) + (" (at its bound)" if self.at_bound else "")
 
     def __str__(self) -> str:
         return f"{self.text} {self.unit}"
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON."""
-        return {"value": self.value, "std": self.std, "unit": self.unit}
+        """Plain dictionary for JSON; what is biased says so."""
+        told: JSON = {"value": self.value, "std": self.std, "unit": self.unit}
+        return told | {"biased": True} if self.is_biased else told
 
 
 @dataclass(frozen=True)
@@ -157,9 +162,10 @@ class Model:
             moved = [_derived(term, own + nudge) for nudge in nudges]
             for name, (value, unit) in _derived(term, own).items():
                 slope = np.array([other[name][0] - value for other in moved]) / nudges.diagonal()
-                variance = max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope))
+                std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
+                is_biased = any(self.estimates[names[k]].is_biased for k in place)
                 told[f"{term.id}.{name}"] = Estimate(
-                    float(value), float(np.sqrt(variance)), per(unit, self.torque_unit)
+                    float(value), float(std), per(unit, self.torque_unit), is_biased=is_biased
                 )
         return told
 
@@ -194,6 +200,10 @@ class Model:
         """The same numbers, said of a torque that is in another unit, such as `A`."""
         named = {name: replace(e, unit=per(e.unit, torque_unit)) for name, e in self.estimates.items()}
         return replace(self, estimates=named, torque_unit=torque_unit)
+
+    def biased(self) -> Model:
+        """The same model, known to lack something that no term explains."""
+        return replace(self, estimates={name: replace(e, is_biased=True) for name, e in self.estimates.items()})
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Torque that the model needs for a motion [N m]; samples in stick have no answer, mask them."""

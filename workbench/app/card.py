@@ -25,10 +25,10 @@ HINTS = {  # of what is done with a column
     "time": "",
     "position": "/6 or *-1 or +90",
     "velocity": "/6 or *-1",
-    "torque": "*0.091 or *-1",
+    "torque": "*0.091, *? or *-1",
     "reference": "/6 or *-1 or +90",
 }
-NAMED = "as named"  # what no unit is called
+CALLED = {"": "as named", "A": "A: current", "V": "V: voltage", "duty": "duty: share of the supply"}
 
 
 def show(card: Card, session: Session) -> Component:
@@ -66,7 +66,9 @@ def show(card: Card, session: Session) -> Component:
         *([html.P(f"{session.plain(card.why)}.", className="why", role="alert")] if card.why else []),
         html.P(
             "Time, position and torque are needed; velocity and reference are of use. What is written in the last "
-            f"column is done to a column one after the other, as by --columns: a gain, a ratio, an offset. {brush}",
+            "column is done to a column one after the other, as by --columns: a gain, a ratio, an offset. For the "
+            "current, voltage or duty cycle of a motor that is its torque constant, or *? to find it from known loads. "
+            f"{brush}",
             className="note",
         ),
         table(headers, rows, "Columns"),
@@ -90,7 +92,8 @@ def _id(what: str, k: int = 0) -> dict[str, Any]:
 
 def _controls(file: str, k: int, header: str, choice: Choice, disabled: bool) -> tuple[Component, Component, Component]:
     roles = [{"label": "unused", "value": ""}, *({"label": role, "value": role} for role in ROLES)]
-    known = [{"label": unit or NAMED, "value": unit} for unit in dict.fromkeys(["", *units(choice.role), choice.unit])]
+    told = dict.fromkeys(["", *units(choice.role), choice.unit])
+    known = [{"label": CALLED.get(unit, unit), "value": unit} for unit in told]
     more: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": disabled}
     return (
         html.Div(dcc.Dropdown(roles, choice.role, id=_id("role", k), **more), **aria(label=f"Role of {header}")),

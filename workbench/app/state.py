@@ -14,10 +14,10 @@ from estimators.checks.alignment import Aligned
 from estimators.checks.homogeneity import Disagreement, disagreements
 from estimators.checks.identifiability import Doubt, identifiability
 from estimators.checks.residual import Region, profiles, stand_out
-from estimators.checks.torque_constant import Calibrated
+from estimators.checks.torque_constant import Calibrated, told
 from estimators.diagnosis.addition import Addition, fit
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.run import calibrated_model, gather
+from estimators.diagnosis.run import gather
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification
 from estimators.selection.criterion import Criterion
@@ -130,7 +130,7 @@ class State:
                 bare = replace(bare._with(aligned), corrected=aligned.texts(True))
             evidence = gather(bare.train, bare.holdout)
             base = fit(*evidence, within_limits(terms, {}, **asked.limits)[0])
-            base = replace(base, model=calibrated_model(base.model, bare.train, bare.holdout))
+            base = replace(base, model=told(base.model, evidence[0].data))
             return replace(bare, ladder=(base,), evidence=evidence)
         except IdentificationError as error:
             return replace(bare, trouble=str(error))

@@ -13,7 +13,7 @@ from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.selection.data import Evidence, fit_terms
 from estimators.show.tables import schemes_table
-from estimators.weak_form.dataset import prepare
+from estimators.weak_form.dataset import Dataset, prepare
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE, Model, Term
@@ -74,9 +74,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
         model = None
         if arguments.instruments is not None:
-            model = fitted(recordings, lambda own: fit_by_reference(prepare(own), terms))
+            model = fitted(recordings, lambda data: fit_by_reference(data, terms))
         elif arguments.output is not None:
-            model = fitted(recordings, lambda own: fit_terms(Evidence.of(own), terms)[0])
+            model = fitted(recordings, lambda data: fit_terms(Evidence(data, ()), terms)[0])
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
     tell(found, model, terminal, "instruments" if arguments.instruments else "windows (saved)")
@@ -85,9 +85,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     wrote(outputs, terminal)
 
 
-def fitted(recordings: Sequence[Recording], fit: Callable[[Sequence[Recording]], Model]) -> Model:
+def fitted(recordings: Sequence[Recording], fit: Callable[[Dataset], Model]) -> Model:
     """The model that a fit finds in recordings, in their unit, and with their torque constant."""
-    return told(fit(recordings), recordings, fit)
+    data = prepare(recordings)
+    return told(fit(data), data, fit)
 
 
 def six_schemes(recordings: Sequence[Recording], terms: Sequence[Term]) -> Identification | None:

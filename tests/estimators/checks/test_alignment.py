@@ -11,12 +11,15 @@ from scipy.signal import lfilter
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, random_case, simulate
 from estimators.checks.alignment import align, align_each
 from estimators.checks.channel_fits import Law, View
+from estimators.selection.data import Evidence, fit_terms
 from estimators.selection.score import Bootstrap
 from estimators.signals.channel import Channel
+from pendulum_env.physics import BASE
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 from tests import slow
 
+TRUTH = (0.09, 2.0, 0.35, 0.8)  # of a plain plant
 KINDS = ("two_tone", "multisine", "chirp", "prbs", "steps")
 
 
@@ -133,6 +136,19 @@ def test_an_effect_that_is_known_no_longer_blurs_the_time_of_the_torque():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("every", [5, 10])
+def test_a_log_of_every_few_samples_of_a_controller_holds_torque_that_was_sampled(every):
+    fast = run("pd_loop", 500.0)
+    slow_log = replace(fast, time=fast.time[::every], position=fast.position[::every], torque=fast.torque[::every])
+    found = align([slow_log])
+    assert found.channel == Channel(is_sampled=True) and found.json()["sampled"]
+    assert "sampled" in str(found.text)
+    assert not align([fast]).is_late
+    theta, plain = (fit_terms(Evidence.of([one]), BASE)[0].theta for one in (found.apply(slow_log), slow_log))
+    np.testing.assert_allclose(theta, TRUTH, rtol=0.02)
+    assert abs(plain[0] / TRUTH[0] - 1) > 0.04  # taken for held
+
+
 def test_recordings_share_a_delay_unless_they_differ():
     early, late = run("multisine", 500.0), logged_late(run("two_tone", 500.0, seed=4), 3)
     alike = align_each([logged_late(early, 3), late])

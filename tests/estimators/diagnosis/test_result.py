@@ -14,10 +14,10 @@ def is_number(value: object) -> bool:
     return isinstance(value, float | int) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-def check_theta(theta: dict) -> None:
+def check_theta(theta: dict, is_biased: bool) -> None:
     for name, entry in theta.items():
         assert isinstance(name, str)
-        assert entry.keys() == {"value", "std", "unit"}
+        assert entry.keys() == {"value", "std", "unit"} | ({"biased"} if is_biased else set())
         assert is_number(entry["value"])
         assert is_number(entry["std"])
         assert entry["std"] >= 0
@@ -31,10 +31,9 @@ def test_json_is_laid_out_as_promised(name):
     assert data["schema"] == "pendulum-ident/diagnosis@1"
     assert data["base"]["terms"] == ["inertia", "gravity", "viscous", "coulomb"]
     assert data["base"]["theta"].keys() == THETA.keys()
-    check_theta(data["base"]["theta"])
     assert [step["added"] for step in data["steps"]] == [None, *data["selected"]]
     for step in data["steps"]:
-        check_theta(step["theta"])
+        check_theta(step["theta"], step == data["steps"][-1] and data["unexplained"]["present"])
         assert step["errors"].keys() == {"train", "holdout"}
         for errors in step["errors"].values():
             assert errors.keys() == {"torque_rms", "position_rms", "torque_fit", "position_fit"}
@@ -57,7 +56,7 @@ def test_json_is_laid_out_as_promised(name):
     assert data["unexplained"].keys() == {"present", "where"}
     assert data["unexplained"]["present"] == (data["unexplained"]["where"] is not None)
     assert bool(data["regions"]) == data["unexplained"]["present"]
-    assert data["noise_floor"]["torque_rms"] > 0
+    assert 0 < data["noise_floor"]["torque_rms"] <= min(e["torque_rms"] for e in data["steps"][-1]["errors"].values())
 
 
 @pytest.mark.parametrize("name", ["steps", "stribeck", "stribeck and tilt"])

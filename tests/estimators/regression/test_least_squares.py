@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from estimators.regression.equations import Equations
@@ -134,6 +135,21 @@ def test_a_parameter_that_would_leave_its_bounds_stays_there_and_the_others_make
     assert theta[2] == 0.1
     others = least_squares((balance.phi / (1 - 0.1 * balance.by_torque[:, 2:]))[:, :2], balance.error([0, 0, 0.1]))
     assert theta[:2] == pytest.approx(others, rel=1e-2)
+
+
+@pytest.mark.parametrize("most", [np.inf, 0.5])
+@pytest.mark.parametrize("twins", [False, True])
+def test_each_fold_is_left_out_as_if_it_were_not_there(most, twins):
+    phi, y, _ = regression(3)
+    phi[:, 3] = phi[:, 2] if twins else phi[:, 3]  # two columns that nothing tells apart
+    weights, fold = np.linspace(0.5, 1.0, len(y)), np.arange(len(y)) // 7 % 10
+    free = np.full(4, np.inf)
+    balance = Balance(phi, y, np.zeros_like(phi), -free, np.array([np.inf, most, np.inf, np.inf]), weights)
+    for k, theta in enumerate(balance.solve_without(fold, 10)):
+        kept = fold != k
+        rows = phi[kept, : 4 - twins] * weights[kept, None], y[kept] * weights[kept]
+        found = lsq_linear(*rows, (-free[twins:], balance.most[: 4 - twins]), tol=1e-14).x
+        np.testing.assert_allclose(phi @ theta, phi[:, : 4 - twins] @ found, atol=1e-6 * np.abs(y).max())
 
 
 def test_weights_multiply_the_errors():

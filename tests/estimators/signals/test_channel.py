@@ -43,3 +43,16 @@ def test_windows_see_slow_torque_at_the_same_time(channel):
     shift = channel.delay / PERIOD
     shift += np.sign(channel.lag) * (1 / np.expm1(PERIOD / channel.lag) if channel.lag > 0 else -channel.lag / PERIOD)
     np.testing.assert_allclose(seen, ramp[100:300] - 0.5 + shift, atol=1e-6)
+
+
+@pytest.mark.parametrize("steps", [10, 20])  # of a sample, a turn of the torque
+def test_torque_that_was_sampled_moves_a_mass_through_the_same_places_once_it_is_held(steps):
+    pace, period = 2 * np.pi, 1.0 / steps
+    time = period * np.arange(8 * steps)
+    held = Channel(is_sampled=True).held(np.cos(pace * time), period)
+    second_difference = 0.5 * (held[1:] + held[:-1]) * period**2  # of places under a held force
+    truth = np.diff(-np.cos(pace * time) / pace**2, 2)
+    inside = slice(2, -2)
+    np.testing.assert_allclose(
+        second_difference[:-1][inside], truth[inside], atol=(pace * period) ** 4 / 25 * truth.max()
+    )

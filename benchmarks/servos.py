@@ -1,0 +1,170 @@
+"""Servos: the torque constant of benches with known loads, and what is named where a controller makes the torque.
+
+    python -m benchmarks.servos benches --n 40       # friction-dominated, back-driven, with and without load friction
+    python -m benchmarks.servos loops --n 30         # position and speed loops, most of them with nothing or cogging
+
+A bench is driven as hobby servos are: the log has the voltage of a position loop at 100 Hz and an encoder of 12 bits.
+Each load is another plant to the simulator, which shares no code with the packages under test.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import diagnose
+from pendulum_env.recording import Load, Recording
+
+Draw = np.random.Generator
+GRAVITY = 9.81  # [m/s^2]
+SUPPLY = 12.0  # [V]
+GAINS = (1.3, 2.6, 5.2)  # share of the supply per radian of error; the last is held out
+WEIGHTS = [(mass, length) for length in (0.1, 0.15) for mass in (0.5, 0.75, 1.0, 1.2)]  # [kg], [m]
+FRICTION = ("none", "output", "none", "output", "motor")
+LOOPS = ("none", "cogging", "none", "cogging", "load_out", "actuator_lag", "torque_saturation")
+
+
+class Case(NamedTuple):
+    """Recordings of one servo, with what hides in it."""
+
+    name: str
+    hidden: tuple[str, ...]
+    fitted: list[Recording]
+    held_out: list[Recording]
+    constant: float | None = None  # [N m/V]
+
+
+def bench(seed: int) -> Case:
+    """A bench with eight known loads and three gains, its friction drawn at random; every fourth is back-driven."""
+    rng = np.random.default_rng([seed, 0])
+    law, is_back_driven = FRICTION[seed % len(FRICTION)], seed % 4 == 3
+    constant, inertia = float(rng.uniform(0.25, 0.6)), float(rng.uniform(0.005, 0.02))
+    fluid = rng.uniform(0.3, 0.75) * (0.15 if is_back_driven else 1.0)  # back-EMF and all
+    coulomb, own = rng.uniform(0.08, 0.3) * (0.3 if is_back_driven else 1.0), rng.choice([0.0, rng.uniform(0.05, 0.3)])
+    share = {"none": 0.0, "output": rng.uniform(0.15, 0.4), "motor": rng.uniform(0.05, 0.15)}[law]
+    stribeck = {"strib_d": rng.uniform(0.0, 0.04), "strib_v": 0.3}
+    cases = []
+    for number, (gain, (mass, length)) in enumerate((gain, weight) for gain in GAINS for weight in WEIGHTS):
+        gravity = own + GRAVITY * mass * length
+        pressed = {"load_out": share * gravity} if law == "output" else {"load_mu": share}
+        plant = Plant(
+            inertia + mass * length**2,
+            gravity,
+            fluid,
+            coulomb,
+            {"stribeck": stribeck} | ({"load_dependent_friction": pressed} if share else {}),
+        )
+        experiment = Experiment(
+            100.0,
+            6.0,
+            "pd_loop",
+            float(rng.uniform(0.4, 0.8)),
+            1000 * seed + number,
+            counts=4096,
+            torque_noise=0.002,
+            gains=(gain * SUPPLY * constant, 0.0),
+            torque_limit=SUPPLY * constant,
+        )
+        cases.append((plant, experiment))
+    recordings = [
+        Recording(
+            f"{number}",
+            run.time,
+            run.position,
+            run.torque / constant,
+            load=Load(m * r * r, GRAVITY * m * r),
+            torque_unit="V",
+        )
+        for number, (run, (m, r)) in enumerate(zip(simulate(cases), WEIGHTS * len(GAINS), strict=True))
+    ]
+    named = {"none": (), "output": ("load_dependent_friction",), "motor": ()}[
+        law
+    ]  # the motor's share is in the constant
+    fitted, held_out = recordings[: -len(WEIGHTS)], recordings[-len(WEIGHTS) :]
+    return Case(f"{law}{' back-driven' if is_back_driven else ''}", named, fitted, held_out, constant)
+
+
+def loop(seed: int) -> Case:
+    """A joint in a position or a speed loop, friction a good part of its torque, with an effect that is drawn."""
+    rng = np.random.default_rng([seed, 2])
+    hidden, kind = LOOPS[seed % len(LOOPS)], ("pd_loop", "speed_loop")[seed // len(LOOPS) % 2]
+    gravity = float(rng.uniform(0.5, 2.0)) if kind == "pd_loop" or hidden == "load_out" else 0.0
+    inertia, coulomb = float(rng.uniform(0.01, 0.05)), float(rng.uniform(0.2, 0.8))
+    effects = {
+        "none": {},
+        "cogging": {"cogging": {"cog_n": float(rng.integers(6, 40)), "cog_s": float(rng.uniform(0.1, 0.3))}},
+        "load_out": {"load_dependent_friction": {"load_out": float(rng.uniform(0.2, 0.4)) * gravity}},
+        "actuator_lag": {"actuator_lag": {"lag_T": float(rng.uniform(0.01, 0.03))}},
+        "torque_saturation": {"torque_saturation": {"sat": float(rng.uniform(1.2, 1.6)) * (gravity + coulomb)}},
+    }[hidden]
+    plant = Plant(inertia, gravity, float(rng.uniform(0.02, 0.2)), coulomb, effects)
+    stiff = float(rng.uniform(15.0, 40.0))
+    told = dict(
+        rate=500.0,
+        seconds=20.0,
+        excitation=kind,
+        counts=16_384,
+        torque_noise=0.005,
+        gains=(stiff, stiff * float(rng.uniform(0.03, 0.1))),
+        torque_limit=4 * (gravity + coulomb),
+    )
+    train, holdout = simulate([(plant, Experiment(seed=10 * seed + k, **told)) for k in range(2)])
+    first, second = (
+        Recording(name, run.time, run.position, run.torque) for name, run in (("train", train), ("holdout", holdout))
+    )
+    named = {"none": (), "load_out": ("load_dependent_friction",)}.get(hidden, (hidden,))
+    return Case(f"{hidden} {kind}", named, [first], [second])
+
+
+def judged(make: Callable[[int], Case], seed: int) -> tuple[str, bool, float | None]:
+    """A line on what is told of one case, whether what hides is named and nothing else, and the constant's error."""
+    case = make(seed)
+    begin = time.process_time()
+    found = diagnose(case.fitted, case.held_out)
+    groups = {group[0]: group for group in found.ambiguous}
+    named = [groups.get(id, (id,)) for id in found.selected if id != "stribeck"]
+    is_right = len(named) == len(case.hidden) and all(id in group for id, group in zip(case.hidden, named, strict=True))
+    parts, apart = [f"{seed:4d} {case.name:24}"], None
+    if case.constant is not None and found.torque_constant is None:
+        parts.append("no constant")
+    elif case.constant is not None:
+        value, std = found.torque_constant.value, found.torque_constant.std
+        apart = (value - case.constant) / std
+        parts.append(f"K {100 * (value / case.constant - 1):+6.2f} % {apart:+5.1f} std of {100 * std / value:.2f} %")
+    told = ", ".join("/".join(group) for group in map(groups.get, found.selected, [(id,) for id in found.selected]))
+    parts += [told or "nothing", f"+{len(found.unexplained)} regions" if found.unexplained else ""]
+    parts += [f"{len(found.disagreements)} disagree" if found.disagreements else ""]
+    parts += [f"{time.process_time() - begin:.0f} s", "" if is_right else "WRONG"]
+    return "  ".join(filter(None, parts)), is_right, apart
+
+
+def main() -> None:
+    """Print a line a case and the sums."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.servos")
+    parser.add_argument("what", choices=("benches", "loops"))
+    parser.add_argument("--n", type=int, default=30)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first case")
+    parser.add_argument("--workers", type=int, default=2)
+    args = parser.parse_args()
+    make = {"benches": bench, "loops": loop}[args.what]
+    seeds = range(args.first, args.first + args.n)
+    with ProcessPoolExecutor(args.workers) as pool:
+        results = []
+        for result in pool.map(judged, [make] * args.n, seeds):
+            print(result[0], flush=True)
+            results.append(result)
+    print(f"named what hides and nothing else: {sum(right for _, right, _ in results)} of {args.n}")
+    apart = [one for *_, one in results if one is not None]
+    if args.what == "benches":
+        held = sum(abs(one) < 1.96 for one in apart)
+        print(f"torque constants told: {len(apart)} of {args.n}, 95 % intervals that hold them: {held}")
+
+
+if __name__ == "__main__":
+    main()
