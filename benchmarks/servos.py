@@ -83,11 +83,12 @@ def bench(seed: int) -> Case:
         )
         for number, (run, (m, r)) in enumerate(zip(simulate(cases), WEIGHTS * len(GAINS), strict=True))
     ]
-    named = {"none": (), "output": ("load_dependent_friction",), "motor": ()}[
-        law
-    ]  # the motor's share is in the constant
+    is_told = law == "output" or (law == "motor" and is_back_driven)  # else the motor's share is in the constant
+    hidden = ("load_dependent_friction",) if is_told else ()
+    if law == "motor" and not is_back_driven:
+        constant *= 1.0 - share  # where the motor pushes all the time, that is all that anything tells
     fitted, held_out = recordings[: -len(WEIGHTS)], recordings[-len(WEIGHTS) :]
-    return Case(f"{law}{' back-driven' if is_back_driven else ''}", named, fitted, held_out, constant)
+    return Case(f"{law}{' back-driven' if is_back_driven else ''}", hidden, fitted, held_out, constant)
 
 
 def loop(seed: int) -> Case:

@@ -91,7 +91,8 @@ class Alignment:
         if self.is_late:
             found = [
                 *(["sampled like the position, and not held until the next sample"] if self.channel.is_sampled else []),
-                *([f"logged {delay} late"] if self.delay else []),
+                *([f"logged {delay} late"] if self.delay > 0 else []),
+                *([f"acts {delay} later"] if self.delay < 0 else []),
                 *([f"logged through a low-pass filter with a time constant of {lag}"] if self.lag else []),
             ]
             return f"torque is {' and '.join(found)}{either}"
@@ -152,9 +153,10 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
     A law is reported if its delay or lag is `SURE` standard errors (jackknife over stretches of time) from none, if it
     surely predicts seconds better to which it was not fitted, as an effect has to, and if that holds under every more
     general model of the motion that predicts better. A filter is told from a delay where it predicts better by
-    `CLEARER` standard errors, else both are said. What looks logged late by half a sample was sampled, unless held
-    torque that is logged late predicts better by as much; what looks late by more was, if that predicts better by as
-    much. Recordings too short to tell give an alignment without a finding and with infinite standard errors.
+    `CLEARER` standard errors, else both are said. What looks logged late by half a sample, or by less since a
+    controller held it for a while, was sampled unless held torque predicts better by as much; what looks late by more
+    was, if that predicts better by as much.
+    Recordings too short to tell give an alignment without a finding and with infinite standard errors.
     """
     try:
         if not any(recording.torque.any() for recording in recordings):
@@ -166,12 +168,12 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
         return Alignment(Channel(), np.inf, np.inf)
     period = 1.0 / max(recording.rate for recording in recordings)
     found, held = _agreed(fits.views(), period)
-    if found.is_late:
-        other, sampled = _agreed(fits.sampled().views(), period)
-        is_simpler = other.delay == other.lag == 0
-        if sampled.excels(held, CLEARER) or (is_simpler and not held.excels(sampled, CLEARER)):
-            return other if other.delay + other.lag >= 0 else found
-    return found
+    if not found.is_late:
+        return found
+    other, sampled = _agreed(fits.sampled().views(), period)
+    is_usual = found.delay + found.lag < 0.5 * period + SURE * (found.delay_std + found.lag_std)
+    is_sampled = not held.excels(sampled, CLEARER) if is_usual else sampled.excels(held, CLEARER)
+    return other if is_sampled and other.delay + other.lag > -0.5 * period else found
 
 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:

@@ -13,16 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
 
 import numpy as np
 from scipy.special import stdtrit
 
 from estimators.regression.equations import Equations
 from estimators.regression.least_squares import solve
+from estimators.selection.candidates import Screen
 from estimators.weak_form.dataset import Dataset
 from pendulum_env._typing import JSON, Array, Mask
-from pendulum_env.physics import Model, Term
+from pendulum_env.physics import Column, Model, Term
 
 CHANCE = 1e-3  # of a false alarm in all comparisons of one diagnosis
 PRACTICAL = 0.03  # of a parameter: a smaller difference is of no use to anybody
@@ -106,6 +106,7 @@ class Own:
         number, name: of the recording.
         theta, covariance: (P,) and (P, P).
         load: RMS of each regressor column (P,): what torque a unit of the parameter makes.
+        carried: inertia that is known to hang on the joint besides [kg m^2].
         rms, floor: torque that the fit leaves, and that noise alone would leave [N m].
         freedom: degrees of freedom of the covariance.
     """
@@ -115,6 +116,7 @@ class Own:
     theta: Array
     covariance: Array
     load: Array
+    carried: float
     rms: float
     floor: float
     freedom: int
@@ -141,7 +143,7 @@ class Comparing:
     @classmethod
     def of(cls, terms: Sequence[Term], fits: Sequence[Own]) -> Comparing:
         """Comparison of all fits of the parameters that do not change with time."""
-        columns = [column for term in terms if term.kind != "time-varying" for column in term.columns]
+        columns = _compared(terms)
         level = 1 - CHANCE / (2 * max(1, len(fits) * len(columns)))
         return cls(tuple(column.name for column in columns), tuple(column.unit for column in columns), level)
 
@@ -151,8 +153,9 @@ class Comparing:
         return chance
 
     def is_turned(self, fit: Own) -> bool:
-        """Whether inertia is surely negative: torque or position has the wrong sign."""
-        negative = self.surprising(fit, fit.theta, fit.std) & (fit.theta < 0)
+        """Whether inertia, with what is known to hang there, is surely negative: torque or position is turned round."""
+        moved = fit.theta + fit.carried
+        negative = self.surprising(fit, moved, fit.std) & (moved < 0)
         return any(negative[j] for j, name in enumerate(self.names) if name == "inertia")
 
     def differences(self, fit: Own, theta: Array, covariance: Array, left: float) -> tuple[Difference, ...]:
@@ -251,32 +254,45 @@ def misfits(data: Dataset, terms: Sequence[Term]) -> tuple[Disagreement, ...]:
     )
 
 
+def _compared(terms: Sequence[Term]) -> list[Column]:
+    """Columns whose parameters are compared: not what changes with time, nor factors of the torque itself.
+
+    Those one recording alone hardly tells from the size of all the others.
+    """
+    of_motion = [term for term in terms if term.kind != "time-varying"]
+    return [column for term in of_motion for column in term.columns if not column.of_torque]
+
+
 def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
-    """Fits of the parameters that do not change with time to each recording alone, where it allows one."""
-    constant = np.array([term.kind != "time-varying" for term in terms for _ in term.columns], dtype=bool)
-    names = [column.name for term in terms for column in term.columns]
+    """Fits of the parameters that are compared to each recording alone, where it allows one."""
+    columns = [column for term in terms for column in term.columns if not column.of_torque]
+    fitted = np.array([not column.of_torque for term in terms for column in term.columns], dtype=bool)
+    names, told = ([column.name for column in some] for some in (columns, _compared(terms)))
+    compared = np.isin(names, told)
     fits, number = [], 0
     for data in datasets:
-        equations = data.equations(terms)
-        ends = accumulate((len(w.centers) for w in data.windows), initial=0)
-        for w, (first, stop) in zip(data.windows, pairwise(ends), strict=True):
+        near = Screen(data).balance(terms).tangent()
+        phi = near.slopes[:, fitted]
+        y = near.error + phi @ near.theta[fitted]
+        for place, w in enumerate(data.windows):
             number += 1
-            rows = slice(first, stop)
+            rows = data.recording_of_window == place
             clusters = np.unique(data.clusters[rows], return_inverse=True)[1]
-            freedom = int(clusters.max(initial=-1)) + 1 - len(constant)
-            if stop - first < FEWEST or freedom < FREEDOM:
+            freedom = int(clusters.max(initial=-1)) + 1 - len(columns)
+            if len(clusters) < FEWEST or freedom < FREEDOM:
                 continue
-            own = Equations(equations.phi[rows], equations.y[rows])
-            fit = solve(own, np.ones(stop - first), clusters)
+            own = Equations(phi[rows], y[rows])
+            fit = solve(own, np.ones(len(clusters)), clusters)
             if fit.condition > CONDITION:
                 continue
             fits.append(
                 Own(
                     number,
                     w.recording.name,
-                    fit.theta[constant],
-                    fit.covariance[np.ix_(constant, constant)],
-                    np.sqrt(np.mean(own.phi[:, constant] ** 2, axis=0)),
+                    fit.theta[compared],
+                    fit.covariance[np.ix_(compared, compared)],
+                    np.sqrt(np.mean(own.phi[:, compared] ** 2, axis=0)),
+                    float(np.max(w.samples.load.inertia)),
                     fit.rms,
                     w.noise(abs(float(fit.theta[names.index("inertia")])) if "inertia" in names else 0.0),
                     freedom,
