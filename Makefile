@@ -13,6 +13,7 @@ demo: .venv/core
 PART ?=
 HERE := $(if $(PART),tests/$(PART:tests/%=%),tests)
 ONE := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+unexport PYTHONDONTWRITEBYTECODE # else every process that a test starts compiles every module anew
 test: style
 	$(MAKE) --no-print-directory --keep-going --jobs=3 computing realtime types
 

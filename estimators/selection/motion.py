@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.selection.data import Evidence, Step
-from estimators.selection.score import Bootstrap
 from estimators.selection.search import Search, complexity, has_bristles, has_transmission, held_out_cost
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import Flights, position_noise, take_off
@@ -158,7 +157,10 @@ def _best_in_flight(search: Search, last: Step) -> Step | None:
         search.progress(f"fitting the flights with {point.terms[-1].id}", 0.9)
         point = output_error.fit(flights, point.terms, point.theta)
         error = output_error.rms(flights, point, weights)
-        if error < least and _is_called_for(search, point, start):
+        if error >= least:
+            continue
+        gain, share = search.flight_gain(Model.build(point.terms, point.theta), before.model)
+        if gain.chance <= search.criterion.chance and share > search.criterion.share:
             step = search.with_errors(point.terms[-1].id, output_error.model(flights, point))
             if search.is_confirmed(step, better(before, last)):
                 best, least = step, error
@@ -179,22 +181,6 @@ def _starts(search: Search, last: Step, start: Point) -> list[Point]:
             variants += list(kind.grid(search.train.samples, search.screen.residual(terms)))[::2]
         points += [Point((*start.terms, v), np.append(start.theta, np.zeros(len(v.columns)))) for v in variants]
     return points
-
-
-def _is_called_for(search: Search, point: Point, start: Point) -> bool:
-    """Whether flights, fitted and held out, surely err less, and by a good share of what is left beyond noise.
-
-    The score is the one of the windows: errors of a flight predict alike at every sample, so that what is gained is the
-    logarithm of their sizes, to which noise is added: errors below it say nothing.
-    """
-    parts = (search.train.flights, search.holdout.flights)
-    old, new = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in (start, point))
-    counts = [sum(len(flight.first) for flight in part) for part in parts]
-    owner = np.repeat(np.arange(2), counts)
-    noise = np.array([output_error.noise(part, start) ** 2 for part in parts])[owner]
-    gain = Bootstrap(owner, search.rng).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
-    had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
-    return gain.chance <= search.criterion.chance and had - left > search.criterion.share * had
 
 
 def _point(model: Model) -> Point:

@@ -318,10 +318,36 @@ class Search:
             models = [terms, *rivals]
             odds = self.bootstrap.probabilities([self.density(model) for model in models])
             likely = [rival for rival, share in zip(rivals, odds[1:], strict=True) if share > self.criterion.rival]
-            refuted = [rival for rival in likely if not self._lowers_errors(named(rival), named(others))]
+            refuted = [rival for rival in likely if not self._may_replace(rival, terms, others)]
             if not refuted:
                 return dict(zip((term.id, *(rival[-1].id for rival in rivals)), odds.tolist(), strict=True))
             rivals = [rival for rival in rivals if rival not in refuted]
+
+    def _may_replace(self, rival: Terms, terms: Terms, others: Terms) -> bool:
+        """Whether a rival lowers both errors of the others, and the terms do not surely follow the motion better."""
+        rival, terms, others = named(rival), named(terms), named(others)
+        if not self._lowers_errors(rival, others):
+            return False
+        if has_transmission(rival) or has_transmission(terms):
+            return True  # whose flights are soon lost
+        first, second = (self.in_motion(self.step(None, one)).model for one in (terms, rival))
+        return self.flight_gain(first, second)[0].chance > self.criterion.chance
+
+    def flight_gain(self, after: Model, before: Model) -> tuple[Gain, float]:
+        """What one model gains over another in flights, fitted and held out, and the share of squared error it takes.
+
+        The score is the one of the windows: errors of a flight predict alike at every sample, so that what is gained is
+        the logarithm of their sizes, to which noise is added: errors below it say nothing.
+        """
+        parts = (self.train.flights, self.holdout.flights)
+        points = [output_error.Point(model.terms, model.theta) for model in (after, before)]
+        new, old = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in points)
+        counts = [sum(len(flight.first) for flight in part) for part in parts]
+        owner = np.repeat(np.arange(2), counts)
+        noise = np.array([output_error.noise(part, points[1]) ** 2 for part in parts])[owner]
+        gain = Bootstrap(owner, self.rng).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
+        had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
+        return gain, (had - left) / had if had > 0 else 0.0
 
     def _contains(self, larger: Term, term: Term) -> bool:
         """Whether a term with more parameters can be the same torque as another, whatever that is."""

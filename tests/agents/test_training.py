@@ -17,7 +17,6 @@ from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS
 from agents.tasks import PriceTorque
 from agents.training import CheckpointError, export, make_model, train
-from tests import slow
 from workbench.cli import main
 
 SMALL = {"steps": 288, "pendulums": 8, "rollout": 12, "batch": 48, "epochs": 2, "checkpoint": 96}
@@ -40,7 +39,8 @@ def test_training_repeats_itself_and_keeps_policies_on_the_way(tmp_path):
     assert (weights(other) != weights(first)).any()
 
 
-@pytest.mark.parametrize("algorithm", slow.but_first(["ppo", "sac"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
 def test_a_training_that_was_killed_goes_on_to_the_same_policy(algorithm, tmp_path):
     settings = {**SMALL, "algorithm": algorithm, "replay": 200, "updates": 1, "hidden": 16}
     whole = train(Config.of(settings))

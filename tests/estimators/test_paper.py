@@ -14,6 +14,7 @@ from estimators.schemes.six import SCHEMES
 from estimators.signals.measurements import measure
 from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Recording
+from tests.once import once
 
 DYNAMIC_PAIRS = [("hamiltonian", "dynamic"), ("filtered_hamiltonian", "filtered_dynamic")]
 
@@ -28,6 +29,11 @@ def independent(rng: np.random.Generator, seconds: float, name: str) -> Recordin
 
 @pytest.fixture(scope="module")
 def experiment() -> Experiment:
+    return of_the_paper()
+
+
+@once("benchmarks", "estimators", "pendulum_env")
+def of_the_paper() -> Experiment:
     return paper_experiment(runs=2, seconds=6.0, seed=5, rollout=independent)
 
 

@@ -19,6 +19,7 @@ import pytest
 from estimators import diagnose
 from pendulum_env.reading import Unreadable
 from pendulum_env.recording import RecordingError, read_recording, write_recording
+from tests import slow
 from tests.patience import PATIENCE, wait_until
 from tests.workbench.pages import Page, values
 from workbench.cli import main
@@ -498,7 +499,7 @@ def test_the_command_diagnoses_on_a_cluster_and_writes_pages(tmp_path, swing, cl
 
 @pytest.mark.realtime
 @pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
-@pytest.mark.parametrize("moment", ["beginning", "working"])
+@pytest.mark.parametrize("moment", slow.but_first(["beginning", "working"]))
 def test_ctrl_c_ends_all_processes_and_keeps_what_is_done(tmp_path, swing, moment):
     first = tmp_path / "elbow_2026-01-01.csv"
     write_recording(swing, first)

@@ -44,8 +44,8 @@ def test_a_torque_that_wanders_is_given_no_name():
     "hidden",
     slow.but_first(
         [
-            {"random_walk_torque": {"walk_rms": 0.4}, "cogging": {"cog_n": 9.0, "cog_s": 0.2}},
             {"friction_spot": {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}, "torque_offset": {"offset": 0.2}},
+            {"random_walk_torque": {"walk_rms": 0.4}, "cogging": {"cog_n": 9.0, "cog_s": 0.2}},
         ]
     ),
     ids=" and ".join,
