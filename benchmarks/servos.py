@@ -10,8 +10,9 @@ Each load is another plant to the simulator, which shares no code with the packa
 from __future__ import annotations
 
 import argparse
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
@@ -145,14 +146,14 @@ def judged(make: Callable[[int], Case], seed: int) -> tuple[str, bool, float | N
     return "  ".join(filter(None, parts)), is_right, apart
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> int:
     """Print a line a case and the sums."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.servos")
     parser.add_argument("what", choices=("benches", "loops"))
     parser.add_argument("--n", type=int, default=30)
     parser.add_argument("--first", type=int, default=0, help="seed of the first case")
     parser.add_argument("--workers", type=int, default=2)
-    args = parser.parse_args()
+    args = parser.parse_args(argv)
     make = {"benches": bench, "loops": loop}[args.what]
     seeds = range(args.first, args.first + args.n)
     with ProcessPoolExecutor(args.workers) as pool:
@@ -165,7 +166,8 @@ def main() -> None:
     if args.what == "benches":
         held = sum(abs(one) < 1.96 for one in apart)
         print(f"torque constants told: {len(apart)} of {args.n}, 95 % intervals that hold them: {held}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -10,8 +10,8 @@ channel are fitted,
     tau = u + lag u'                         lag > 0: logged through a low-pass filter
     tau + |lag| tau' = u                     lag < 0: it acts through one, as after the lag of a drive
 
-or torque was sampled from one that goes on changing until the next sample, as in a log that keeps every tenth sample of
-a controller: slow torque then looks logged late by half a sample. All are fitted beside a model that follows nearly any
+or torque was sampled from one that went on changing until the next sample, as in a log that keeps every tenth sample of
+a controller: that is half a sample late. All are fitted beside a model that follows nearly any
 motion: every term is a function of position, velocity and acceleration at the
 same instant, so that none of them can stand in for time. What the model misses makes the standard error larger.
 """
@@ -78,7 +78,7 @@ class Alignment:
 
     @property
     def is_late(self) -> bool:
-        """Whether torque is logged late, filtered or sampled, which no physical effect can do."""
+        """Whether torque is logged late or filtered, which no physical effect can do."""
         return self.channel.is_late
 
     @property
@@ -90,12 +90,11 @@ class Alignment:
         either = f" (or {self.rival}: only steps of torque would tell)" if self.rival else ""
         if self.is_late:
             found = [
-                *(["sampled like the position, and not held until the next sample"] if self.channel.is_sampled else []),
-                *([f"logged {delay} late"] if self.delay > 0 else []),
-                *([f"acts {delay} later"] if self.delay < 0 else []),
+                *([f"logged {delay} late"] if self.delay else []),
                 *([f"logged through a low-pass filter with a time constant of {lag}"] if self.lag else []),
             ]
-            return f"torque is {' and '.join(found)}{either}"
+            kind = ", as one is that is sampled like the position and not held until the next sample"
+            return f"torque is {' and '.join(found)}{kind if self.channel.is_sampled else ''}{either}"
         after = f"{delay} after it is logged, not counting the half sample that holding it takes"
         law = f"to act {after}" if self.delay else f"to act with a lag of {lag}"
         return (
@@ -111,7 +110,7 @@ class Alignment:
         return bool(abs(apart) <= SURE * spread)
 
     def apply(self, recording: Recording) -> Recording:
-        """The recording with the torque that acted, where it was logged late, filtered or sampled; else as it is.
+        """The recording with the torque that acted, where it was logged late or filtered; else as it is.
 
         The last samples of each segment, whose torque was never logged, are left out.
         """
@@ -173,7 +172,7 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
     other, sampled = _agreed(fits.sampled().views(), period)
     is_usual = found.delay + found.lag < 0.5 * period + SURE * (found.delay_std + found.lag_std)
     is_sampled = not held.excels(sampled, CLEARER) if is_usual else sampled.excels(held, CLEARER)
-    return other if is_sampled and other.delay + other.lag > -0.5 * period else found
+    return replace(other, rival=None) if is_sampled and other.is_late else found
 
 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -181,14 +182,21 @@ class Balance:
         """Whether the errors are linear in the parameters."""
         return self.response is None and not self.by_torque.any()
 
+    @cached_property
+    def _bends(self) -> tuple[Array, Array]:
+        """From each push to the next (R, J - 1): by how much it is larger, and by what factor the response is."""
+        assert self.pushes is not None and self.response is not None
+        steps = np.diff(self.pushes, axis=1)
+        return steps, np.diff(self.response, axis=1) / steps
+
     def _error(self, theta: Array) -> tuple[Array, Array]:
         """Errors (R,) and the slopes of the equations by the torque (R,) there."""
         left, taken = (self.y - self.phi @ theta) / self.passed, self.by_torque @ theta
         if self.response is None or self.pushes is None:
             slope = np.maximum(1.0 - taken, LEAST_SLOPE)
             return left / slope, slope
-        steps = np.diff(self.pushes, axis=1)
-        slopes = np.maximum(np.diff(self.response, axis=1) / steps - taken[:, None], LEAST_SLOPE)  # (R, J - 1)
+        steps, bends = self._bends
+        slopes = np.maximum(bends - taken[:, None], LEAST_SLOPE)  # (R, J - 1)
         balance = np.cumsum(np.column_stack([left, slopes * steps]), axis=1)  # at each push (R, J)
         balance += (left - balance[:, steps.shape[1] // 2])[:, None]
         rows, place = np.arange(len(left)), np.clip(np.sum(balance < 0, axis=1) - 1, 0, steps.shape[1] - 1)

@@ -19,11 +19,12 @@ class Channel:
     """A law of the torque channel, which gives what acts from what is logged.
 
     Attributes:
-        delay: [s] by which torque is logged late; below zero, by which it acts late.
+        delay: [s] by which torque is logged late, as against one that is held from its sample to the next; below zero,
+            by which it acts late.
         lag: time constant [s] of a filter that the logged torque has passed, its output at the end of each period
             being logged; below zero, of one that the acting torque passes.
-        is_sampled: whether torque was sampled along with the position, from one that went on changing until the next
-            sample; else it was held until then.
+        is_sampled: whether torque was sampled from one that went on changing until the next sample, as the position
+            was, which is a delay of half a sample; else it was held until then.
     """
 
     delay: float = 0.0
@@ -32,17 +33,18 @@ class Channel:
 
     @property
     def is_late(self) -> bool:
-        """Whether torque is logged late, filtered or sampled, which no physical effect can do."""
-        return self.is_sampled or self.delay + self.lag > 0
+        """Whether torque is logged late or filtered, which no physical effect can do."""
+        return self.delay + self.lag > 0
 
-    def put_back(self, torque: Array, period: float) -> Array:
-        """Torque (N,) that acts as one does which was logged so, if held from each sample to the next."""
+    def put_back(self, torque: Array, period: float) -> tuple[Array, float]:
+        """Torque (N,) that acts as the one did which was logged, once it is held, and the delay of that [s]."""
         torque = self.unfiltered(torque, period)
         if not self.is_sampled or len(torque) < 3:
-            return torque
+            return torque, self.delay
         # averages of the cubic through four samples, less what holding them blunts: right to the fourth order
         padded = np.pad(torque, (1, 2), "reflect", reflect_type="odd")
-        return np.convolve(padded, np.array([-1.0, 7.0, 7.0, -1.0]) / 12, "valid")
+        averages = np.convolve(padded, np.array([-1.0, 7.0, 7.0, -1.0]) / 12, "valid")
+        return averages, self.delay - 0.5 * period
 
     def unfiltered(self, torque: Array, period: float) -> Array:
         """Torque (N,) before the logger's filter y[k] = a y[k-1] + (1 - a) u[k], a = exp(-period / lag)."""
@@ -51,13 +53,13 @@ class Channel:
         return torque + np.diff(torque, prepend=torque[0]) / np.expm1(period / self.lag)
 
     def held(self, torque: Array, period: float) -> Array:
-        """The acting torque (N,) from each sample to the next, where it is logged late, filtered or sampled.
+        """The acting torque (N,) from each sample to the next, where it is logged late or filtered.
 
         A log that is late by n + f samples saw (1 - f) u[k - n] + f u[k - n - 1] of a torque that was held; averaging
         once more would blunt every step, so that this is undone, forwards or backwards in time, whichever is stable.
         """
-        torque = self.put_back(torque, period)
-        whole, share = divmod(self.delay / period, 1.0)
+        torque, delay = self.put_back(torque, period)
+        whole, share = divmod(delay / period, 1.0)
         if share <= 0.5:
             acting = _unmixed(torque, share)
         else:
@@ -67,8 +69,9 @@ class Channel:
     def around(self, x: Samples, torque: Array, period: float) -> Array:
         """The acting torque (N,) as windows see it: its average under a triangle over both sides of each sample."""
         if self.lag < 0:
-            return ActuatorLag(-self.lag).trace(x, self.put_back(torque, period), period)[0]
-        return DeadTime(-self.delay).trace(x, self.put_back(torque, period), period)[0]
+            return ActuatorLag(-self.lag).trace(x, torque, period)[0]
+        torque, delay = self.put_back(torque, period)
+        return DeadTime(-delay).trace(x, torque, period)[0]
 
 
 def _unmixed(mixed: Array, share: float) -> Array:

@@ -49,7 +49,7 @@ def test_windows_see_slow_torque_at_the_same_time(channel):
 def test_torque_that_was_sampled_moves_a_mass_through_the_same_places_once_it_is_held(steps):
     pace, period = 2 * np.pi, 1.0 / steps
     time = period * np.arange(8 * steps)
-    held = Channel(is_sampled=True).held(np.cos(pace * time), period)
+    held = Channel(period / 2, is_sampled=True).held(np.cos(pace * time), period)
     second_difference = 0.5 * (held[1:] + held[:-1]) * period**2  # of places under a held force
     truth = np.diff(-np.cos(pace * time) / pace**2, 2)
     inside = slice(2, -2)
