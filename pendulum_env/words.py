@@ -131,6 +131,9 @@ def value_and_error(item: Estimate) -> tuple[str, str]:
     return value, error and f"± {error}"
 
 
+BIASED = "biased: the best there is, but what the model lacks moves it by more than noise does, nobody knows how far"
+
+
 def parameters_table(model: Model) -> Table:
     """Parameters with standard errors, also as people call them."""
     named = {**model.estimates, **model.derived}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from estimators.diagnosis.result import Diagnosis
 from estimators.show.tables import candidates_table, errors_table, fit_text, noise_text
 from pendulum_env.physics import effect
-from pendulum_env.words import parameters_table
+from pendulum_env.words import BIASED, parameters_table
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
@@ -34,6 +34,8 @@ def tell(diagnosis: Diagnosis, terminal: Terminal, every: bool = False) -> None:
     terminal.say(noise_text(diagnosis.noise_floor))
     terminal.heading("Parameters")
     terminal.table(*parameters_table(diagnosis.model))
+    if diagnosis.unexplained:
+        terminal.say(BIASED)
     terminal.heading("Candidates")
     ranking, more = candidates_table(diagnosis, every)
     terminal.table(*ranking)

@@ -93,7 +93,7 @@ class Alignment:
                 *([f"logged {delay} late"] if self.delay else []),
                 *([f"logged through a low-pass filter with a time constant of {lag}"] if self.lag else []),
             ]
-            kind = ", as one is that is sampled like the position and not held until the next sample"
+            kind = ": it was sampled like the position and not held until the next sample, as where rows are left out"
             return f"torque is {' and '.join(found)}{kind if self.channel.is_sampled else ''}{either}"
         after = f"{delay} after it is logged, not counting the half sample that holding it takes"
         law = f"to act {after}" if self.delay else f"to act with a lag of {lag}"
@@ -117,8 +117,8 @@ class Alignment:
         if not self.is_late:
             return recording
         period = 1.0 / recording.rate
-        first = int(self.lag > 0)
-        beyond = int(np.ceil(max(self.delay, 0.0) / period - 1e-9)) + int(self.channel.is_sampled)
+        first = 2 * self.channel.is_sampled if self.channel.is_sampled else int(self.lag > 0)
+        beyond = int(np.ceil(max(self.delay, 0.0) / period - 1e-9)) + 2 * self.channel.is_sampled
         kept, torque = [], []
         for begin, end in pairwise((*recording.starts, len(recording))):
             if end - beyond - begin - first >= 2:
@@ -166,10 +166,14 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
     if fits is None:
         return Alignment(Channel(), np.inf, np.inf)
     period = 1.0 / max(recording.rate for recording in recordings)
-    found, held = _agreed(fits.views(), period)
+    views = fits.views()
+    found, law = _agreed(views, period)
     if not found.is_late:
         return found
-    other, sampled = _agreed(fits.sampled().views(), period)
+    others = fits.sampled().views()
+    other, rival = _agreed(others, period)
+    plain, plain_too = (next(view for view in some if view.is_plain) for some in (views, others))
+    held, sampled = (getattr(view, kind) or view.delay for view, kind in ((plain, law), (plain_too, rival)))
     is_usual = found.delay + found.lag < 0.5 * period + SURE * (found.delay_std + found.lag_std)
     is_sampled = not held.excels(sampled, CLEARER) if is_usual else sampled.excels(held, CLEARER)
     return replace(other, rival=None) if is_sampled and other.is_late else found
@@ -180,7 +184,8 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
     joint = align(recordings, beside)
     if len(recordings) == 1:
         return [joint]
-    alone = [align([recording], beside) for recording in recordings]
+    each = [align([recording], beside) for recording in recordings]
+    alone = [one if one.is_late or not one.is_found else joint for one in each]  # all have the same drive
     shared = joint.is_found or not any(one.is_found for one in alone)
     return [joint] * len(alone) if shared and all(one.agrees(joint) for one in alone) else alone
 
@@ -242,11 +247,11 @@ class Aligned:
         return tuple(f"{name}: {text}" for text, name in said.items())
 
 
-Name = Literal["delay", "lag", "both"]
+Name = Literal["none", "delay", "lag", "both"]
 
 
-def _agreed(views: Sequence[View], period: float) -> tuple[Alignment, Law]:
-    """The simplest law on which all views agree, as the first sees it.
+def _agreed(views: Sequence[View], period: float) -> tuple[Alignment, Name]:
+    """The simplest law on which all views agree, as the first sees it, and which one it is.
 
     A filter that is shorter than a sample is a delay by a share of it, as far as samples tell.
     """
@@ -266,15 +271,15 @@ def _agreed(views: Sequence[View], period: float) -> tuple[Alignment, Law]:
     if not stands("delay") or abs(delay.channel.delay) < TRIFLE * period:  # what is filtered is late as well
         # what is not borne out is no more exact than that: it must not speak against what other recordings tell
         spread = max(delay.std[0], abs(delay.channel.delay) / SURE), max(lag.std[1], abs(lag.channel.lag) / SURE)
-        return Alignment(first.none.channel, *spread), first.none
+        return Alignment(first.none.channel, *spread), "none"
     if both is not None and stands("both") and both.channel.lag > period:
         if excels("both", "delay") and excels("both", "lag"):
-            return Alignment(both.channel, *both.std), both
+            return Alignment(both.channel, *both.std), "both"
     if not stands("lag") or excels("delay", "lag"):
-        return Alignment(delay.channel, *delay.std), delay
+        return Alignment(delay.channel, *delay.std), "delay"
     if abs(lag.channel.lag) < period or not excels("lag", "delay", 0.0):
-        return Alignment(delay.channel, *delay.std, rival=_words(lag)), delay
-    return Alignment(lag.channel, *lag.std, rival=None if excels("lag", "delay") else _words(delay)), lag
+        return Alignment(delay.channel, *delay.std, rival=_words(lag)), "delay"
+    return Alignment(lag.channel, *lag.std, rival=None if excels("lag", "delay") else _words(delay)), "lag"
 
 
 def _words(law: Law) -> str:

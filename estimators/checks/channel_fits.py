@@ -67,6 +67,7 @@ class View:
     delay: Law
     lag: Law
     both: Law | None
+    is_plain: bool = True  # whether that model is the one that all begins with
 
     def bears_out(self, law: Law) -> bool:
         """Whether a law predicts surely better than none, as an effect has to, and so it does without its best second.
@@ -284,7 +285,9 @@ class ChannelFits:
         grid = np.arange(-REACH, REACH + STEP, 2 * STEP)
         start = min(((float(delay), 0.0) for delay in grid), key=lambda start: self.misfit(np.array(start)))
         own = self.compare(start)
-        wider = [fits.compare(start) for fits in (self.drifting(), self.bent(own.delay.channel))]
+        wider = [
+            replace(fits.compare(start), is_plain=False) for fits in (self.drifting(), self.bent(own.delay.channel))
+        ]
         views = [own, *(view for view in wider if view.best.excels(own.best, BETTER))]
         return sorted(views, key=lambda view: view.delay.std[0])
 

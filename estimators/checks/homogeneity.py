@@ -142,7 +142,7 @@ class Comparing:
 
     @classmethod
     def of(cls, terms: Sequence[Term], fits: Sequence[Own]) -> Comparing:
-        """Comparison of all fits of the parameters that do not change with time."""
+        """Comparison of all fits of the parameters that are compared."""
         columns = _compared(terms)
         level = 1 - CHANCE / (2 * max(1, len(fits) * len(columns)))
         return cls(tuple(column.name for column in columns), tuple(column.unit for column in columns), level)
@@ -154,9 +154,11 @@ class Comparing:
 
     def is_turned(self, fit: Own) -> bool:
         """Whether inertia, with what is known to hang there, is surely negative: torque or position is turned round."""
-        moved = fit.theta + fit.carried
+        if "inertia" not in self.names:
+            return False
+        moved = fit.theta + fit.carried * (np.array(self.names) == "inertia")
         negative = self.surprising(fit, moved, fit.std) & (moved < 0)
-        return any(negative[j] for j, name in enumerate(self.names) if name == "inertia")
+        return bool(negative[self.names.index("inertia")])
 
     def differences(self, fit: Own, theta: Array, covariance: Array, left: float) -> tuple[Difference, ...]:
         """How a fit differs from parameters (P,) with a covariance (P, P) by more than chance and `left` [N m]."""
@@ -285,6 +287,7 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
             fit = solve(own, np.ones(len(clusters)), clusters)
             if fit.condition > CONDITION:
                 continue
+            inertia = abs(float(fit.theta[names.index("inertia")])) if "inertia" in names else 0.0
             fits.append(
                 Own(
                     number,
@@ -294,7 +297,7 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
                     np.sqrt(np.mean(own.phi[:, compared] ** 2, axis=0)),
                     float(np.max(w.samples.load.inertia)),
                     fit.rms,
-                    w.noise(abs(float(fit.theta[names.index("inertia")])) if "inertia" in names else 0.0),
+                    float(np.sqrt(np.mean(near.scale[rows] ** 2))) * w.noise(inertia),
                     freedom,
                 )
             )

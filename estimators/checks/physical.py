@@ -82,11 +82,16 @@ def at_their_most(terms: Sequence[Term]) -> list[tuple[Term, Shape]]:
     return found
 
 
-def wrong_signs(model: Model) -> list[str]:
-    """A word on parameters whose sign says that a column of the recording has another sign, or another zero."""
+def wrong_signs(model: Model, carried: float = 0.0) -> list[str]:
+    """A word on parameters whose sign says that a column of the recording has another sign, or another zero.
+
+    Args:
+        model: that was fitted.
+        carried: gravity of what is known to hang on the joint besides [N m], which tells where down is.
+    """
     if _surely_negative(model, "inertia"):
         return ["inertia came out negative: torque and position have opposite signs, turn one of them round"]
-    if _surely_negative(model, "gravity"):
+    if _surely_negative(model, "gravity") and model.estimates["gravity"].value + carried < 0:
         return ["gravity came out negative: position 0 seems to be the upright position, it should hang down"]
     return []
 

@@ -151,7 +151,8 @@ def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = N
     if is_whole and first.loads:
         beside = torque_constant([_logged(recording) for recording in recordings], model, first.value)
         found = beside if isinstance(beside, TorqueConstant) else first
-    before, here, there = by(first.value), by(found.value), by(found.value + found.std)
+    before = by(first.value)
+    here, there = before if found is first else by(found.value), by(found.value + found.std)
     estimates = {}
     for name, own in model.estimates.items():
         moved = here.estimates[name].value - before.estimates[name].value

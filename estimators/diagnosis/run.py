@@ -331,7 +331,7 @@ def _examine(
             *_of_little(evidence[0]),
             *_of_nothing(search, final, left),
             *(doubt.text for doubt in doubts),
-            *wrong_signs(steps[-1].model),
+            *wrong_signs(steps[-1].model, float(np.max(np.abs(evidence[0].samples.load.gravity)))),
             *filter(None, (term.beyond(*evidence[0].reach) for term in steps[-1].model.terms)),
             *([suggestion.text] if suggestion else []),
             *([forbidden] if forbidden else []),

@@ -16,6 +16,7 @@ from pendulum_env._typing import Array, Index, Mask
 RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of its step that are tried
 DISTINCT = 1e-6  # least eigenvalue of scaled normal equations, from which they keep ten digits
+TINY = 1e-9  # slope of an equation by the torque that says nothing of it
 LEAST_SLOPE = 0.05  # of an equation by the torque, so that an error stays finite
 TURNS, ENOUGH = 30, 1e-9  # of Gauss-Newton, and relative fall of the squared error at which it ends
 CONVERGED = 0.01  # standard errors that a Gauss-Newton step may still take
@@ -171,6 +172,23 @@ class Balance:
     def error(self, theta: Array) -> Array:
         """Measured minus predicted torque (R,) [N m] at parameters (P,)."""
         return self._error(theta)[0]
+
+    def residual(self, theta: Array) -> tuple[Array, Array]:
+        """What the equations leave at parameters (P,), and how much of it each N m of recorded torque is (R,) each.
+
+        Their ratio is the error of the predicted torque, while that is small.
+        """
+        slope = 1.0 - self.by_torque @ theta
+        if self.response is not None:
+            bends = self._bends[1]
+            middle = bends.shape[1] // 2
+            slope = slope - 1.0 + 0.5 * (bends[:, middle - 1] + bends[:, middle])
+        return self.y - self.phi @ theta, np.maximum(slope * self.passed, TINY)
+
+    @property
+    def reach(self) -> float:
+        """Largest error of the predicted torque that is told from a larger one [N m]."""
+        return np.inf if self.pushes is None else 0.5 * float(self.pushes.max())
 
     @property
     def of_torque(self) -> Mask:

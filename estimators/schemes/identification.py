@@ -221,9 +221,10 @@ def identify(
     withheld = frozenset(name for doubt in doubts for name in doubt.withheld)
     results = {id: replace(own, withheld=withheld | unsaid[id]) for id, own in results.items()}
     unknown = [calibrated.doubt] if calibrated.doubt is not None else []
+    carried = max(abs(recording.load.gravity) if recording.load else 0.0 for recording in recordings)
     mistakes = [
         Doubt(text)
-        for text in (*unknown, *(wrong_signs(first) or driving_friction(first)), *_mistakes(recordings, terms))
+        for text in (*unknown, *(wrong_signs(first, carried) or driving_friction(first)), *_mistakes(recordings, terms))
     ]
     ends = tuple(np.cumsum([sum(len(m) * m.period for m in own) for own in segments]).tolist())
     return Identification(

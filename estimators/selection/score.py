@@ -59,13 +59,12 @@ def cross_validated(balance: Balance, where: Stretches, hidden: float = 0.0) -> 
         where: stretch and recording of each equation.
         hidden: variance of torque noise that the model takes out of the equations; it counts as error all the same.
     """
-    errors = np.array([balance.error(theta) for theta in balance.solve_without(where.fold, FOLDS)])
-    return _density(errors, where, hidden)
+    return _density(balance, balance.solve_without(where.fold, FOLDS), where, hidden)
 
 
 def predicted(theta: Array, balance: Balance, where: Stretches, hidden: float = 0.0) -> Array:
     """Log density of each held-out stretch (S,) under parameters (P,) fitted elsewhere [nat]."""
-    return _density(np.broadcast_to(balance.error(theta), (FOLDS, len(balance.y))), where, hidden)
+    return _density(balance, np.broadcast_to(theta, (FOLDS, len(theta))), where, hidden)
 
 
 def foretold(
@@ -76,20 +75,24 @@ def foretold(
     return np.concatenate([known, predicted(fitted.solve(), unseen, second, hidden[1])])
 
 
-def _density(errors: Array, where: Stretches, hidden: float) -> Array:
-    """Log density of each stretch, from the errors (FOLDS, R) under the fit without each fold.
+def _density(balance: Balance, theta: Array, where: Stretches, hidden: float) -> Array:
+    """Log density of the torque recorded in each stretch, from the fit without each fold (FOLDS, P).
 
-    The scale is that of the other folds of the same recording: recordings differ in what no model explains of them.
+    It is that of what the equations leave, times how much of it each N m of recorded torque is: a law under which next
+    to nothing is left, since next to none of the torque comes through, tells as little of what was recorded. No torque
+    is less likely than if nothing but its size were known. The scale is that of the other folds of the same recording:
+    recordings differ in what no model explains of them.
     """
-    fold, errors = where.fold, np.clip(errors, -DIVERGED, DIVERGED)
-    errors = errors * np.sqrt(1 + hidden / max(float(np.mean(errors**2)), 1e-300))
-    total = np.zeros(len(where.of_stretch))
+    told = [balance.residual(own) for own in theta]
+    left = np.clip([own for own, _ in told], -DIVERGED, DIVERGED)
+    left = left * np.sqrt(1 + hidden / max(float(np.mean(left**2)), 1e-300))
+    fold, total = where.fold, np.zeros(len(where.of_stretch))
     for k in np.unique(fold):
         test = fold == k
-        own = where.recording[test]
-        square = _scales(errors[k], where.recording, test)[own]
+        square = _scales(left[k], where.recording, test)[where.recording[test]]
         log = gammaln((NU + 1) / 2) - gammaln(NU / 2) - 0.5 * np.log(NU * np.pi * square)
-        density = log - (NU + 1) / 2 * np.log1p(errors[k, test] ** 2 / (NU * square))
+        density = log - (NU + 1) / 2 * np.log1p(left[k, test] ** 2 / (NU * square))
+        density += np.log(np.maximum(told[k][1][test], np.sqrt(square) / balance.reach))
         total += np.bincount(where.stretch[test], density, len(total))
     return total
 

@@ -314,11 +314,15 @@ class Search:
         """
         others = tuple(other for other in terms if other is not term)
         rivals = [rival for rival in self.rivals(terms, term) if not self._contains(rival[-1], term)]
+        open_still: dict[Terms, bool] = {}
         while True:
             models = [terms, *rivals]
             odds = self.bootstrap.probabilities([self.density(model) for model in models])
             likely = [rival for rival, share in zip(rivals, odds[1:], strict=True) if share > self.criterion.rival]
-            refuted = [rival for rival in likely if not self._may_replace(rival, terms, others)]
+            open_still.update(
+                {rival: self._may_replace(rival, terms, others) for rival in likely if rival not in open_still}
+            )
+            refuted = [rival for rival in likely if not open_still[rival]]
             if not refuted:
                 return dict(zip((term.id, *(rival[-1].id for rival in rivals)), odds.tolist(), strict=True))
             rivals = [rival for rival in rivals if rival not in refuted]
@@ -331,7 +335,8 @@ class Search:
         if has_transmission(rival) or has_transmission(terms):
             return True  # whose flights are soon lost
         first, second = (self.in_motion(self.step(None, one)).model for one in (terms, rival))
-        return self.flight_gain(first, second)[0].chance > self.criterion.chance
+        gain, share = self.flight_gain(first, second)
+        return gain.chance > self.criterion.chance or share <= self.criterion.share
 
     def flight_gain(self, after: Model, before: Model) -> tuple[Gain, float]:
         """What one model gains over another in flights, fitted and held out, and the share of squared error it takes.
@@ -345,7 +350,7 @@ class Search:
         counts = [sum(len(flight.first) for flight in part) for part in parts]
         owner = np.repeat(np.arange(2), counts)
         noise = np.array([output_error.noise(part, points[1]) ** 2 for part in parts])[owner]
-        gain = Bootstrap(owner, self.rng).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
+        gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
         had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
         return gain, (had - left) / had if had > 0 else 0.0
 

@@ -30,7 +30,7 @@ from pendulum_env.notebook import (
 )
 from pendulum_env.physics import effects
 from pendulum_env.recording.record import TorqueConstant
-from pendulum_env.words import Table, listing, opening, parameters_table, per, plus_minus, unit
+from pendulum_env.words import BIASED, Table, listing, opening, parameters_table, per, plus_minus, unit
 
 if TYPE_CHECKING:
     from estimators.online.estimates import SchemeEstimate
@@ -138,6 +138,7 @@ def show_diagnosis(found: Diagnosis) -> str:
         note(f"{opening(noise_text(found.noise_floor))}."),
         heading("Parameters"),
         table(parameters_table(found.model)),
+        *([note(f"{opening(BIASED)}.")] if found.unexplained else []),
         *_list("Left unexplained", [region.text for region in found.unexplained]),
         *_list("What to do next", found.advice),
         folded("candidates", table(ranking), note(f"and {more}" if more else "")),

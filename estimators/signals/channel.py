@@ -36,16 +36,6 @@ class Channel:
         """Whether torque is logged late or filtered, which no physical effect can do."""
         return self.delay + self.lag > 0
 
-    def put_back(self, torque: Array, period: float) -> tuple[Array, float]:
-        """Torque (N,) that acts as the one did which was logged, once it is held, and the delay of that [s]."""
-        torque = self.unfiltered(torque, period)
-        if not self.is_sampled or len(torque) < 3:
-            return torque, self.delay
-        # averages of the cubic through four samples, less what holding them blunts: right to the fourth order
-        padded = np.pad(torque, (1, 2), "reflect", reflect_type="odd")
-        averages = np.convolve(padded, np.array([-1.0, 7.0, 7.0, -1.0]) / 12, "valid")
-        return averages, self.delay - 0.5 * period
-
     def unfiltered(self, torque: Array, period: float) -> Array:
         """Torque (N,) before the logger's filter y[k] = a y[k-1] + (1 - a) u[k], a = exp(-period / lag)."""
         if self.lag <= 0:
@@ -58,8 +48,10 @@ class Channel:
         A log that is late by n + f samples saw (1 - f) u[k - n] + f u[k - n - 1] of a torque that was held; averaging
         once more would blunt every step, so that this is undone, forwards or backwards in time, whichever is stable.
         """
-        torque, delay = self.put_back(torque, period)
-        whole, share = divmod(delay / period, 1.0)
+        torque = self.unfiltered(torque, period)
+        if self.is_sampled:
+            return _sampled(torque, self.delay / period)
+        whole, share = divmod(self.delay / period, 1.0)
         if share <= 0.5:
             acting = _unmixed(torque, share)
         else:
@@ -70,8 +62,24 @@ class Channel:
         """The acting torque (N,) as windows see it: its average under a triangle over both sides of each sample."""
         if self.lag < 0:
             return ActuatorLag(-self.lag).trace(x, torque, period)[0]
-        torque, delay = self.put_back(torque, period)
+        torque, delay = self.unfiltered(torque, period), self.delay
+        if self.is_sampled:
+            torque, delay = _sampled(torque, delay / period), 0.0
         return DeadTime(-delay).trace(x, torque, period)[0]
+
+
+def _sampled(torque: Array, late: float) -> Array:
+    """Held torque (N,) that moves a mass as the smooth one does which was sampled, and logged so many samples late.
+
+    That is the cubic through four samples, and of this the averages between samples less what holding them blunts:
+    right to the fourth order.
+    """
+    whole, share = divmod(late - 0.5, 1.0)
+    nodes = np.arange(-1, 3)
+    cubic = [np.prod([(share - b) / (a - b) for b in nodes if b != a]) for a in nodes]
+    weights = np.convolve(cubic, np.array([-1.0, 7.0, 7.0, -1.0]) / 12)  # of samples k + whole - 2 to k + whole + 4
+    place = np.arange(len(torque))[:, None] + int(whole) + np.arange(-2, 5)
+    return np.asarray(torque[np.clip(place, 0, len(torque) - 1)] @ weights)
 
 
 def _unmixed(mixed: Array, share: float) -> Array:

@@ -344,4 +344,5 @@ def _unit(told: Value) -> str:
 def _estimate(data: Value, unit: str) -> Estimate:
     """A parameter of a model file."""
     std = data.get("std")
-    return Estimate(data["value"].number(), 0.0 if std is None else std.number(0.0, WORST), unit)
+    error = 0.0 if std is None else std.number(0.0, WORST)
+    return Estimate(data["value"].number(), error, unit, is_biased=data.get("biased") is not None)

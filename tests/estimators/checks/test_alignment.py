@@ -135,8 +135,7 @@ def test_an_effect_that_is_known_no_longer_blurs_the_time_of_the_torque():
     assert beside.delay_std < 0.1 * alone.delay_std
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("every", [5, 10])
+@pytest.mark.parametrize("every", slow.but([10], [5, 10]))
 def test_a_log_of_every_few_samples_of_a_controller_holds_torque_that_was_sampled(every):
     fast = run("pd_loop", 500.0)
     slow_log = replace(fast, time=fast.time[::every], position=fast.position[::every], torque=fast.torque[::every])
@@ -149,6 +148,7 @@ def test_a_log_of_every_few_samples_of_a_controller_holds_torque_that_was_sample
     assert abs(plain[0] / TRUTH[0] - 1) > 0.015  # taken for held
 
 
+@pytest.mark.slow
 def test_recordings_share_a_delay_unless_they_differ():
     early, late = run("multisine", 500.0), logged_late(run("two_tone", 500.0, seed=4), 3)
     alike = align_each([logged_late(early, 3), late])
