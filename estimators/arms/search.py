@@ -195,7 +195,8 @@ class ArmSearch:
     def _objection(self, longer: Terms, terms: Terms) -> str | None:
         """What speaks against an effect, in words; None if nothing does.
 
-        It has to gain surely, to explain a good share of what is left at a joint, and to be one that a body can have.
+        It has to gain surely, to explain a good share of what is left at a joint, where it has to lower the error on
+        held-out data as well, and to be one that a body can have.
         That joint need not be its own: where the links' parameters imitate the effect there, other joints miss them.
         """
         gain = self.gain(longer, terms)
@@ -205,7 +206,8 @@ class ArmSearch:
         sure = gain.total - self.penalty(longer, terms) >= self.criterion.sure * gain.error
         before, after = self.residual(terms), self.residual(longer)
         gone = before**2 - after**2
-        joints = range(len(self.weights))
+        unseen = [self.held.residual(one, self.solve(one)) ** 2 for one in (longer, terms)]
+        joints = [j for j in range(len(self.weights)) if np.less(*(own[self.held.of(j)].mean() for own in unseen))]
         shown = (self._explains(before, after, float(np.mean(gone[self.train.of(j)])), j, sure) for j in joints)
         if not any(shown):
             return "explains too little of what is left to be it"
