@@ -11,9 +11,9 @@ channel are fitted,
     tau + |lag| tau' = u                     lag < 0: it acts through one, as after the lag of a drive
 
 or torque was sampled from one that went on changing until the next sample, as in a log that keeps every tenth sample of
-a controller: that is half a sample late. All are fitted beside a model that follows nearly any
-motion: every term is a function of position, velocity and acceleration at the
-same instant, so that none of them can stand in for time. What the model misses makes the standard error larger.
+a controller: that is half a sample late. All are fitted beside a model that follows nearly any motion: every term is a
+function of position, velocity and acceleration at the same instant, so that none of them can stand in for time. What
+the model misses makes the standard error larger.
 """
 
 from __future__ import annotations

@@ -239,7 +239,7 @@ class Balance:
         size = np.linalg.norm(rows[:, :-1], axis=0)
         size[size == 0] = 1.0
         rows[:, :-1] /= size
-        grams = np.array([rows[fold == k].T @ rows[fold == k] for k in range(count)])
+        grams = np.array([own.T @ own for own in (rows[fold == k] for k in range(count))])
         found = np.empty((count, len(size)))
         for k in range(count):
             gram = grams[np.arange(count) != k].sum(axis=0)  # not the difference from the whole, which loses digits

@@ -1,9 +1,10 @@
 """The one score: log predictive density of stretches of time that a model was not fitted to.
 
 A model is fitted to all stretches but a tenth, which it then has to predict; held-out recordings are predicted from the
-fit to all others. Errors are taken as Student's t, since real ones have tails. What one model gains over another is
-the sum of the differences, and how sure that is, their scatter tells: on a real machine no model is complete, residuals
-are correlated for seconds, and only what repeats from stretch to stretch and from recording to recording is sure.
+fit to all others. What is left is taken as Student's t, since real errors have tails, and the density is that of the
+torque that was recorded, whatever becomes of it on its way to the joint. What one model gains over another is the sum
+of the differences, and how sure that is, their scatter tells: on a real machine no model is complete, residuals are
+correlated for seconds, and only what repeats from stretch to stretch and from recording to recording is sure.
 
 The scatter enters by the Bayesian bootstrap: stretches, and recordings, are given random weights, many times over. The
 share of draws in which nothing is gained is the chance that an effect is none; the mean of the softmax over rivals is

@@ -1,5 +1,7 @@
 """The score: predictions of stretches that were not fitted, and how sure their sum is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import t as student
@@ -63,6 +65,35 @@ def test_a_recording_counts_by_its_own_scale():
     first = where.of_stretch == 0
     assert gains[1][first].sum() == pytest.approx(gains[0][first].sum())
     assert gains[0][first].sum() > 100
+
+
+def clipped(phi: np.ndarray, torque: np.ndarray, limit: float) -> Balance:
+    """Equations of motion under what a drive makes of the recorded torque, limit tanh(torque / limit)."""
+    pushes = np.tile(2 * np.abs(torque).max() * np.linspace(-1, 1, 41), (len(torque), 1))
+    acting = limit * np.tanh(torque / limit)
+    response = limit * np.tanh((torque[:, None] + pushes) / limit) - acting[:, None]
+    return replace(linear(phi, acting), response=response, pushes=pushes)
+
+
+@pytest.mark.parametrize("share", [0.03, 0.3, 1.0])
+def test_a_law_that_only_makes_torque_smaller_gains_nothing(share):
+    """Nothing moves as this torque asks; what acts of it is small, and just so little is left to explain."""
+    where, rng = stretches(1, 20, 30), np.random.default_rng(4)
+    torque, phi = 2.0 * rng.standard_normal(600), rng.standard_normal((600, 2))
+    plain = cross_validated(linear(phi, torque), where).sum()
+    balance = clipped(phi, torque, 2.0 * share)
+    assert cross_validated(balance, where).sum() - plain < 10.0
+    assert cross_validated(linear(phi, balance.y), where).sum() - plain > 100.0 / (1 + 10 * share)  # were it all
+
+
+@pytest.mark.parametrize("limit", [1.0, 2.0])
+def test_a_drive_that_clips_is_told_however_far_its_command_goes(limit):
+    where, rng = stretches(1, 20, 30), np.random.default_rng(5)
+    phi = rng.uniform(-1.0, 1.0, (600, 1))
+    acting = np.clip(phi[:, 0] + 0.01 * rng.standard_normal(600), -0.995 * limit, 0.995 * limit)
+    torque = limit * np.arctanh(acting / limit)
+    gain = cross_validated(clipped(phi, torque, limit), where) - cross_validated(linear(phi, torque), where)
+    assert gain.sum() > 100.0
 
 
 def test_a_column_of_noise_predicts_no_better_and_a_true_one_does():
