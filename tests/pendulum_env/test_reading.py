@@ -316,7 +316,7 @@ def told_and_most(path: Path) -> tuple[str, int, int]:
     return told, all_of_it, reading
 
 
-@pytest.mark.parametrize("name", slow.but(["b.csv.gz", "a.csv.gz", "a.npz", "a.parquet", "a.xlsx"], BOMBS))
+@pytest.mark.parametrize("name", slow.but(["b.csv.gz", "a.npz", "a.parquet", "a.xlsx"], BOMBS))
 def test_what_unpacks_to_gigabytes_is_refused_before_it_fills_the_memory(tmp_path: Path, name: str) -> None:
     make, match = BOMBS[name]
     path = tmp_path / name
