@@ -25,7 +25,8 @@ from scipy.special import gammaln
 from estimators.regression.least_squares import Balance
 from pendulum_env._typing import JSON, Array, Index, Mask
 
-NU = 4.0  # degrees of freedom of Student's t
+NU = 4.0  # degrees of freedom of Student's t,
+PEAK = 0.375  # and its density at zero
 FOLDS = 10  # of cross-validation
 STRETCH = 1.0  # [s]
 DRAWS = 4000  # of the Bayesian bootstrap
@@ -93,7 +94,7 @@ def _density(balance: Balance, theta: Array, where: Stretches, hidden: float) ->
         square = _scales(left[k], where.recording, test)[where.recording[test]]
         log = gammaln((NU + 1) / 2) - gammaln(NU / 2) - 0.5 * np.log(NU * np.pi * square)
         density = log - (NU + 1) / 2 * np.log1p(left[k, test] ** 2 / (NU * square))
-        density += np.log(np.maximum(told[k][1][test], np.sqrt(square) / balance.reach))
+        density += np.log(np.maximum(told[k][1][test], np.sqrt(square) / (PEAK * balance.reach)))
         total += np.bincount(where.stretch[test], density, len(total))
     return total
 
