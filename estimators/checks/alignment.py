@@ -25,7 +25,7 @@ from typing import Literal
 
 import numpy as np
 
-from estimators.checks.channel_fits import CLEARER, SURE, ChannelFits, Law, View
+from estimators.checks.channel_fits import CLEARER, SURE, ChannelFits, View
 from estimators.regression.equations import IdentificationError
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import prepare
@@ -117,8 +117,9 @@ class Alignment:
         if not self.is_late:
             return recording
         period = 1.0 / recording.rate
-        first = 2 * self.channel.is_sampled if self.channel.is_sampled else int(self.lag > 0)
-        beyond = int(np.ceil(max(self.delay, 0.0) / period - 1e-9)) + 2 * self.channel.is_sampled
+        edge = 2 * self.channel.is_sampled  # samples whose cubic has no neighbours
+        first = max(edge, int(self.lag > 0))
+        beyond = int(np.ceil(max(self.delay, 0.0) / period - 1e-9)) + edge
         kept, torque = [], []
         for begin, end in pairwise((*recording.starts, len(recording))):
             if end - beyond - begin - first >= 2:
@@ -259,7 +260,7 @@ def _agreed(views: Sequence[View], period: float) -> tuple[Alignment, Name]:
 
     def stands(law: Name) -> bool:
         found = [getattr(view, law) for view in views]
-        signs = {one.is_behind for one in found if one is not None}
+        signs = {one.channel.is_late for one in found if one is not None}
         return len(signs) == 1 and all(
             one is not None and one.is_sure and view.bears_out(one) for one, view in zip(found, views, strict=True)
         )
@@ -278,17 +279,16 @@ def _agreed(views: Sequence[View], period: float) -> tuple[Alignment, Name]:
     if not stands("lag") or excels("delay", "lag"):
         return Alignment(delay.channel, *delay.std), "delay"
     if abs(lag.channel.lag) < period or not excels("lag", "delay", 0.0):
-        return Alignment(delay.channel, *delay.std, rival=_words(lag)), "delay"
-    return Alignment(lag.channel, *lag.std, rival=None if excels("lag", "delay") else _words(delay)), "lag"
+        return Alignment(delay.channel, *delay.std, rival=_words(lag.channel)), "delay"
+    return Alignment(lag.channel, *lag.std, rival=None if excels("lag", "delay") else _words(delay.channel)), "lag"
 
 
-def _words(law: Law) -> str:
+def _words(channel: Channel) -> str:
     """The rival in words."""
-    channel = law.channel
     if channel.delay:
         return f"by a delay of {1e3 * abs(channel.delay):.3g} ms"
-    kind = "through a low-pass filter with a time constant" if law.is_behind else "with a lag"
-    return f"{kind} of {1e3 * abs(channel.lag):.3g} ms"
+    law = "through a low-pass filter with a time constant" if channel.is_late else "with a lag"
+    return f"{law} of {1e3 * abs(channel.lag):.3g} ms"
 
 
 def _estimate(value: float, std: float) -> str:

@@ -42,11 +42,6 @@ class Law:
     density: Array  # log predictive density of each stretch, (2, C), see `ChannelFits.density`
 
     @property
-    def is_behind(self) -> bool:
-        """Whether the log is behind the torque that acts, else ahead of it."""
-        return self.channel.delay + self.channel.lag > 0
-
-    @property
     def is_sure(self) -> bool:
         """Whether each of its parameters is told from zero, and none is at the end of the search."""
         pairs = zip((self.channel.delay, self.channel.lag), self.std, strict=True)
