@@ -26,7 +26,7 @@ from estimators.regression.least_squares import Balance
 from pendulum_env._typing import JSON, Array, Index, Mask
 
 NU = 4.0  # degrees of freedom of Student's t,
-PEAK = 0.375  # and its density at zero
+PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # and its density at zero
 FOLDS = 10  # of cross-validation
 STRETCH = 1.0  # [s]
 DRAWS = 4000  # of the Bayesian bootstrap
@@ -92,8 +92,7 @@ def _density(balance: Balance, theta: Array, where: Stretches, hidden: float) ->
     for k in np.unique(fold):
         test = fold == k
         square = _scales(left[k], where.recording, test)[where.recording[test]]
-        log = gammaln((NU + 1) / 2) - gammaln(NU / 2) - 0.5 * np.log(NU * np.pi * square)
-        density = log - (NU + 1) / 2 * np.log1p(left[k, test] ** 2 / (NU * square))
+        density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(left[k, test] ** 2 / (NU * square))
         density += np.log(np.maximum(told[k][1][test], np.sqrt(square) / (PEAK * balance.reach)))
         total += np.bincount(where.stretch[test], density, len(total))
     return total
