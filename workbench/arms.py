@@ -16,6 +16,7 @@ from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
 from estimators.arms.excitation import PERIOD, design_excitation
 from estimators.arms.following import follow
 from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
+from estimators.show.tables import candidates_table
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import effect_at, joint_effects
@@ -161,7 +162,7 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print which effects are missing at which joints."""
     limits = "max_torque", "max_angle", "max_speed", "experiment"
-    _refuse(arguments, "model", *limits, "fixed", "bounds", "all", "instruments")
+    _refuse(arguments, "model", *limits, "fixed", "bounds", "instruments")
     try:
         library = chosen_effects(joint_effects(), arguments.only, arguments.without)
     except ValueError as error:
@@ -180,7 +181,7 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
         with terminal.progress("writing the report"):
             write_arm_report(arguments.report, recordings, held, found)
-    tell_diagnosis(found, terminal)
+    tell_diagnosis(found, terminal, arguments.all)
     wrote(outputs, terminal)
 
 
@@ -241,20 +242,25 @@ def _tell_body(body: Body, terminal: Terminal) -> None:
             terminal.say(f"  {parameter.name} stands for {parameter.text}")
 
 
-def tell_diagnosis(found: ArmDiagnosis, terminal: Terminal) -> None:
-    """Print what is missing at which joints, errors before and after, and what was judged."""
+def tell_diagnosis(found: ArmDiagnosis, terminal: Terminal, every: bool = False) -> None:
+    """Print what is missing at which joints, errors before and after, and candidates (or every one)."""
     if found.selected:
         terminal.say(f"\nMissing: {enumerate_words(found.selected)}", style="bold")
+        for group in found.ambiguous:
+            terminal.say(f"{enumerate_words(group)} look the same in these data")
     else:
         terminal.say("\nNo effect of the library is missing at any joint.", style="bold")
     terminal.heading("Torque errors on held-out data")
     terminal.table(*errors_table([found.before, found.after], ("before [N m]", "after [N m]")))
-    rows = [
-        (own.effect, own.verdict, f"{own.probability:.2f}", f"{own.gain:.0f} ± {own.error:.0f}", own.reason)
-        for own in found.candidates
-    ]
-    terminal.heading("Judged")
-    terminal.table(("effect", "verdict", "probability", "gain [nat]", "reason"), rows, left=("verdict", "reason"))
+    found_parameters = [(name, one.text, one.unit) for name, one in found.parameters.items()]
+    if found_parameters:
+        terminal.heading("Parameters of what was found")
+        terminal.table(("parameter", "value", "unit"), found_parameters, left=("unit",))
+    terminal.heading("Candidates")
+    ranking, more = candidates_table(found.candidates, every)
+    terminal.table(*ranking)
+    if more:
+        terminal.say(f"and {more}: --all shows them")
     for joint, size in found.unexplained.items():
         terminal.say(f"{joint}: {size:.2g} N m are left that nothing in the library explains", style="yellow")
 

@@ -37,7 +37,7 @@ def tell(diagnosis: Diagnosis, terminal: Terminal, every: bool = False) -> None:
     if diagnosis.unexplained:
         terminal.say(BIASED)
     terminal.heading("Candidates")
-    ranking, more = candidates_table(diagnosis, every)
+    ranking, more = candidates_table(diagnosis.candidates, every)
     terminal.table(*ranking)
     if more:
         terminal.say(f"and {more}: --all shows them")

@@ -7,20 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.arms.diagnosis import parted
-from estimators.arms.evidence import gather_arm
+from estimators.arms.diagnosis import of_arm, parted, search_arm
 from estimators.arms.identification import JointError, compare_arm
-from estimators.arms.search import ArmSearch
+from estimators.checks.physical import objection
 from estimators.diagnosis.addition import CHANCE
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON
-from pendulum_env.arms.joints import effect_at
+from pendulum_env.arms.joints import Links, at_joint, effect_at
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import ModelError
-from pendulum_env.words import listing
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,27 +90,22 @@ def add_arm(
         IdentificationError: if a joint hardly moves, or its motion does not show the effect at all.
     """
     body, criterion = model.body, criterion or Criterion()
-    kind, joint = effect_at(effect, body.joints)
+    kind = at_joint(*effect_at(effect, body.joints))
     if any(own.id == effect for own in model.terms):
         raise ModelError(f"the model has {effect} already")
     train, held = parted(recordings, holdout)
-    rng = rng or np.random.default_rng(0)
-    search = ArmSearch(gather_arm(train, body), gather_arm(held, body), {kind.id: kind}, criterion, rng, progress)
-    found = search.screened(model.terms, (body.joints[joint],))
-    if not found:
+    base = (Links(body), *model.terms)
+    search = search_arm(train, held, base, {kind.id: kind}, criterion, rng, progress)
+    trial = search.best(base, kind)
+    if trial is None:
         names = ", ".join(recording.name for recording in train)
         raise IdentificationError(f"{names}: the motion does not show {effect} at all: record another one")
-    longer = (*model.terms, found[0])
+    steps = search.report(None, base), search.report(effect, trial.terms)
     before, after = (
         Refitted(fitted, compare_arm(fitted, train), compare_arm(fitted, held))
-        for fitted in (search.report(model.terms), search.report(longer))
+        for fitted in (of_arm(step.model) for step in steps)
     )
-    old, new = before.holdout[joint].torque_rms, after.holdout[joint].torque_rms
-    against = None
-    if wrong := search.impossible(longer):
-        against = f"would mean {listing(wrong)}, which no joint has"
-    elif new >= old:
-        against = f"does not lower the held-out torque error of {body.joints[joint]} ({old:.3g} -> {new:.3g} N m)"
-    elif search.gain(longer, model.terms).chance > criterion.chance:
+    against = objection(steps[1], steps[0], search.train.motions)
+    if against is None and search.gain(trial.terms, base).chance > criterion.chance:
         against = CHANCE
-    return ArmAddition(effect, joint, before, after, against)
+    return ArmAddition(effect, body.joints.index(kind.at), before, after, against)

@@ -20,7 +20,7 @@ from estimators.schemes.six import View, energy_view, impulse_view, increments, 
 from estimators.signals.measurements import Measurements
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import JointTerm
+from pendulum_env.physics import Term
 
 
 @dataclass(frozen=True)
@@ -60,22 +60,22 @@ VIEWS = {
 }
 
 
-def rows(m: ArmMeasurements, body: Body, terms: Sequence[JointTerm], view: ArmView) -> list[Equations]:
+def rows(m: ArmMeasurements, body: Body, terms: Sequence[Term], view: ArmView) -> list[Equations]:
     """Balances of N samples in base parameters and the terms' parameters: one of each joint, or one of all."""
-    m = m.remember(terms)
+    m, order = m.remember(terms, body.joints), {joint: k for k, joint in enumerate(body.joints)}
     links = view.of_body(m, body)  # (N, n or 1, P)
     first = links.shape[2]
-    phi = np.zeros((*links.shape[:2], first + sum(len(own.term.columns) for own in terms)))
+    phi = np.zeros((*links.shape[:2], first + sum(len(own.columns) for own in terms)))
     phi[:, :, :first] = links
     y = np.column_stack([view.supplied(joint) for joint in m.joints])
     for own in terms:
-        row = 0 if view.adds_up else own.joint
-        joint = m.joints[own.joint]
-        for column in own.term.columns:
+        place = order[own.at]
+        joint, row = m.joints[place], 0 if view.adds_up else place
+        for column in own.columns:
             phi[:, row, first] = view.of_column(joint, column)
             first += 1
-        for column in own.term.fixed:
-            y[:, own.joint] -= view.of_column(joint, column)
+        for column in own.fixed:
+            y[:, place] -= view.of_column(joint, column)
     if view.adds_up:
         y = y.sum(axis=1, keepdims=True)
     return [Equations(phi[:, k], y[:, k]) for k in range(y.shape[1])]

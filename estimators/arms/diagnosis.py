@@ -1,4 +1,4 @@
-"""Which effect is missing at which joint of an arm: added one by one by the pendulum's score, the body fitted along."""
+"""Which effect is missing at which joint of an arm: the pendulum's search, on the rows of all joints."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.arms.evidence import gather_arm
 from estimators.arms.identification import JointError, compare_arm
-from estimators.arms.search import ArmCandidate, ArmSearch
+from estimators.diagnosis.judge import judge
+from estimators.diagnosis.result import Candidate
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
-from estimators.weak_form.dataset import LEAST_NOISE, TRIFLE
+from estimators.selection.data import Evidence
+from estimators.selection.search import Search
+from estimators.weak_form.dataset import TRIFLE
+from estimators.weak_form.links import prepare_arm
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import friction, joint_effects
+from pendulum_env.arms.joints import Links, at_joint, friction, joint_effects
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.physics import Term
+from pendulum_env.physics import Estimate, Model, Term
 
 SCHEMA = "pendulum-ident/arm-diagnosis@1"
 HELD_OUT = 0.3  # of each recording, where none is held out
@@ -32,24 +35,34 @@ class ArmDiagnosis:
         base: the model without them.
         model: with the effects that were found.
         selected: them, `stribeck@elbow`.
-        candidates: what was judged, each effect once.
+        candidates: every effect at every joint, what was selected first.
+        ambiguous: groups of effects that these data cannot tell apart, a selected one first.
         before, after: torque errors on held-out data without and with them, joint by joint.
-        unexplained: torque that each joint's neighbouring blocks still share [N m], where it surely is some.
+        unexplained: torque that each joint's neighbouring windows still share [N m], where it surely is some.
     """
 
     base: ArmModel
     model: ArmModel
     selected: tuple[str, ...]
-    candidates: tuple[ArmCandidate, ...]
+    candidates: tuple[Candidate, ...]
+    ambiguous: tuple[tuple[str, ...], ...]
     before: tuple[JointError, ...]
     after: tuple[JointError, ...]
     unexplained: Mapping[str, float]
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """Parameters of the effects that were found, by name."""
+        found = [term for term in self.model.terms if term.id in self.selected]
+        names = [name for term in found for name in Model.build([term], np.zeros(len(term.columns))).estimates]
+        return {name: self.model.estimates[name] for name in names}
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         return {
             "schema": SCHEMA,
             "selected": list(self.selected),
+            "ambiguous": [list(group) for group in self.ambiguous],
             "candidates": [candidate.json() for candidate in self.candidates],
             "errors": {"before": [e.json() for e in self.before], "after": [e.json() for e in self.after]},
             "unexplained": dict(self.unexplained),
@@ -66,6 +79,43 @@ def parted(
         return recordings, list(holdout)
     pairs = [recording.split(1 - HELD_OUT) for recording in recordings]
     return [first for first, _ in pairs], [last for _, last in pairs]
+
+
+def gather_arm(recordings: Sequence[ArmRecording], links: Links) -> Evidence:
+    """Evidence of recordings of an arm, which no simulation follows.
+
+    Raises:
+        IdentificationError: if a joint hardly moves clear of stick.
+    """
+    return Evidence(prepare_arm(recordings, links), ())
+
+
+def search_arm(
+    train: Sequence[ArmRecording],
+    held: Sequence[ArmRecording],
+    base: tuple[Term, ...],
+    library: Mapping[str, type[Term]],
+    criterion: Criterion | None,
+    rng: np.random.Generator | None,
+    progress: Progress,
+) -> Search:
+    """The search for effects at joints that a base model lacks, its first term the links.
+
+    Raises:
+        IdentificationError: if a joint hardly moves clear of stick.
+    """
+    links = base[0]
+    assert isinstance(links, Links)
+    evidence = gather_arm(train, links), gather_arm(held, links)
+    criterion, rng = criterion or Criterion(), rng or np.random.default_rng(0)
+    return Search(*evidence, progress, library, criterion, rng, base=base, foils=())
+
+
+def of_arm(model: Model) -> ArmModel:
+    """A model of links and of terms at joints as that of an arm."""
+    links, *terms = model.terms
+    assert isinstance(links, Links)
+    return ArmModel(links.body, tuple(terms), model.estimates)
 
 
 def diagnose_arm(
@@ -93,30 +143,27 @@ def diagnose_arm(
         IdentificationError: if a joint hardly moves.
     """
     train, held = parted(recordings, holdout)
-    search = ArmSearch(
-        gather_arm(train, body),
-        gather_arm(held, body),
-        joint_effects() if library is None else library,
-        criterion or Criterion(),
-        rng or np.random.default_rng(0),
-        progress,
-    )
-    base = friction(body.joints)
-    terms = search.find(base)
-    lacking, model = search.report(base), search.report(terms)
-    before, after = (compare_arm(one, held) for one in (lacking, model))
-    residual = search.residual(terms)
-    left = {joint: search.train.structure(residual, k) for k, joint in enumerate(body.joints)}
+    kinds = (joint_effects() if library is None else library).values()
+    placed = [at_joint(kind, joint) for joint in body.joints for kind in kinds]
+    base = (Links(body), *friction(body.joints))
+    search = search_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress)
+    steps = search.find(base)
+    final = steps[-1].model.terms
+    candidates, groups = judge(search, final, steps)
+    lacking, model = of_arm(steps[0].model), of_arm(steps[-1].model)
+    left, _ = search.structures(final)
     return ArmDiagnosis(
         base=lacking,
         model=model,
-        selected=tuple(own.id for own in terms[len(base) :]),
-        candidates=tuple(search.ranking(terms)),
-        before=before,
-        after=after,
+        selected=tuple(term.id for term in final[len(base) :]),
+        candidates=tuple(candidates),
+        ambiguous=tuple(groups),
+        before=compare_arm(lacking, held),
+        after=compare_arm(model, held),
         unexplained={
-            joint: size
-            for k, (joint, (size, sure)) in enumerate(left.items())
-            if sure > search.criterion.sure and size > TRIFLE / LEAST_NOISE * search.trifle(k)
+            joint: own.shared
+            for joint, own in left.items()
+            if own.sure > search.criterion.sure
+            and own.shared > TRIFLE * float(np.std(search.train.data.part(joint).torque()))
         },
     )

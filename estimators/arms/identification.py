@@ -17,10 +17,11 @@ from estimators.schemes.identification import CLUSTER, CLUSTERS, FEWEST, POINTS,
 from estimators.schemes.six import SCHEMES, OnlineScheme, Regression, Scheme, give, over_samples
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import JointTerm, friction
+from pendulum_env.arms.joints import friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
+from pendulum_env.physics import Term
 
 SCHEMA = "pendulum-ident/arm-identification@1"
 HARDLY = 1e4  # condition number from which the data hardly tell some parameters apart
@@ -93,7 +94,7 @@ class ArmIdentification:
 def identify_arm(
     recordings: ArmRecording | Sequence[ArmRecording],
     body: Body,
-    terms: Sequence[JointTerm] | None = None,
+    terms: Sequence[Term] | None = None,
     schemes: Sequence[OnlineScheme] = ARM_SCHEMES,
     *,
     points: int = POINTS,
@@ -189,7 +190,7 @@ def through(scheme: OnlineScheme, equations: Equations, m: ArmMeasurements, join
 
 
 def _fit(
-    scheme: OnlineScheme, data: _Stack, body: Body, terms: Sequence[JointTerm], lender: ArmModel | None, points: int
+    scheme: OnlineScheme, data: _Stack, body: Body, terms: Sequence[Term], lender: ArmModel | None, points: int
 ) -> ArmIdentified:
     use, count = data.usable, data.equations.phi.shape[1]
     given = np.flatnonzero(_of_momentum(body)) if lender is not None else np.empty(0, dtype=np.intp)

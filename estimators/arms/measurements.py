@@ -11,8 +11,8 @@ import numpy as np
 from estimators.regression.equations import IdentificationError
 from estimators.signals.measurements import SPARE, Measurements, choose_smoothing, measure, remember
 from pendulum_env._typing import Array
-from pendulum_env.arms.joints import JointTerm
 from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics import Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +57,13 @@ class ArmMeasurements:
     def _stacked(self, of: Callable[[Measurements], Array]) -> Array:
         return np.column_stack([of(m) for m in self.joints])
 
-    def remember(self, terms: Sequence[JointTerm]) -> ArmMeasurements:
+    def remember(self, terms: Sequence[Term], names: Sequence[str]) -> ArmMeasurements:
         """The same with the states of terms that have any, each along its own joint."""
         return ArmMeasurements(
-            tuple(remember(m, [own.term for own in terms if own.joint == joint]) for joint, m in enumerate(self.joints))
+            tuple(
+                remember(m, [own for own in terms if own.at == name])
+                for name, m in zip(names, self.joints, strict=True)
+            )
         )
 
 

@@ -15,9 +15,10 @@ from estimators.schemes.six import GUARD, OnlineScheme
 from estimators.signals.measurements import Smoothing, measure
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import JointTerm, friction
+from pendulum_env.arms.joints import friction
 from pendulum_env.arms.model import ArmModel, parameter_names
 from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics import Term
 
 CHUNK = 0.05  # [s] of samples that are taken in together
 MEMORY = 0.1  # [s] before a chunk, in which filters forget how they began: exp(-20) of it is left at 200 rad/s
@@ -36,7 +37,7 @@ class ArmEstimator:
         self,
         body: Body,
         rate: float,
-        terms: Sequence[JointTerm] | None = None,
+        terms: Sequence[Term] | None = None,
         scheme: OnlineScheme = ARM_SCHEMES[1],
         *,
         counts: int = 0,

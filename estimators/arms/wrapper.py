@@ -14,9 +14,9 @@ from estimators.arms.identification import for_arms
 from estimators.arms.online import ArmEstimator
 from estimators.wrappers.options import SampleClock, rate_of
 from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.joints import JointTerm
 from pendulum_env.arms.model import parameter_names
 from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.physics import Term
 
 
 class EstimateArmParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -41,7 +41,7 @@ class EstimateArmParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordCon
         self,
         env: gym.Env[Any, Any],
         schemes: str | Sequence[str] = "filtered_dynamic",
-        terms: Sequence[JointTerm] | None = None,
+        terms: Sequence[Term] | None = None,
         *,
         robot: str | None = None,
         rate: float | None = None,

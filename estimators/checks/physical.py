@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,14 +18,26 @@ SELDOM = 0.1  # share of the samples at which friction may come out as negative
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where friction has to be that of a body, seen or not
 
 
-def impossible(model: Model, x: Samples) -> list[str]:
-    """What no body has of a model fitted to samples `x`: phrases such as "negative inertia"; empty if all is well.
+def impossible(model: Model, motions: Mapping[str, Samples]) -> list[str]:
+    """What no body has of a model fitted to a motion: phrases such as "negative inertia"; empty if all is well.
 
     One kind of friction alone may come out negative where the others outweigh it at every speed that was seen.
+
+    Args:
+        model: with parameters.
+        motions: samples of each joint, by its name.
     """
+    return [
+        text
+        for at, x in motions.items()
+        for text in _impossible(replace(model, terms=tuple(term for term in model.terms if term.at == at)), x)
+    ]
+
+
+def _impossible(model: Model, x: Samples) -> list[str]:
     found = [f"{column.name} = {value:.3g} {column.unit}" for column, value in beyond(model.terms, model.theta)]
     found += [
-        f"{term.id}.{shape.name} = {shape.high:.3g} {shape.unit}, the most that it may be"
+        f"{term.full(shape.name)} = {shape.high:.3g} {shape.unit}, the most that it may be"
         for term, shape in at_their_most(model.terms)
     ]
     if "inertia" in model.estimates and model.estimates["inertia"].value <= 0:
@@ -121,17 +134,16 @@ def _surely_negative(model: Model, name: str) -> bool:
     return estimate is not None and estimate.std > 0 and estimate.value < -3 * estimate.std
 
 
-def objection(after: Step, before: Step, x: Samples, torque: float = 1.0) -> str | None:
+def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str | None:
     """What speaks against an added effect, None if nothing does.
 
     Args:
         after: the step with the effect.
         before: the step without it.
-        x: samples of the training data.
-        torque: share of the held-out torque error to which it has to lower it.
+        motions: samples of each joint of the training data.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
-    wrong = impossible(after.model, x)
+    wrong = impossible(after.model, motions)
     if wrong:
         return f"would mean {listing(wrong)}, which no body has"
     if new.position_rms >= old.position_rms:
@@ -139,6 +151,12 @@ def objection(after: Step, before: Step, x: Samples, torque: float = 1.0) -> str
             f"does not lower the held-out error of free-running simulation "
             f"({old.position_rms:.3g} -> {new.position_rms:.3g} rad)"
         )
-    if new.torque_rms >= torque * old.torque_rms:
-        return f"does not lower the held-out torque error ({old.torque_rms:.3g} -> {new.torque_rms:.3g} N m)"
+    first, second = ({term.id: term.at for term in step.model.terms} for step in (after, before))
+    changed = [at for id, at in (first | second).items() if not (id in first and id in second)]
+    for at in motions:
+        if len(motions) > 1 and at not in changed:
+            continue
+        where, (less, more) = f" of {at}" if at else "", (one.joints.get(at, one.torque_rms) for one in (new, old))
+        if less >= more:
+            return f"does not lower the held-out torque error{where} ({more:.3g} -> {less:.3g} N m)"
     return None

@@ -120,7 +120,7 @@ def add(
         (*shown.model.terms, terms[-1]), np.append(shown.model.theta, np.zeros(len(terms[-1].columns)))
     )
     *_, after = sharpen(search, [before, search.report(id, terms)], longer)
-    against = objection(after, shown, search.train.samples)
+    against = objection(after, shown, search.train.motions)
     if against is None and trial is not None and not is_hidden(terms[-1]):  # motion tells of these
         against = None if search.is_sure(terms, before.model.terms) else CHANCE
     shown, after = (replace(step, model=told(step.model, search.train.data)) for step in (shown, after))

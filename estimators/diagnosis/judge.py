@@ -68,10 +68,7 @@ def _judge_selected(search: Search, final: Terms, before: Step, after: Step) -> 
     share = search.criterion.certain * known
     total = sum(odds[id] for id in (term.id, *alike))
     ratio = after.errors["holdout"].torque_rms / before.errors["holdout"].torque_rms
-    reason = (
-        f"lowers the held-out errors: torque {_fall(before, after, 'torque_rms')} N m, "
-        f"free-running position {_fall(before, after, 'position_rms')} rad"
-    )
+    reason = _falls(before, after, term.at)
     windowed: _Gained = {} if is_hidden(term) else _gained(search, final, others)
     return [
         Candidate(term.id, share * total, Verdict.SELECTED, ratio, reason, **windowed),
@@ -123,18 +120,24 @@ def is_excited(search: Search, longer: Terms) -> bool:
     """Whether the data depend on the last of some terms in a way that the others cannot imitate."""
     *others, term = longer
     (columns,) = search.screen.columns([term])
-    own = np.column_stack([columns.linear, columns.fixed])
+    own = search.screen.placed([term], [np.column_stack([columns.linear, columns.fixed])])
     own = own[:, np.linalg.norm(own, axis=0) > 0]
     if own.shape[1] == 0:
         return False
-    phi = search.screen.balance(others).phi
-    left = own - phi @ np.linalg.lstsq(phi, own, rcond=1e-10)[0]
+    own = own * search.screen.weights(others)[:, None]
+    frame = search.screen.frame(others)
+    left = own - frame @ (frame.T @ own)
     return float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(own, axis=0))) > SEEN
 
 
-def _fall(before: Step, after: Step, error: str) -> str:
-    old, new = (getattr(step.errors["holdout"], error) for step in (before, after))
-    return f"{old:.3g} -> {new:.3g}"
+def _falls(before: Step, after: Step, at: str) -> str:
+    """How held-out errors fell, in words."""
+    old, new = before.errors["holdout"], after.errors["holdout"]
+    torque = f"torque {old.joints.get(at, old.torque_rms):.3g} -> {new.joints.get(at, new.torque_rms):.3g} N m"
+    if np.isnan(new.position_rms):
+        return f"lowers the held-out error: {torque}"
+    position = f"free-running position {old.position_rms:.3g} -> {new.position_rms:.3g} rad"
+    return f"lowers the held-out errors: {torque}, {position}"
 
 
 def _why_rejected(search: Search, longer: Terms, steps: Sequence[Step]) -> str:
@@ -146,5 +149,5 @@ def _why_rejected(search: Search, longer: Terms, steps: Sequence[Step]) -> str:
         return f"no more than chance may give {where}"
     if not search.explains(longer, others):
         return f"explains {max(0.0, search.explained(longer, others)):.0%} of what is left {where}, too little to be it"
-    speaks_against = objection(search.step(longer[-1].id, longer), steps[-1], search.train.samples)
+    speaks_against = objection(search.step(longer[-1].id, longer), steps[-1], search.train.motions)
     return speaks_against or "others explain it better"

@@ -313,7 +313,7 @@ def _examine(
     setting.progress("looking for the next experiment", 0.95)
     left = unexplained(search, steps[-1])
     asked = questions(search, steps[-1].model.terms, groups, candidates, doubts, bool(left))
-    if impossible(steps[-1].model, search.train.samples):
+    if impossible(steps[-1].model, search.train.motions):
         asked = []  # nobody knows what motion to expect
     suggestion, hopeless, forbidden = suggest(search, steps[-1].model, asked, setting.limits, setting.usual)
     look_alike = [
@@ -405,7 +405,7 @@ def _mislogged(search: Search, base: Sequence[Term], text: str) -> Diagnosis:
 
 def unexplained(search: Search, last: Step) -> list[Region]:
     """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
-    wrong = impossible(last.model, search.train.samples)
+    wrong = impossible(last.model, search.train.motions)
     if wrong:
         text = (
             f"the best fit has {listing(wrong)}, which no body has: check the signs of torque and position, "

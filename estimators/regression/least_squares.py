@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from pendulum_env._typing import Array, Index, Mask
 RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of its step that are tried
 DISTINCT = 1e-6  # least eigenvalue of scaled normal equations, from which they keep ten digits
+UNBENT = 1e-9  # by which a response to torque may differ from the torque itself
 TINY = 1e-9  # slope of an equation by the torque that says nothing of it
 LEAST_SLOPE = 0.05  # of an equation by the torque, so that an error stays finite
 TURNS, ENOUGH = 30, 1e-9  # of Gauss-Newton, and relative fall of the squared error at which it ends
@@ -114,14 +115,41 @@ def jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Arra
     bread = np.linalg.pinv(phi.T @ phi, rcond=1e-12, hermitian=True)
     count = int(clusters.max()) + 1
     parts = [phi[clusters == cluster] for cluster in range(count)]
-    scores = np.zeros((count, phi.shape[1]))
-    np.add.at(scores, clusters, phi * residual[:, None])
-    kept = np.eye(len(bread)) - np.array([own.T @ own for own in parts]) @ bread
-    alone = (np.linalg.pinv(kept, rcond=1e-6) @ scores[:, :, None])[:, :, 0]
+    if max(len(own) for own in parts) < len(bread):  # the same by matrices as small as the clusters are
+        alone = np.array([_alone(own, residual[clusters == k], np.asarray(bread)) for k, own in enumerate(parts)])
+    else:
+        scores = np.zeros((count, phi.shape[1]))
+        np.add.at(scores, clusters, phi * residual[:, None])
+        kept = np.eye(len(bread)) - np.array([own.T @ own for own in parts]) @ bread
+        alone = (np.linalg.pinv(kept, rcond=1e-6) @ scores[:, :, None])[:, :, 0]
     told = np.array([np.sum((own @ bread) ** 2, axis=0) for own in parts])
     meat = alone.T @ alone
     covariance = (count - 1) / count * bread @ meat @ bread
     return np.asarray(covariance / np.outer(size, size)), told
+
+
+def _alone(phi: Array, residual: Array, bread: Array) -> Array:
+    """Score (P,) of a cluster's rows (R, P) without its own pull, phi' (I - phi B phi')^-1 e."""
+    kept = np.eye(len(phi)) - phi @ bread @ phi.T
+    return np.asarray(phi.T @ (np.linalg.pinv(kept, rcond=1e-6, hermitian=True) @ residual))
+
+
+class Columns(NamedTuple):
+    """Windowed columns of a term on the R rows of its joint, and their slopes by the torque.
+
+    Attributes:
+        linear: (R, P).
+        fixed: sum of the columns without a parameter (R,) [N m].
+        slope: of the linear ones (R, P) [1/(N m)], zero but for effects that depend on the torque.
+        taken: what more the fixed ones are under each push of the torque (R, J), where they depend on it at once.
+        passed: share of the torque that they leave, if they depend on what it was before.
+    """
+
+    linear: Array
+    fixed: Array
+    slope: Array
+    taken: Array | None = None
+    passed: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -174,21 +202,21 @@ class Balance:
         return self._error(theta)[0]
 
     def residual(self, theta: Array) -> tuple[Array, Array]:
-        """What the equations leave at parameters (P,), and how much of it each N m of recorded torque is (R,) each.
+        """What equations leave at each of K parameters (K, P), and how much of it each N m of torque is, (K, R) each.
 
         Their ratio is the error of the predicted torque, while that is small.
         """
-        slope = 1.0 - self.by_torque @ theta
+        slope = 1.0 - theta @ self.by_torque.T if self.of_torque.any() else np.ones((len(theta), len(self.y)))
         if self.response is not None:
             bends = self._bends[1]
             middle = bends.shape[1] // 2
             slope = slope - 1.0 + 0.5 * (bends[:, middle - 1] + bends[:, middle])
-        return self.y - self.phi @ theta, np.maximum(slope * self.passed, TINY)
+        return self.y - theta @ self.phi.T, np.maximum(slope * self.passed, TINY)
 
     @property
-    def reach(self) -> float:
-        """Largest error of the predicted torque that is told from a larger one [N m]."""
-        return np.inf if self.pushes is None else 0.5 * float(self.pushes.max())
+    def reach(self) -> Array:
+        """Largest error of the predicted torque that is told from a larger one, of each equation (R,) [N m]."""
+        return np.full(len(self.y), np.inf) if self.pushes is None else 0.5 * self.pushes[:, -1]
 
     @property
     def of_torque(self) -> Mask:
@@ -225,28 +253,101 @@ class Balance:
         """Parameters (P,) of least squared error within the bounds, looked for from those of torque (P,) near them."""
         free = np.ones(self.phi.shape[1], dtype=bool)
         theta = np.zeros(len(free)) if start is None else start * self.of_torque
-        return within_bounds(self._solve, theta, free, self.least, self.most)[0]
+        return within_bounds(self._smaller()._solve, theta, free, self.least, self.most)[0]
+
+    def least_squared(self) -> float:
+        """Squared weighted error of the solution."""
+        small = self._smaller()
+        return float(np.sum((small.weights * small.error(small.solve())) ** 2))
+
+    @property
+    def unbent(self) -> Mask:
+        """Equations that torque does not bend (R,), as of other joints than the one where it does."""
+        plain = ~self.by_torque.any(axis=1)
+        if self.pushes is not None:
+            plain &= np.abs(self._bends[1] - 1.0).max(axis=1) < UNBENT
+        return np.asarray(plain)
+
+    def condensed(self, plain: Mask) -> Balance:
+        """Fewer equations with the same solutions, those that are kept first.
+
+        Args:
+            plain: equations that no torque bends (R,): they are as good as the triangle of their QR decomposition.
+        """
+        rows = np.column_stack([self.phi, self.y])[plain] * (self.weights / self.passed)[plain, None]
+        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+        kept, ones = self[~plain], np.ones(len(triangle))
+        small = Balance(
+            np.concatenate([kept.phi, triangle[:, :-1]]),
+            np.concatenate([kept.y, triangle[:, -1]]),
+            np.concatenate([kept.by_torque, np.zeros((len(triangle), self.phi.shape[1]))]),
+            self.least,
+            self.most,
+            np.concatenate([kept.weights, ones]),
+            passed=np.concatenate([np.broadcast_to(kept.passed, kept.y.shape), ones]),
+        )
+        if kept.response is not None and kept.pushes is not None and self.pushes is not None:
+            wide = np.broadcast_to(self.pushes.max(axis=0), (len(triangle), self.pushes.shape[1]))
+            response, pushes = np.concatenate([kept.response, wide]), np.concatenate([kept.pushes, wide])
+            small = replace(small, response=response, pushes=pushes)
+        return small
+
+    def beside(self, own: Columns, least: Array, most: Array, pushes: Array) -> Balance:
+        """The equations with the columns of one more term, which is at the first of them.
+
+        Args:
+            own: columns on the first R_j of the R equations.
+            least, most: bounds of its parameters.
+            pushes: of the torque in each equation (R, J), where its law is bent.
+        """
+        count, more = len(self.y), np.zeros((len(self.y) - len(own.fixed), len(least)))
+        y, passed = self.y.copy(), np.broadcast_to(self.passed, (count,)).copy()
+        y[: len(own.fixed)] -= own.fixed
+        passed[: len(own.fixed)] *= own.passed
+        whole = Balance(
+            np.column_stack([self.phi, np.concatenate([own.linear, more])]),
+            y,
+            np.column_stack([self.by_torque, np.concatenate([own.slope, more])]),
+            np.concatenate([self.least, least]),
+            np.concatenate([self.most, most]),
+            self.weights,
+            self.response,
+            self.pushes,
+            passed,
+        )
+        if own.taken is None:
+            return whole
+        response = (pushes if self.response is None else self.response).copy()
+        response[: len(own.taken)] -= own.taken
+        return replace(whole, response=response, pushes=pushes)
+
+    def _smaller(self) -> Balance:
+        """The same without what needs no iteration, where that is much."""
+        plain = self.unbent
+        if self.is_linear or np.count_nonzero(plain) <= 2 * self.phi.shape[1]:
+            return self
+        return self.condensed(plain)
 
     def solve_without(self, fold: Index, count: int) -> Array:
         """Parameters (K, P) as `solve` finds them without each of K folds, given the fold of every equation (R,).
 
-        Where errors are linear, each fold's normal equations are made once, and what is solved is as small as they are.
+        Each fold's normal equations are made once, around the whole fit, from which leaving out a fold leads a step
+        away; what is solved is as small as they are.
         """
-        if not self.is_linear:
-            whole = self.solve()
-            return np.array([self[fold != k].solve(whole) for k in range(count)])
-        rows = np.column_stack([self.phi, self.y]) * (self.weights / self.passed)[:, None]
+        near = self.tangent()
+        rows = np.column_stack([near.slopes, near.error]) * self.weights[:, None]
         size = np.linalg.norm(rows[:, :-1], axis=0)
         size[size == 0] = 1.0
         rows[:, :-1] /= size
         grams = np.array([own.T @ own for own in (rows[fold == k] for k in range(count))])
+        least, most = (self.least - near.theta) * size, (self.most - near.theta) * size
         found = np.empty((count, len(size)))
         for k in range(count):
             gram = grams[np.arange(count) != k].sum(axis=0)  # not the difference from the whole, which loses digits
             if len(size) and np.linalg.eigvalsh(gram[:-1, :-1])[0] > DISTINCT:
-                found[k] = _within_bounds_of(gram, self.least * size, self.most * size) / size
+                found[k] = near.theta + _within_bounds_of(gram, least, most) / size
             else:
-                found[k] = self[fold != k].solve()
+                found[k] = self[fold != k].solve(near.theta)
         return found
 
     def fit(self, clusters: Index, jacobian: Array | None = None) -> Fit:

@@ -9,40 +9,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
-from estimators.regression.least_squares import RIDGE, Balance, Tangent
+from estimators.regression.least_squares import RIDGE, Balance, Columns, Tangent
 from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.shapes import Residuals, cross_entropy, gauss_newton, scan
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
 REACH = 0.03  # of the recording, within which an instant is scanned for
+TRIED = 3  # variants of a law of the torque that are fitted exactly, of those that promise most
 STARTS = 2  # variants of the grid from which a search over shape parameters starts
 FOLLOWS = 3  # turns in which a shape parameter is set to the parameter that it follows
 
 NUDGE = 1e-6  # of the largest torque, for slopes by it
 PUSHES = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # of it, either way, for bent laws of it
-
-
-class Columns(NamedTuple):
-    """Windowed columns of a term, and their slopes by the torque.
-
-    Attributes:
-        linear: (R, P).
-        fixed: sum of the columns without a parameter (R,) [N m].
-        slope: of the linear ones (R, P) [1/(N m)], zero but for effects that depend on the torque.
-        taken: what more the fixed ones are under each push of the torque (R, J), where they depend on it at once.
-        passed: share of the torque that they leave, if they depend on what it was before.
-    """
-
-    linear: Array
-    fixed: Array
-    slope: Array
-    taken: Array | None = None
-    passed: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -64,20 +46,54 @@ class Screen:
     _muffled: dict[Term, float] = field(default_factory=dict)
     _ranked: dict[tuple[tuple[Term, ...], str], list[Trial]] = field(default_factory=dict)
     _variants: dict[tuple[tuple[Term, ...], str], list[Trial]] = field(default_factory=dict)
+    _joints: dict[str, Screen] = field(default_factory=dict)
+    _looked_at: dict[tuple[tuple[Term, ...], str], int] = field(default_factory=dict)
+    _solved: dict[tuple[Term, ...], Array] = field(default_factory=dict)
+    _tangents: dict[tuple[Term, ...], Tangent] = field(default_factory=dict)
+    _frames: dict[tuple[Term, ...], Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._torque = self.data.net_torque()
 
+    def at(self, joint: str) -> Screen:
+        """The screen of the data of a joint; this one for what is at no one joint."""
+        own = self.data.part(joint)
+        if own is self.data:
+            return self
+        if joint not in self._joints:
+            self._joints[joint] = Screen(own)
+        return self._joints[joint]
+
     def columns(self, variants: Sequence[Term]) -> list[Columns]:
-        """Windowed columns of each variant of one effect."""
+        """Windowed columns of each variant of one effect, on the rows of its joint."""
+        if (own := self.at(variants[0].at)) is not self:
+            return own.columns(variants)
         missing = [variant for variant in variants if variant not in self._columns]
         if missing:
             self._columns.update(zip(missing, self._cut(missing), strict=True))
         return [self._columns[variant] for variant in variants]
 
     def _cut(self, variants: Sequence[Term]) -> list[Columns]:
-        nudged = self._nudged.columns(variants) if depends_on_torque(variants[0]) else None
-        return columns_by_torque(variants, self.data.columns(variants), nudged, self.data.rows.lost, self.data.torque())
+        plain, kind, torque = self.data.columns(variants), variants[0], self.data.torque()
+        if not depends_on_torque(kind):
+            return [Columns(own, fixed, np.zeros_like(own)) for own, fixed in plain]
+        pairs = zip(plain, self._nudged.columns(variants), strict=True)
+        slopes = [(more - own) / nudge_of(torque) for (own, _), (more, _) in pairs]
+        parts = [Columns(own, fixed, slope) for (own, fixed), slope in zip(plain, slopes, strict=True)]
+        if not kind.fixed:
+            return parts
+        if kind.has_state():
+            whole = float(np.linalg.norm(torque))
+            left = [float(np.linalg.norm(torque - part.fixed)) for part in parts]
+            return [
+                part if variant.delay or rest >= whole else part._replace(passed=max(rest / whole, 1e-12))
+                for variant, part, rest in zip(variants, parts, left, strict=True)
+            ]
+        lost = [self.data.rows.lost(own, pushes_of(torque)) for own in variants]
+        return [
+            part._replace(taken=np.nan_to_num(more, nan=0.0, posinf=0.0, neginf=0.0) - part.fixed[:, None])
+            for part, more in zip(parts, lost, strict=True)
+        ]
 
     @cached_property
     def _nudged(self) -> Dataset:
@@ -88,7 +104,16 @@ class Screen:
         for term in terms:
             if term not in self._rates:
                 self._rates[term] = self.data.rates(term)
-        return np.column_stack([self._rates[term] for term in terms])
+        return self.placed(terms, [self._rates[term] for term in terms])
+
+    def placed(self, terms: Sequence[Term], parts: Sequence[Array]) -> Array:
+        """Columns of some terms side by side (R, P), each on the rows of its joint."""
+        if len(self.data.joints) == 1:
+            return np.column_stack(parts)
+        whole, first = np.zeros((len(self._torque), sum(part.shape[1] for part in parts))), 0
+        for term, part in zip(terms, parts, strict=True):
+            whole[self.data.where(term.at), first : (first := first + part.shape[1])] = part
+        return whole
 
     def balance(self, terms: Sequence[Term]) -> Balance:
         """Equations of some terms, recordings of which they leave more unexplained counting less."""
@@ -108,23 +133,40 @@ class Screen:
         return self._weights[key]
 
     def _balance(self, terms: Sequence[Term], parts: Sequence[Columns], w: Array) -> Balance:
+        acting, loaded = self._torque.copy(), self._torque.copy()  # without what all fixed columns take, or without lag
+        passed, lead = np.ones(len(w)), np.zeros(len(w))
+        taken: list[tuple[slice, Array]] = []
+        for term, part in zip(terms, parts, strict=True):
+            here = self.data.where(term.at)
+            if term.fixed:
+                acting[here] -= part.fixed
+                loaded[here] -= 0.0 if term.lead else part.fixed
+                lead[here] += term.lead
+                passed[here] *= part.passed
+            if part.taken is not None:
+                taken.append((here, part.taken))
         balance = Balance(
-            np.column_stack([part.linear for part in parts]),
-            self._torque - sum(part.fixed for part in parts),
-            np.column_stack([part.slope for part in parts]),
+            self.placed(terms, [part.linear for part in parts]),
+            acting,
+            self.placed(terms, [part.slope for part in parts]),
             *_bounds(terms),
             w,
         )
-        taken = [part.taken for part in parts if part.taken is not None]
         if taken:
-            pushes = np.tile(pushes_of(self.data.torque()), (len(w), 1))
-            balance = replace(balance, response=pushes - sum(taken), pushes=pushes)
-        lead, passed = sum(term.lead for term in terms), float(np.prod([part.passed for part in parts]))
-        if lead > 0:
-            others = sum(part.fixed for part, term in zip(parts, terms, strict=True) if not term.lead)
-            ahead, loaded = balance.phi + lead * self.rates(terms), self._torque - lead * self._load_rates
-            balance = replace(balance, recorded=replace(balance, phi=ahead, y=loaded - others))
-        return replace(balance, passed=passed)
+            response = self._pushes.copy()
+            for here, own in taken:
+                response[here] -= own
+            balance = replace(balance, response=response, pushes=self._pushes)
+        if lead.any():
+            ahead = balance.phi + lead[:, None] * self.rates(terms)
+            balance = replace(balance, recorded=replace(balance, phi=ahead, y=loaded - lead * self._load_rates))
+        return balance if (passed == 1.0).all() else replace(balance, passed=passed)
+
+    @cached_property
+    def _pushes(self) -> Array:
+        """Pushes of the torque in each equation (R, J) [N m]."""
+        joints = [self.data.part(at) for at in self.data.joints]
+        return np.concatenate([np.tile(pushes_of(own.torque()), (len(own.weights), 1)) for own in joints])
 
     @cached_property
     def _load_rates(self) -> Array:
@@ -132,53 +174,116 @@ class Screen:
 
     def solve(self, terms: Sequence[Term]) -> Array:
         """Linear parameters (P,) of the terms, fitted to all windows."""
-        return self.balance(terms).solve()
+        key = tuple(terms)
+        if key not in self._solved:
+            self._solved[key] = self.balance(terms).solve()
+        return self._solved[key]
+
+    def tangent(self, terms: Sequence[Term]) -> Tangent:
+        """Errors near the fit of the terms, to first order."""
+        key = tuple(terms)
+        if key not in self._tangents:
+            self._tangents[key] = self.balance(terms).tangent()
+        return self._tangents[key]
+
+    def frame(self, terms: Sequence[Term]) -> Array:
+        """Orthonormal columns (R, P) that span what the terms can do to the weighted errors."""
+        key = tuple(terms)
+        if key not in self._frames:
+            self._frames[key] = np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
+        return self._frames[key]
 
     def trials(self, terms: Sequence[Term], variants: Sequence[Term]) -> list[Trial]:
         """`terms` with each of V variants of one further effect added, and their errors."""
-        shared, w = [self.columns([term])[0] for term in terms], self.weights(terms)
+        w, here = self.weights(terms), self.data.where(variants[0].at)
         models = [(*terms, variant) for variant in variants]
         parts = self.columns(variants)
+        beside = self._beside(terms, here)
 
-        def exact(model: Sequence[Term], own: Columns) -> float:
-            balance = self._balance(model, [*shared, own], w)
-            return float(np.sum((w * balance.error(balance.solve())) ** 2))
+        def exact(variant: Term, own: Columns) -> float:
+            return beside(variant, own).least_squared()
 
-        if not terms or depends_on_torque(variants[0]) or is_known(*terms, variants[0]):
-            squares = np.array([exact(*pair) for pair in zip(models, parts, strict=True)])
+        if not terms or variants[0].fixed or is_known(*terms, variants[0]):
+            squares = np.array([exact(*pair) for pair in zip(variants, parts, strict=True)])
         else:
-            near = self._balance(terms, shared, w).tangent()
-            squares, theta = squared_errors(_grams(near, parts, w))
+            near = self.tangent(terms)
+            squares, theta = squared_errors(_grams(near, parts, w, here))
             theta[:, : len(near.theta)] += near.theta
             least, most = _bounds(models[0])
-            for k in np.flatnonzero(np.any((theta < least) | (theta > most), axis=1)):
-                squares[k] = exact(models[k], parts[k])
+            for k in np.flatnonzero(np.any((theta < least) | (theta > most), axis=1)).tolist():
+                squares[k] = exact(variants[k], parts[k])
+            if depends_on_torque(variants[0]):
+                squares = self._bent(near, list(zip(variants, parts, strict=True)), squares, exact, w)
         return [
-            Trial(model, float(np.sqrt(square / (w @ w) + self.hidden_noise(model))))
+            Trial(model, float(np.sqrt(square / (w @ w) + self._hidden_in_all(model))))
             for model, square in zip(models, squares, strict=True)
         ]
+
+    def _bent(
+        self,
+        near: Tangent,
+        pairs: Sequence[tuple[Term, Columns]],
+        plain: Array,
+        exact: Callable[[Term, Columns], float],
+        w: Array,
+    ) -> Array:
+        """Squared errors (V,) of variants that scale with the torque: exact ones of those that promise most.
+
+        They promise by what they explain by the recorded torque, and by that which is predicted: where one of the two
+        is far off, the other tells.
+        """
+        here = self.data.where(pairs[0][0].at)
+        moved = [own._replace(linear=own.linear - near.error[here, None] * own.slope) for _, own in pairs]
+        promises = (plain, squared_errors(_grams(near, moved, w, here))[0])
+        tried = np.unique([np.argsort(promise)[:TRIED] for promise in promises])
+        squares = np.array([exact(*pairs[k]) for k in tried.tolist()])
+        found = np.maximum(plain, squares.min())
+        found[tried] = squares
+        return found
+
+    def _beside(self, terms: Sequence[Term], here: slice) -> Callable[[Term, Columns], Balance]:
+        """Function that gives equations of the terms and a variant at some rows, given its columns.
+
+        What the terms share is made once, and of other joints, where nothing is bent, no more is kept than their fit.
+        """
+        if not terms or any(term.lead for term in terms):  # there is nothing to begin with, or that is seen twice
+            shared, w = [self.columns([term])[0] for term in terms], self.weights(terms)
+            return lambda variant, own: self._balance((*terms, variant), [*shared, own], w)
+        first, pushes = self.balance(terms), self._pushes
+        elsewhere = np.ones(len(pushes), dtype=bool)
+        elsewhere[here] = False
+        if elsewhere.any() and first.unbent[elsewhere].all():
+            first, pushes = first.condensed(elsewhere), pushes[here]
+            pushes = np.concatenate([pushes, np.tile(pushes.max(axis=0), (len(first.y) - len(pushes), 1))])
+        return lambda variant, own: first.beside(own, *_bounds([variant]), pushes)
 
     def trial(self, terms: Sequence[Term]) -> Trial:
         """Errors of one set of terms."""
         *others, last = terms
         return self.trials(others, [last])[0]
 
-    def hidden_noise(self, terms: Sequence[Term]) -> float:
-        """Variance of torque noise that terms filter out of the equations [(N m)^2]; it counts as error all the same.
+    def hidden_noise(self, terms: Sequence[Term]) -> list[tuple[slice, float]]:
+        """Variance of torque noise that terms filter out of the equations, with the rows of the joint [(N m)^2].
 
-        A lag smooths the noise of the torque channel along with the torque: that must not make it look likelier.
+        It counts as error all the same: a lag smooths the noise of the torque channel along with the torque, and that
+        must not make it look likelier.
         """
-        total = 0.0
+        found = []
         for term in terms:
-            if term.fixed and term.has_state() and term not in self._muffled:
-                self._muffled[term] = self.data.muffled(term)
-            total += self._muffled.get(term, 0.0)
-        return total
+            if term.fixed and term.has_state():
+                if term not in self._muffled:
+                    self._muffled[term] = self.data.part(term.at).muffled(term)
+                found.append((self.data.where(term.at), self._muffled[term]))
+        return found
+
+    def _hidden_in_all(self, terms: Sequence[Term]) -> float:
+        """The same, mean over all equations [(N m)^2]."""
+        count = len(self._torque)
+        return sum(len(range(*here.indices(count))) / count * variance for here, variance in self.hidden_noise(terms))
 
     def residual(self, terms: Sequence[Term]) -> Array:
         """Torque (R,) that a fit of the terms does not predict [N m]."""
-        balance = self.balance(terms)
-        return balance.error(balance.solve())
+        return self.balance(terms).error(self.solve(terms))
 
     def variants(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """Best variants of an effect beside the terms, one for each set of shape parameters that are told.
@@ -194,10 +299,22 @@ class Screen:
         """The terms with each variant of the grid of an effect, the smallest error first."""
         key = (tuple(terms), effect.id)
         if key not in self._ranked:
-            variants = list(effect.grid(self.data.samples, self.residual(terms)))
+            variants = self.grid(terms, effect)
             trials = self.trials(terms, variants) if variants else []
             self._ranked[key] = sorted(trials, key=lambda trial: trial.fitted_rms)
         return self._ranked[key]
+
+    def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
+        """Variants of an effect beside the terms, from which a search starts."""
+        return list(effect.grid(self.data.part(effect.at).samples, self.residual(terms)[self.data.where(effect.at)]))
+
+    def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
+        """Number of variants among which `grid` chose."""
+        key = (tuple(terms), effect.id)
+        if key not in self._looked_at:
+            x, here = self.data.part(effect.at).samples, self.data.where(effect.at)
+            self._looked_at[key] = effect.looked_at(x, self.residual(terms)[here])
+        return self._looked_at[key]
 
     def _search(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         if effect.rugged:
@@ -212,7 +329,7 @@ class Screen:
 
     def _searched_one_by_one(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """The best of the searches from each value of the shape parameter that the error is rugged over."""
-        variants = list(effect.grid(self.data.samples, self.residual(terms)))
+        variants = self.grid(terms, effect)
         if not variants:
             return []
         residuals = self._residuals(terms)
@@ -235,11 +352,11 @@ class Screen:
             theta = self.solve((*others, term))
             known = dict(zip((c.name for other in others for c in other.columns), theta, strict=False))
             term = replace(term, **{s.name: float(known[s.follows]) for s in following if s.follows in known})
-        residuals, time = self._residuals(others), self.data.samples.time
-        found = scan(gauss_newton(term, residuals), residuals, REACH * float(np.ptp(time)))
+        residuals, samples = self._residuals(others), self.data.part(term.at).samples
+        found = scan(gauss_newton(term, residuals), residuals, REACH * float(np.ptp(samples.time)))
         refined = self.trial((*trial.terms[:place], found, *trial.terms[place + 1 :]))
         worse = refined.fitted_rms > trial.fitted_rms and not following
-        return trial if worse or not found.possible(self.data.samples) else refined
+        return trial if worse or not found.possible(samples) else refined
 
     def _residuals(self, terms: Sequence[Term]) -> Residuals:
         """Function that gives the weighted residual (R,) of the best fit of the terms with each of several variants.
@@ -247,31 +364,39 @@ class Screen:
         The terms' own columns are projected out once, each variant's then take a small solve.
         """
         shared, w = [self.columns([term])[0] for term in terms], self.weights(terms)
-        near = self._balance(terms, shared, w).tangent()
-        frame = np.linalg.qr(near.slopes * w[:, None])[0]
+        near, frame = self.tangent(terms), self.frame(terms)
         scale = w * near.scale
 
-        def clear(columns: Array) -> Array:
-            return np.asarray(columns - frame @ (frame.T @ columns))
+        def clear(columns: Array, here: slice) -> Array:
+            cleared = -frame @ (frame[here].T @ columns)
+            cleared[here] += columns
+            return np.asarray(cleared)
 
-        def exact(variant: Term, own: Columns) -> Array:
-            balance = self._balance((*terms, variant), [*shared, own], w)
-            return w * balance.error(balance.solve())
+        left = clear(w * near.error, slice(None))
+
+        def exact(balance: Balance) -> Array:
+            return balance.weights * balance.error(balance.solve())
 
         def residual(variant: Term, own: Columns) -> Array:
-            if depends_on_torque(variant) or is_known(*terms, variant) or not variant.columns:
-                return exact(variant, own)
-            target, extra = clear(w * near.error - scale * own.fixed), clear(scale[:, None] * own.linear)
+            if is_known(*terms, variant) or not variant.columns:
+                return exact(self._balance((*terms, variant), [*shared, own], w))
+            here = self.data.where(variant.at)
+            target = left if not variant.fixed else left - clear(scale[here] * own.fixed, here)
+            extra = clear(scale[here, None] * own.linear, here)
             size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
             extra = extra / size
             theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ target) / size
             least, most = _bounds([variant])
             if np.any((theta < least) | (theta > most)):
-                return exact(variant, own)
+                return exact(self._balance((*terms, variant), [*shared, own], w))
             return np.asarray(target - (extra * size) @ theta)
 
         def residuals(variants: Sequence[Term]) -> list[Array]:
-            return [residual(*pair) for pair in zip(variants, self._cut(variants), strict=True)]
+            pairs = list(zip(variants, self.at(variants[0].at)._cut(variants), strict=True))
+            if not depends_on_torque(variants[0]):
+                return [residual(*pair) for pair in pairs]
+            beside = self._beside(terms, self.data.where(variants[0].at))
+            return [exact(beside(*pair)) for pair in pairs]
 
         return residuals
 
@@ -290,42 +415,6 @@ def _largest(torque: Array) -> float:
     return max(float(np.abs(torque).max()), 1e-12)
 
 
-def columns_by_torque(
-    variants: Sequence[Term],
-    plain: Sequence[tuple[Array, Array]],
-    nudged: Sequence[tuple[Array, Array]] | None,
-    lost: Callable[[Term, Array], Array],
-    torque: Array,
-) -> list[Columns]:
-    """Columns of variants of one effect, with how they depend on the torque.
-
-    Args:
-        variants: of one effect.
-        plain: their linear columns (R, P) and fixed ones (R,).
-        nudged: the same under a torque that is larger by `nudge_of` all along; None if they do not depend on it.
-        lost: what fixed columns are of a term without memory (R, J) under each of several pushes (J,) [N m].
-        torque: as it is (R,) [N m].
-    """
-    if nudged is None:
-        return [Columns(own, fixed, np.zeros_like(own)) for own, fixed in plain]
-    slopes = [(more - own) / nudge_of(torque) for (own, _), (more, _) in zip(plain, nudged, strict=True)]
-    parts = [Columns(own, fixed, slope) for (own, fixed), slope in zip(plain, slopes, strict=True)]
-    if not variants[0].fixed:
-        return parts
-    if type(variants[0]).has_state():
-        whole = float(np.linalg.norm(torque))
-        left = [float(np.linalg.norm(torque - part.fixed)) for part in parts]
-        return [
-            part if variant.delay or rest >= whole else part._replace(passed=max(rest / whole, 1e-12))
-            for variant, part, rest in zip(variants, parts, left, strict=True)
-        ]
-    pushes = pushes_of(torque)
-    return [
-        part._replace(taken=np.nan_to_num(lost(variant, pushes), nan=0.0, posinf=0.0, neginf=0.0) - part.fixed[:, None])
-        for variant, part in zip(variants, parts, strict=True)
-    ]
-
-
 def depends_on_torque(*terms: Term) -> bool:
     """Whether the torque of one of the terms depends on the commanded torque."""
     return any(term.fixed or any(column.of_torque for column in term.columns) for term in terms)
@@ -342,16 +431,22 @@ def _bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     return np.array([column.least for column in columns]), np.array([column.most for column in columns])
 
 
-def _grams(near: Tangent, parts: Sequence[Columns], weights: Array) -> Array:
+def _grams(near: Tangent, parts: Sequence[Columns], weights: Array, here: slice) -> Array:
     """Gram matrices (V, P + 1, P + 1) of fits with each of V variants that do not depend on the torque.
 
     Of what all share they are made once. The left-hand side comes last, the parameters of the variant before it.
+
+    Args:
+        near: what the others leave.
+        parts: columns of each variant.
+        weights: of the equations (R,).
+        here: rows of the variants' joint.
     """
     shared = weights[:, None] * np.column_stack([near.slopes, near.error])
-    own = (weights * near.scale)[:, None] * np.stack([np.column_stack([part.linear, -part.fixed]) for part in parts])
+    own = (weights * near.scale)[here, None] * np.stack([np.column_stack([part.linear, -part.fixed]) for part in parts])
     first, more = shared.shape[1], own.shape[2]
     grams = np.empty((len(parts), first + more, first + more))
-    grams[:, :first, :first], grams[:, :first, first:] = shared.T @ shared, shared.T @ own
+    grams[:, :first, :first], grams[:, :first, first:] = shared.T @ shared, shared[here].T @ own
     grams[:, first:, :first] = np.swapaxes(grams[:, :first, first:], 1, 2)
     grams[:, first:, first:] = np.swapaxes(own, 1, 2) @ own
     order = [*range(first - 1), *range(first, first + more - 1), first - 1]

@@ -14,6 +14,7 @@ class Criterion:
     Attributes:
         chance: probability that an effect predicts no better than its absence, up to which it may be added.
         share: of the structure left so far, that an effect has to explain: less is of no use to anybody,
+        glimpse: that the best variant of a coarse grid has to explain, for its shape to be searched any further,
         needed: and once all others are in: what explains less than is left unexplained may be a part of that.
         noise: times the noise floor: residuals that neighbouring windows share to that size are structure,
         sure: if they surely share them, by so many standard errors.
@@ -26,6 +27,7 @@ class Criterion:
 
     chance: float = 0.05
     share: float = 0.2
+    glimpse: float = 0.05
     needed: float = 0.5
     noise: float = 0.5
     sure: float = 5.0

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from estimators.regression.least_squares import Fit
-from estimators.selection.candidates import Screen, depends_on_torque
+from estimators.selection.candidates import Screen
 from estimators.simulation.free_running import Flights, deviation, position_rms, take_off
 from estimators.simulation.link_segments import has_link, hidden_state, link_of, watch
 from estimators.weak_form.dataset import Dataset, prepare
@@ -33,16 +33,21 @@ class Errors:
         torque_fit: 100 % less the torque error relative to the torque's own deviation from its mean; 100 is perfect, at
             0 a constant would do as well [%]. NaN where nobody has counted.
         position_fit: the same of position in free run, relative to the deviation in each one-second window [%].
+        joints: torque errors of the joints by name [N m].
+
+    What cannot be simulated has NaN for a position error.
     """
 
     torque_rms: float
     position_rms: float
     torque_fit: float = np.nan
     position_fit: float = np.nan
+    joints: Mapping[str, float] = field(default_factory=dict)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        return {name: value for name, value in asdict(self).items() if np.isfinite(value)}
+        told = {name: getattr(self, name) for name in ("torque_rms", "position_rms", "torque_fit", "position_fit")}
+        return {name: value for name, value in told.items() if np.isfinite(value)}
 
 
 def noise_floor(scatter: float, errors: Iterable[Errors]) -> float:
@@ -98,6 +103,11 @@ class Evidence:
         return self.data.samples
 
     @property
+    def motions(self) -> dict[str, Samples]:
+        """Those of each joint, by its name."""
+        return {at: self.data.part(at).samples for at in self.data.joints}
+
+    @property
     def reach(self) -> tuple[float, float]:
         """Least and largest position that was recorded [rad]."""
         positions = [windows.recording.position for windows in self.data.windows]
@@ -120,18 +130,17 @@ class Evidence:
 
     def residual(self, terms: Sequence[Term], theta: Array) -> Array:
         """Measured minus predicted torque in every window (R,) [N m]."""
-        if depends_on_torque(*terms):
-            return self.screen.balance(terms).error(theta)
-        equations = self.data.equations(terms)
-        return equations.y - equations.phi @ theta
+        return self.screen.balance(terms).error(theta)
 
     def errors(self, model: Model) -> Errors:
         """Errors of a model, in torque and in free-running position."""
         residual = self.residual(model.terms, model.theta)
-        torque, position = float(np.sqrt(np.mean(residual**2))), position_rms(self.flights, model.terms, model.theta)
-        return Errors(
-            torque, position, _fit(torque, float(np.std(self.data.torque()))), _fit(position, deviation(self.flights))
-        )
+        torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
+        if self.flights:
+            position = position_rms(self.flights, model.terms, model.theta)
+            fit = _fit(position, deviation(self.flights))
+        torque_fit = _fit(torque, float(np.std(self.data.torque())))
+        return Errors(torque, position, torque_fit, fit, self.data.errors(residual))
 
 
 def _fit(error: float, deviation: float) -> float:
@@ -159,8 +168,8 @@ def fit_terms(evidence: Evidence, terms: Sequence[Term], screen: Screen | None =
         first_column += len(term.columns)
         for shape in term.shapes:
             if shape.instant:
-                noise = fit.residual * balance.weights
-                shape_std[f"{term.id}.{shape.name}"] = _placement(data, term, shape.name, own, noise)
+                noise = (fit.residual * balance.weights)[data.where(term.at)]
+                shape_std[term.full(shape.name)] = _placement(data.part(term.at), term, shape.name, own, noise)
     columns = [column.name for term in terms for column in term.columns]
     model = Model.build(terms, fit.theta, fit.std[:count], **shape_std)
     return model.correlated([*columns, *names], fit.covariance), fit
@@ -170,6 +179,15 @@ def base_inertia(screen: Screen) -> float:
     """Inertia of the joint as the base model has it clear of knocks [kg m^2], which tells the noise."""
     theta = (Screen(screen.data.clear) if screen.data.knocks else screen).solve(BASE)
     return abs(float(theta[[term.id for term in BASE].index("inertia")]))
+
+
+def inertias(screen: Screen, base: Sequence[Term]) -> dict[str, float]:
+    """Inertia that each joint feels under a base model, by the joint's name [kg m^2]."""
+    first = base[0]
+    if first.id not in screen.data.given:
+        return {at: base_inertia(screen.at(at)) for at in screen.data.joints}
+    theta = screen.solve(base)[: len(first.columns)]
+    return dict(zip(screen.data.joints, np.abs(screen.data.given[first.id].inertia @ theta).tolist(), strict=True))
 
 
 def with_knocks(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> tuple[Evidence, Evidence]:
@@ -205,12 +223,15 @@ def _placement(data: Dataset, term: Term, name: str, own: Array, noise: Array) -
 
 def shape_jacobian(data: Dataset, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
     """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names."""
-    slopes, first = {}, 0
+    slopes: dict[str, Array] = {}
+    first = 0
     for term in terms:
         own = theta[first : (first := first + len(term.columns))]
 
         def torques(variants: Sequence[Term], own: Array = own) -> list[Array]:
             return [linear @ own + fixed for linear, fixed in data.columns(variants)]
 
-        slopes.update(shape_slopes(term, torques))
+        for name, slope in shape_slopes(term, torques).items():
+            slopes[name] = whole = np.zeros(len(data.weights))
+            whole[data.where(term.at)] = slope
     return np.column_stack([np.empty((len(data.weights), 0)), *slopes.values()]), list(slopes)

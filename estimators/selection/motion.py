@@ -45,6 +45,8 @@ def is_astray(search: Search, step: Step) -> bool:
     """
     if has_transmission(step.model.terms):
         return False  # its impacts are too sharp to follow as closely, and other effects would only paper over that
+    if not search.train.flights:
+        return False
     flights, point = search.train.flights, _point(step.model)
     motion = np.concatenate([flight.position.ravel() for flight in flights])
     least, astray = FINEST * float(np.std(motion)), search.criterion.astray

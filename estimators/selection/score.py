@@ -30,8 +30,11 @@ PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.p
 FOLDS = 10  # of cross-validation
 STRETCH = 1.0  # [s]
 DRAWS = 4000  # of the Bayesian bootstrap
-TURNS = 20  # of the fixed point for a scale
+TURNS, SETTLED = 20, 1e-5  # of the fixed point for a scale, and relative change at which it ends
 DIVERGED = 1e60  # [N m], a prediction as far off is as bad as any
+
+
+Hidden = Sequence[tuple[slice, float]]  # rows, and variance of the torque noise that a model takes out of them
 
 
 @dataclass(frozen=True)
@@ -53,31 +56,31 @@ class Stretches:
         return np.asarray(self.piece % FOLDS)
 
 
-def cross_validated(balance: Balance, where: Stretches, hidden: float = 0.0) -> Array:
+def cross_validated(balance: Balance, where: Stretches, hidden: Hidden = ()) -> Array:
     """Log density of each stretch (S,), predicted by the fit to the others [nat].
 
     Args:
         balance: equations of the model.
         where: stretch and recording of each equation.
-        hidden: variance of torque noise that the model takes out of the equations; it counts as error all the same.
+        hidden: what torque noise the model takes out of the equations, which counts as error all the same.
     """
     return _density(balance, balance.solve_without(where.fold, FOLDS), where, hidden)
 
 
-def predicted(theta: Array, balance: Balance, where: Stretches, hidden: float = 0.0) -> Array:
+def predicted(theta: Array, balance: Balance, where: Stretches, hidden: Hidden = ()) -> Array:
     """Log density of each held-out stretch (S,) under parameters (P,) fitted elsewhere [nat]."""
     return _density(balance, np.broadcast_to(theta, (FOLDS, len(theta))), where, hidden)
 
 
 def foretold(
-    fitted: Balance, unseen: Balance, first: Stretches, second: Stretches, hidden: tuple[float, float] = (0.0, 0.0)
+    fitted: Balance, unseen: Balance, first: Stretches, second: Stretches, hidden: tuple[Hidden, Hidden] = ((), ())
 ) -> Array:
     """Log density of each stretch (S,), those of the fitted data first, then those of held-out ones [nat]."""
     known = cross_validated(fitted, first, hidden[0])
     return np.concatenate([known, predicted(fitted.solve(), unseen, second, hidden[1])])
 
 
-def _density(balance: Balance, theta: Array, where: Stretches, hidden: float) -> Array:
+def _density(balance: Balance, theta: Array, where: Stretches, hidden: Hidden) -> Array:
     """Log density of the torque recorded in each stretch, from the fit without each fold (FOLDS, P).
 
     It is that of what the equations leave, times how much of it each N m of recorded torque is: a law under which next
@@ -85,15 +88,17 @@ def _density(balance: Balance, theta: Array, where: Stretches, hidden: float) ->
     is less likely than if nothing but its size were known. The scale is that of the other folds of the same recording:
     recordings differ in what no model explains of them.
     """
-    told = [balance.residual(own) for own in theta]
-    left = np.clip([own for own, _ in told], -DIVERGED, DIVERGED)
-    left = left * np.sqrt(1 + hidden / max(float(np.mean(left**2)), 1e-300))
-    fold, total = where.fold, np.zeros(len(where.of_stretch))
+    left, slopes = balance.residual(theta)
+    left = np.clip(left, -DIVERGED, DIVERGED)
+    for rows, variance in hidden:
+        left[:, rows] *= np.sqrt(1 + variance / max(float(np.mean(left[:, rows] ** 2)), 1e-300))
+    fold, reach = where.fold, balance.reach
+    total = np.zeros(len(where.of_stretch))
     for k in np.unique(fold):
         test = fold == k
         square = _scales(left[k], where.recording, test)[where.recording[test]]
         density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(left[k, test] ** 2 / (NU * square))
-        density += np.log(np.maximum(told[k][1][test], np.sqrt(square) / (PEAK * balance.reach)))
+        density += np.log(np.maximum(slopes[k, test], np.sqrt(square) / (PEAK * reach[test])))
         total += np.bincount(where.stretch[test], density, len(total))
     return total
 
@@ -117,7 +122,9 @@ def _scales(errors: Array, recording: Index, test: Mask) -> Array:
 
     square = mean(squares)
     for _ in range(TURNS):
-        square = mean((NU + 1) * squares / (NU + squares / square[owner]))
+        before, square = square, mean((NU + 1) * squares / (NU + squares / square[owner]))
+        if (np.abs(square - before) <= SETTLED * before).all():
+            break
     return square
 
 

@@ -18,7 +18,7 @@ from estimators.progress import Progress, no_progress
 from estimators.regression.least_squares import information, least_squares, robust_covariance
 from estimators.selection.candidates import Screen, Trial
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, Step, base_inertia, fit_terms, shape_jacobian
+from estimators.selection.data import Evidence, Step, fit_terms, inertias, shape_jacobian
 from estimators.selection.foils import FOILS, wanders
 from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, foretold
 from estimators.simulation import multiple_shooting, output_error
@@ -39,7 +39,7 @@ Terms = tuple[Term, ...]
 
 @dataclass(frozen=True)
 class Left:
-    """Power of what a model leaves of some data.
+    """Power of what a model leaves of some data of a joint.
 
     Attributes:
         all: mean square, with that of the torque noise that the model takes out [N^2 m^2].
@@ -68,6 +68,7 @@ class Search:
         unnamed: the law without a name that does the work of named ones, if one does.
         linked: the model with a link whose motion is watched, if there is one.
         base: terms that the search started from.
+        foils: laws without a name that compete with the named ones.
     """
 
     train: Evidence
@@ -79,19 +80,24 @@ class Search:
     unnamed: Term | None = None
     linked: Step | None = None
     base: Terms = BASE
+    foils: Sequence[type[Term]] = FOILS
 
     def __post_init__(self) -> None:
         self.screen, self.held_out = self.train.screen, self.holdout.screen
-        self.inertia = base_inertia(self.screen)
-        self.floor = self.train.data.noise(self.inertia)
+        self.joints = self.train.data.joints
+        self.inertia = inertias(self.screen, self.base)
+        self._floors = [
+            {at: part.data.part(at).noise(self.inertia[at]) for at in self.joints}
+            for part in (self.train, self.holdout)
+        ]
         self._where = [_stretches(part, STRETCH) for part in (self.train, self.holdout)]
         self._finer = [_stretches(part, MOMENT) for part in (self.train, self.holdout)]
         first, second = (where.of_stretch for where in self._where)
         same = self.train.recordings == self.holdout.recordings  # parts of the same recordings
         self.bootstrap = Bootstrap(np.concatenate([first, second if same else second + first.max() + 1]), self.rng)
         self._densities: dict[Terms, Array] = {}
-        self._left: dict[Terms, tuple[Left, Left]] = {}
-        self._structures: dict[Terms, tuple[Structure, Structure]] = {}
+        self._left: dict[Terms, tuple[dict[str, Left], dict[str, Left]]] = {}
+        self._structures: dict[Terms, tuple[dict[str, Structure], dict[str, Structure]]] = {}
         self._in_motion: dict[Terms, Step] = {}
 
     # ------------------------------------------------------------------------------------------------------- the score
@@ -135,14 +141,14 @@ class Search:
     def variants(self, after: Terms, before: Terms) -> int:
         """Variants that were looked at of the effects by which one model is larger than another, at least one."""
         added = [term for term in after if term.id not in {other.id for other in before}]
-        return max(1, sum(type(term).looked_at(self.train.samples, self.screen.residual(before)) for term in added))
+        return max(1, sum(self.screen.looked_at(before, type(term)) for term in added))
 
     def is_sure(self, after: Terms, before: Terms) -> bool:
         """Whether one model predicts surely better than another."""
         return self.gain(after, before).chance <= self.criterion.chance
 
-    def left(self, terms: Terms) -> tuple[Left, Left]:
-        """What a model leaves of the training data, and of those that are held out, with the same parameters."""
+    def left(self, terms: Terms) -> tuple[dict[str, Left], dict[str, Left]]:
+        """What a model leaves of each joint of the training data, and of those that are held out, as it was fitted."""
         if terms not in self._left:
             if any(wanders(term) for term in terms):
                 residuals = [screen.residual(_wandering_in(part, terms)) for part, screen in self._parts]
@@ -150,38 +156,60 @@ class Search:
                 theta = self.screen.solve(terms)
                 residuals = [screen.balance(terms).error(theta) for _, screen in self._parts]
             first, second = (
-                Left(
-                    float(np.mean(residual**2)) + screen.hidden_noise(terms),
-                    part.data.structure(residual, self.inertia)[0] ** 2,
-                )
+                self._left_of(part, screen, terms, residual)
                 for residual, (part, screen) in zip(residuals, self._parts, strict=True)
             )
             self._left[terms] = first, second
         return self._left[terms]
 
-    def structures(self, terms: Terms) -> tuple[Structure, Structure]:
-        """What neighbouring windows share of the residual, fitted and `unseen`."""
+    def _left_of(self, part: Evidence, screen: Screen, terms: Terms, residual: Array) -> dict[str, Left]:
+        known, left = self._structures_of(part, residual), {}
+        for at in self.joints:
+            hidden = screen.hidden_noise([term for term in terms if term.at == at])
+            power = float(np.mean(residual[part.data.where(at)] ** 2)) + sum(variance for _, variance in hidden)
+            left[at] = Left(power, known[at].shared ** 2)
+        return left
+
+    def structures(self, terms: Terms) -> tuple[dict[str, Structure], dict[str, Structure]]:
+        """What neighbouring windows of each joint share of the residual, fitted and `unseen`."""
         if terms not in self._structures:
             first, second = (
-                part.data.structure(residual, self.inertia)
+                self._structures_of(part, residual)
                 for part, residual in ((self.train, self.screen.residual(terms)), (self.holdout, self.unseen(terms)))
             )
             self._structures[terms] = first, second
         return self._structures[terms]
 
+    def _structures_of(self, part: Evidence, residual: Array) -> dict[str, Structure]:
+        data = part.data
+        return {at: data.part(at).structure(residual[data.where(at)], self.inertia[at]) for at in self.joints}
+
     def is_noise(self, part: Evidence, residual: Array) -> bool:
         """Whether a residual (R,) [N m] of the training or of the held-out data may as well be noise."""
-        return self.criterion.is_noise(part.data.structure(residual, self.inertia), self.noise_of(part))
+        return self._are_noise(part, self._structures_of(part, residual))
 
-    def noise_of(self, part: Evidence) -> float:
+    def _are_noise(self, part: Evidence, structures: Mapping[str, Structure]) -> bool:
+        return all(self.criterion.is_noise(own, self.noise_of(part, at)) for at, own in structures.items())
+
+    @property
+    def floor(self) -> float:
+        """Torque error that measurement noise alone gives on the training data of a joint, the first one [N m]."""
+        return self.noise_of(self.train)
+
+    def noise_of(self, part: Evidence, at: str | None = None) -> float:
         """Torque error that measurement noise alone gives there [N m]."""
-        return self.floor if part is self.train else self.holdout.data.noise(self.inertia)
+        return self._floors[0 if part is self.train else 1][self.joints[0] if at is None else at]
+
+    def shows(self, terms: Terms) -> bool:
+        """Whether the terms leave more than white noise of what is fitted, at any joint."""
+        return any(
+            self.criterion.shows(own, self.noise_of(self.train, at)) for at, own in self.structures(terms)[0].items()
+        )
 
     def are_noise(self, terms: Terms) -> tuple[bool, bool]:
         """Whether the terms leave noise only, of what is fitted, and of what is held out."""
         first, second = self.structures(terms)
-        noise = self.criterion.is_noise
-        return noise(first, self.floor), noise(second, self.noise_of(self.holdout))
+        return self._are_noise(self.train, first), self._are_noise(self.holdout, second)
 
     def fits(self, terms: Terms) -> bool:
         """Whether the terms leave noise only, of what is fitted and of what is held out."""
@@ -211,23 +239,31 @@ class Search:
         return (self.train, self.screen), (self.holdout, self.held_out)
 
     def explained(self, after: Terms, before: Terms) -> float:
-        """Share of the power that one model leaves and is no noise, which another explains: the least of all data.
+        """Share of the power that one model leaves and is no noise, which another explains: at the joint of the most.
+
+        Where the links' parameters imitate an effect at its own joint, other joints miss them.
+        """
+        return max(self.explained_at(at, after, before) for at in self.joints)
+
+    def explained_at(self, at: str, after: Terms, before: Terms) -> float:
+        """The same at a joint, the least of all data.
 
         Data have no say where the one model leaves white noise. No noise is what the other takes out of the residual,
         be it as sharp as an impact, and what neighbouring windows share of the rest, of which so many windows tell no
         less than their noise allows; where they surely share nothing, all that is more than noise is none.
         """
-        least = self.train.data.precision() ** 2
+        least = self.train.data.part(at).precision() ** 2
         shares = []
         both = zip(self._parts, self.left(before), self.left(after), self.structures(before), strict=True)
-        for (part, _), old, new, structure in both:
-            gone, floor = old.all - new.all, self.noise_of(part)
+        for (part, _), lefts, less, structures in both:
+            old, new, structure, floor = lefts[at], less[at], structures[at], self.noise_of(part, at)
+            gone = old.all - new.all
             if not self.criterion.shows(structure, floor):
                 continue
             if gone <= least:
                 shares.append(0.0)
             elif structure.sure >= self.criterion.sure:
-                shares.append(new.share_of(gone, len(part.data.weights)))
+                shares.append(new.share_of(gone, len(part.data.part(at).weights)))
             else:
                 shares.append(gone / max(old.all - floor**2, gone))
         return min(shares, default=0.0)
@@ -253,16 +289,21 @@ class Search:
                 continue  # something simpler explains it all; or a transmission would have shown before all else
             self.progress(f"screening {effect.id}", done / len(missing))
             trial = self._promising(terms, effect)
-            if trial is not None and not impossible(self._model(trial.terms), self.train.samples):
+            if trial is not None and not impossible(self._model(trial.terms), self.train.motions):
                 found.append(trial.terms)
         return sorted(found, key=self._promise)
 
     def _promising(self, terms: Terms, effect: type[Term]) -> Trial | None:
-        """The best variant of an effect; of one that is unlikely to gain anything, the best of a coarse grid."""
+        """The best variant of an effect; of one that is unlikely to gain or explain much, the best of a coarse grid."""
         if not effect.rugged:
             ranked = self.screen.ranked(terms, effect)
-            if not ranked or self.gain(ranked[0].terms, terms).chance > UNLIKELY:
-                return ranked[0] if ranked else None
+            if not ranked:
+                return None
+            if (
+                self.gain(ranked[0].terms, terms).chance > UNLIKELY
+                or self.explained(ranked[0].terms, terms) < self.criterion.glimpse
+            ):
+                return ranked[0]
         return self.best(terms, effect)
 
     def best(self, terms: Terms, effect: type[Term]) -> Trial | None:
@@ -289,7 +330,7 @@ class Search:
     def loosened(self, terms: Terms) -> Terms:
         """The terms with shape parameters off their usual values, as long as that surely predicts better."""
         for freer in sorted(self.freer(terms), key=self._promise):
-            if self.is_sure(freer, terms) and not impossible(self._model(freer), self.train.samples):
+            if self.is_sure(freer, terms) and not impossible(self._model(freer), self.train.motions):
                 return self.loosened(freer)
         return terms
 
@@ -303,8 +344,10 @@ class Search:
     def rivals(self, terms: Terms, term: Term) -> list[Terms]:
         """The terms with the best variant of every other effect in the place of one, the best prediction first."""
         others = tuple(other for other in terms if other is not term)
-        slow = [id for id, effect in self.library.items() if effect.kind == "transmission"] if self.fits(terms) else []
-        return self.candidates(others, [term.id, *slow])
+        barred = [id for id, effect in self.library.items() if effect.at != term.at]  # an effect acts where it is
+        if self.fits(terms):
+            barred += [id for id, effect in self.library.items() if effect.kind == "transmission"]  # which are slow
+        return self.candidates(others, [term.id, *barred])
 
     def alternatives(self, terms: Terms, term: Term) -> dict[str, float]:
         """Probability of each effect in the place of one of the terms, itself first, by id.
@@ -332,8 +375,8 @@ class Search:
         rival, terms, others = named(rival), named(terms), named(others)
         if not self._lowers_errors(rival, others):
             return False
-        if has_transmission(rival) or has_transmission(terms):
-            return True  # whose flights are soon lost
+        if has_transmission(rival) or has_transmission(terms) or not self.train.flights:
+            return True  # flights are soon lost
         first, second = (self.in_motion(self.step(None, one)).model for one in (terms, rival))
         gain, share = self.flight_gain(first, second)
         return gain.chance > self.criterion.chance or share <= self.criterion.share
@@ -424,7 +467,7 @@ class Search:
 
     def add(self, terms: Terms) -> Terms | None:
         """The terms with one more effect: of those that nothing speaks against and that predict alike, the simplest."""
-        if not self.criterion.shows(self.structures(terms)[0], self.floor):
+        if not self.shows(terms):
             return None  # nothing can be learnt from white noise
         confirmed: list[Terms] = []
         for longer in sorted(self.candidates(terms) + self.freer(terms), key=self._promise)[:TRIED]:
@@ -543,7 +586,7 @@ class Search:
             longer = next(needed, None)
             if longer is None:
                 break
-            others = [self.best(terms, foil) for foil in FOILS if foil not in map(type, terms)]
+            others = [self.best(terms, foil) for foil in self.foils if foil not in map(type, terms)]
             if any(trial is not None and self.is_sure(trial.terms, longer) for trial in others):
                 break
             terms = self.settle(longer)
@@ -551,7 +594,7 @@ class Search:
 
     def _with_foils(self, base: Terms, terms: Terms) -> Iterator[tuple[Term, Terms]]:
         """Each law without a name, and the terms with it: instead of all effects, or beside those that it leaves."""
-        for foil in FOILS:
+        for foil in self.foils:
             for others in (base, terms):
                 trial = self.best(others, foil)
                 if trial is not None:
@@ -590,7 +633,7 @@ class Search:
 
         Where much is left unexplained, those that leave the least torque may follow the motion badly.
         """
-        if has_transmission(step.model.terms):
+        if has_transmission(step.model.terms) or not self.train.flights:
             return step  # a simulation that starts from a link that was not watched is soon lost
         if step.model.terms not in self._in_motion:
             point = output_error.fit(self.train.flights, step.model.terms, step.model.theta)
@@ -600,7 +643,7 @@ class Search:
 
     def is_confirmed(self, after: Step, before: Step) -> bool:
         """Whether both held-out errors fall, and the parameters are those of a body."""
-        return objection(after, before, self.train.samples) is None
+        return objection(after, before, self.train.motions) is None
 
     def are_confirmed(self, steps: Sequence[Step]) -> bool:
         """Whether every step is confirmed; or all at once if they leave only noise, and none can be left out."""
@@ -640,7 +683,7 @@ class Search:
             return steps
 
         views: list[Callable[[Step], Step]] = [lambda step: step, self.in_motion]
-        for view in views if len(order) else views[:1]:
+        for view in views if len(order) and self.train.flights else views[:1]:
             for one in orders:
                 steps = course(one, view)
                 if self.are_confirmed(steps):
@@ -656,7 +699,7 @@ def _stretches(part: Evidence, length: float) -> Stretches:
 def held_out_cost(step: Step) -> float:
     """Product of both held-out errors [N m rad]: a model is better where one falls by more than the other rises."""
     errors = step.errors["holdout"]
-    return errors.torque_rms * errors.position_rms
+    return errors.torque_rms * (1.0 if np.isnan(errors.position_rms) else errors.position_rms)
 
 
 def named(terms: Terms) -> Terms:

@@ -129,7 +129,7 @@ def show_diagnosis(found: Diagnosis) -> str:
     """The story of a diagnosis: what is missing, how far the errors fall, parameters, ranking, what stays open."""
     library = effects()
     laws = [f"{id}: {library[id].law}" for id in found.selected if id in library]
-    ranking, more = candidates_table(found)
+    ranking, more = candidates_table(found.candidates)
     parts = [
         bullets(laws),
         *_list("Recordings that disagree", [one.text for one in found.disagreements]),

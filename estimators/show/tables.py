@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.checks.residual import SYMBOLS, Profile
 from estimators.comparison import Comparison
-from estimators.diagnosis.result import Diagnosis, Verdict
+from estimators.diagnosis.result import Candidate, Verdict
 from estimators.schemes.identification import Identification
 from estimators.selection.data import Step
 from pendulum_env.physics import Estimate, Model
@@ -62,13 +62,13 @@ def fit_text(steps: Sequence[Step]) -> str:
     return f"fit of what was held out: torque {torque}, position {position}"
 
 
-def candidates_table(diagnosis: Diagnosis, every: bool = False) -> tuple[Table, str]:
+def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tuple[Table, str]:
     """The candidates that matter, or all, and in words which ones are not shown; empty if none.
 
     Those that matter are all but the less likely of those left out.
     """
-    settled = [c for c in diagnosis.candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
-    rest = [c for c in diagnosis.candidates if c not in settled]
+    settled = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
+    rest = [c for c in candidates if c not in settled]
     shown, hidden = (rest, []) if every else (rest[:RUNNERS_UP], rest[RUNNERS_UP:])
     rows = [(c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", c.reason) for c in (*settled, *shown)]
     blind = [c.effect for c in hidden if c.verdict is Verdict.NOT_EXCITED]

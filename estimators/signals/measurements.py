@@ -225,9 +225,10 @@ def remember(m: Measurements, terms: Sequence[Term]) -> Measurements:
     """The same measurements with the states of the terms along them, driven by the torque that all parts see."""
     command = np.append(m.held[1:], m.held[-1])  # from each sample to the next
     states = {
-        term.id: term.trace(m.samples, command, m.period)
+        id: memory
         for term in terms
         if term.has_state() and term.id not in m.memory
+        for id, memory in term.known_by(term.trace(m.samples, command, m.period)).items()
     }
     return replace(m, memory={**m.memory, **states}) if states else m
 

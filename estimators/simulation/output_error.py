@@ -237,7 +237,7 @@ def model(flights: Sequence[Flights], point: Point, filters: Filters = ()) -> Mo
 def named(point: Point, relative: Array) -> Model:
     """Model at a point; the covariance of its parameters (P + S, P + S) is given relative to them."""
     std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), SMALLEST)
-    names = [f"{term.id}.{shape.name}" for term in point.terms for shape in continuous(term)]
+    names = [term.full(shape.name) for term in point.terms for shape in continuous(term)]
     count = len(point.theta)
     model = Model.build(point.terms, point.theta, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))
     return model.correlated([*(column.name for column in model.columns), *names], relative)

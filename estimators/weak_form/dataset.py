@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -26,6 +26,7 @@ TRIFLE = 0.01  # share of the torque; encoder noise below it hides nothing worth
 LEAST_WINDOWS = 10  # below which errors mean nothing
 FEWEST = 100  # windows that a length has to leave clear of stick,
 CLEAR = 0.3  # or share of the recording
+DISTINCT = 4  # clusters for each parameter of an arm's links: with fewer, some combination would never vary
 SURELY = 5.0  # standard errors, from which a turn misses more torque than friction can be
 
 
@@ -43,22 +44,61 @@ class Structure(NamedTuple):
     all: float
 
 
-@dataclass(frozen=True)
-class Dataset:
-    """Windows of one or several recordings that share one set of parameters.
+class Given(NamedTuple):
+    """Windowed columns of a term that the motion of all joints makes.
 
     Attributes:
-        windows: one entry a recording.
+        linear: (R, P).
+        rates: their time derivatives (R, P).
+        inertia: what each parameter adds to the inertia that each joint feels, in the mean (n, P).
+    """
+
+    linear: Array
+    rates: Array
+    inertia: Array
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Windows of one or several recordings that share one set of parameters, of one joint or of several.
+
+    Attributes:
+        windows: one entry a recording, or a recording and joint: then those of a joint stand in a row.
         weights: relative weight of each equation, (R,): recordings with more noise count less.
         clusters: stretch that each equation lies in (R,), for standard errors under correlated residuals.
         watched: samples with the state variables of a term, by its id, one entry a recording; where they are not given,
             the measured motion from the start on tells.
+        given: columns of terms that belong to no one joint, by id.
     """
 
     windows: tuple[Windows, ...]
     weights: Array
     clusters: Index
     watched: Mapping[str, Sequence[Samples]] = field(default_factory=dict)
+    given: Mapping[str, Given] = field(default_factory=dict)
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of their rows; one without a name, of a pendulum."""
+        return tuple(dict.fromkeys(w.at for w in self.windows))
+
+    @cached_property
+    def _parts(self) -> dict[str, tuple[slice, Dataset]]:
+        found, first = {}, 0
+        for joint in self.joints:
+            own = tuple(w for w in self.windows if w.at == joint)
+            here = slice(first, first := first + sum(len(w.centers) for w in own))
+            clusters = np.unique(self.clusters[here], return_inverse=True)[1]
+            found[joint] = here, Dataset(own, self.weights[here], clusters)
+        return found
+
+    def where(self, at: str) -> slice:
+        """Rows of a joint; all of them for what is at no one joint."""
+        return self._parts[at][0] if at in self._parts and len(self.joints) > 1 else slice(None)
+
+    def part(self, at: str) -> Dataset:
+        """The data of a joint; all of them for what is at no one joint."""
+        return self._parts[at][1] if at in self._parts and len(self.joints) > 1 else self
 
     @cached_property
     def samples(self) -> Samples:
@@ -84,14 +124,23 @@ class Dataset:
         return [in_a_row(own) for own in zip(*trace_all(self.windows, variants), strict=True)]
 
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
-        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,)."""
-        return self.rows.columns(variants, self.trace(variants))
+        """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,).
+
+        They are those on the rows of its joint: elsewhere it does nothing.
+        """
+        if variants[0].id in self.given:
+            return [(self.given[variant.id].linear, np.zeros(len(self.weights))) for variant in variants]
+        own = self.part(variants[0].at)
+        return own.rows.columns(variants, own.trace(variants))
 
     def rates(self, term: Term) -> Array:
-        """Time derivatives of the linear columns of a term (R, P)."""
-        (x,) = self.trace([term])
-        own = [self._rates.column(column, x) for column in term.columns]
-        return np.column_stack(own) if own else np.empty((len(self.weights), 0))
+        """Time derivatives of the linear columns of a term (R, P), on the rows of its joint."""
+        if term.id in self.given:
+            return self.given[term.id].rates
+        own = self.part(term.at)
+        (x,) = own.trace([term])
+        columns = [own._rates.column(column, x) for column in term.columns]
+        return np.column_stack(columns) if columns else np.empty((len(own.weights), 0))
 
     def load_rates(self) -> Array:
         """Time derivative of what known loads take (R,) [N m/s]."""
@@ -103,12 +152,14 @@ class Dataset:
         return np.repeat(np.arange(len(self.windows)), [len(w.centers) for w in self.windows])
 
     def stretches(self, length: float) -> tuple[Index, Index, Index]:
-        """Stretch of about `length` seconds and recording of each equation (R,); recording of each stretch (S,)."""
-        stretch = _numbers(self.windows, length)
-        recording = self.recording_of_window
+        """Stretch of about `length` seconds and entry of each equation (R,); recording of each stretch (S,).
+
+        The joints of an arm share their stretches.
+        """
+        stretch, entry = _numbers(self.windows, length), self.recording_of_window
         of_stretch = np.zeros(int(stretch.max()) + 1, dtype=np.intp)
-        of_stretch[stretch] = recording
-        return stretch, recording, of_stretch
+        of_stretch[stretch] = np.array(_runs(self.windows))[entry]
+        return stretch, entry, of_stretch
 
     def structure(self, residual: Array, inertia: float) -> Structure:
         """What neighbouring windows share of a residual (R,) [N m].
@@ -206,6 +257,10 @@ class Dataset:
         parts = [count * w.muffled(term) for count, w in zip(counts, self.windows, strict=True) if count]
         return sum(parts) / max(1, sum(counts))
 
+    def errors(self, residual: Array) -> dict[str, float]:
+        """Root mean square of a residual (R,) at each joint [N m]."""
+        return {at: float(np.sqrt(np.mean(residual[self.where(at)] ** 2))) for at in self.joints}
+
     def noise(self, inertia: float) -> float:
         """Root mean square over the windows of what measurement noise alone leaves [N m]."""
         counts = np.array([len(w.centers) for w in self.windows])
@@ -238,13 +293,20 @@ def _deviations(rows: Array, covariance: Array) -> Array:
 
 def _numbers(windows: Sequence[Windows], length: float) -> Index:
     """Number the stretches of about `length` seconds that the equations lie in, never across recordings."""
-    numbers, offset = [], 0
-    for w in windows:
+    numbers, offset, first = [], 0, {}
+    for w, run in zip(windows, _runs(windows), strict=True):
         count = max(1, round(w.recording.duration / length))
         which = np.minimum((w.centers * count) // len(w.recording), count - 1)
-        numbers.append(which + offset)
-        offset += count
+        if run not in first:
+            first[run] = offset
+            offset += count
+        numbers.append(which + first[run])
     return np.unique(np.concatenate(numbers), return_inverse=True)[1]
+
+
+def _runs(windows: Sequence[Windows]) -> list[int]:
+    """Which recording each entry is of: its own, or one that it shares with other joints."""
+    return [-1 - k if w.run is None else w.run for k, w in enumerate(windows)]
 
 
 def _widths(recording: Recording) -> tuple[float, ...]:
@@ -274,15 +336,19 @@ def calibrate(w: Windows) -> Windows:
     Torque that changes from sample to sample, under fast control or a random binary signal, looks like noise by itself;
     but real torque shows in the acceleration too, and cancels.
     """
-    laws = smooth_laws(w)
-    phi = np.column_stack([w.columns([law])[0][0] for law in laws])
+    phi = np.column_stack([w.columns([law])[0][0] for law in smooth_laws(w)])
+    return quieter(w, phi, lambda theta: float(theta[0]))
+
+
+def quieter(w: Windows, phi: Array, inertia: Callable[[Array], float]) -> Windows:
+    """Windows whose noise is no more than what a fit of columns (R, P) leaves; their parameters (P,) tell inertia."""
     freedom = len(phi) - phi.shape[1]
     if freedom < phi.shape[1]:
         return w
     scale = np.maximum(np.linalg.norm(phi, axis=0), 1e-300)
     theta = np.linalg.lstsq(phi / scale, w.net_torque(), rcond=1e-10)[0] / scale
     left = float(np.linalg.norm(w.net_torque() - phi @ theta)) / np.sqrt(freedom)
-    factor = min(1.0, left / max(w.noise(abs(float(theta[0]))), 1e-300))
+    factor = min(1.0, left / max(w.noise(abs(inertia(theta))), 1e-300))
     return replace(w, torque_noise=factor * w.torque_noise, acceleration_noise=factor * w.acceleration_noise)
 
 
@@ -314,16 +380,21 @@ def choose_half_width(recording: Recording) -> float:
     return widths[quiet[0] if quiet else feasible[-1]]
 
 
-def dataset(windows: Sequence[Windows]) -> Dataset:
+def dataset(windows: Sequence[Windows], given: Mapping[str, Given] | None = None) -> Dataset:
     """Put windows of several recordings together, weighted by their noise."""
-    total = sum(w.recording.duration for w in windows)
-    reference = float(np.median([np.std(w.recording.torque) for w in windows]))
-    levels = [max(w.noise(0.05), 0.003 * reference, 1e-12) for w in windows]
+    joints, count = {w.at for w in windows}, sum(own.linear.shape[1] for own in (given or {}).values())
+    total = sum(w.recording.duration for w in windows) / len(joints)
+    sizes = [float(np.std(w.recording.torque)) for w in windows]
+    usual = {
+        at: float(np.median([size for size, w in zip(sizes, windows, strict=True) if w.at == at])) for at in joints
+    }
+    levels = [max(w.noise(0.05), 0.003 * usual[w.at], 1e-12) for w in windows]
     weights = [np.full(len(w.centers), min(levels) / level) for w, level in zip(windows, levels, strict=True)]
     return Dataset(
         tuple(windows),
         np.concatenate(weights),
-        _numbers(windows, min(0.5, total / 30)),
+        _numbers(windows, min(0.5, total / max(30, DISTINCT * count))),
+        given=given or {},
     )
 
 

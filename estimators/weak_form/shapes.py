@@ -58,7 +58,7 @@ def shape_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]
         # symmetric difference over a step that is small against the value and safe against rounding
         step = DIFFERENCE * max(abs(value), 1e-6)
         more, less = torques([replace(term, **{shape.name: value + d}) for d in (step, -step)])
-        slopes[f"{term.id}.{shape.name}"] = (more - less) / (2 * step)
+        slopes[term.full(shape.name)] = (more - less) / (2 * step)
     return slopes
 
 

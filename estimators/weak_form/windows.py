@@ -141,6 +141,8 @@ class Windows:
         acceleration_shared: correlation of that noise between windows half a window apart.
         velocity_noise: standard deviation of the smoothed velocity [rad/s].
         first, stop: samples from which windows are taken, a part of the recording; the rest leads terms with memory in.
+        at: joint of an arm that was recorded, by its name.
+        run: number of the arm's recording, which its joints share.
     """
 
     recording: Recording
@@ -156,6 +158,8 @@ class Windows:
     velocity_noise: float
     first: int
     stop: int
+    at: str = ""
+    run: int | None = None
 
     @property
     def raw_torque_noise(self) -> float:
@@ -275,7 +279,7 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
             tuple(np.concatenate(series) for series in zip(*(own[v] for own in segments), strict=True))
             for v in range(len(variants))
         ]
-        traced.append([replace(x, memory={kind.id: memory}) for memory in states])
+        traced.append([replace(x, memory=kind.known_by(memory)) for memory in states])
     return traced
 
 

@@ -1,7 +1,7 @@
 """Arms of n joints: bodies from files, terms at joints, recordings, and a planar arm as an environment."""
 
 from pendulum_env.arms.body import BaseParameter, Body, BodyError, read_body
-from pendulum_env.arms.joints import JointTerm, friction, joint_effects
+from pendulum_env.arms.joints import at_joint, friction, joint_effects, placed
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK, Link
 from pendulum_env.arms.plane import planar_links
@@ -14,10 +14,11 @@ __all__ = [
     "BaseParameter",
     "Body",
     "BodyError",
-    "JointTerm",
     "Link",
+    "at_joint",
     "friction",
     "joint_effects",
+    "placed",
     "planar_links",
     "read_arm_recording",
     "read_body",

@@ -7,51 +7,60 @@ at a joint is the pendulum's term under another name, `stribeck@elbow`; it meets
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, cast
 
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics import Term, effects
+from pendulum_env.physics import Column, Shape, Term, effects
 from pendulum_env.physics.base import Coulomb, Viscous
+
+if TYPE_CHECKING:
+    from pendulum_env.arms.body import Body
 
 FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # of a joint, where nothing else is known
 # What depends on more than the own joint's motion: a link behind the motor, the arm's weight, a load's inertia
 NOT_DECENTRALISED = ("backlash", "joint_flexibility", "encoder_eccentricity", "gravity_tilt", "payload_change")
 
 
-@dataclass(frozen=True)
-class JointTerm:
-    """A term at one of n joints.
-
-    Attributes:
-        joint: its index, from the base on.
-        at: its name.
-        term: the pendulum's term.
-    """
-
-    joint: int
-    at: str
-    term: Term
-
-    @property
-    def id(self) -> str:
-        """`stribeck@elbow`."""
-        return f"{self.term.id}@{self.at}"
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the linear parameters, `cogging.sin@elbow`."""
-        return tuple(f"{column.name}@{self.at}" for column in self.term.columns)
-
-    @property
-    def shape_names(self) -> tuple[str, ...]:
-        """Names of the shape parameters, `stribeck.stribeck_velocity@elbow`."""
-        return tuple(f"{self.term.id}.{shape.name}@{self.at}" for shape in self.term.free)
+_known: dict[tuple[type[Term], str], type[Term]] = {}  # so that the same effect at the same joint is the same class
 
 
-def friction(joints: Sequence[str]) -> tuple[JointTerm, ...]:
+def at_joint(effect: type[Term], joint: str) -> type[Term]:
+    """An effect as it is at one of several joints: the same law, with `@joint` behind its id and its parameters."""
+    if (effect, joint) not in _known:
+        _known[effect, joint] = _at_joint(effect, joint)
+    return _known[effect, joint]
+
+
+def _at_joint(effect: type[Term], joint: str) -> type[Term]:
+    def named(columns: Sequence[Column]) -> tuple[Column, ...]:
+        return tuple(replace(column, name=f"{column.name}@{joint}") for column in columns)
+
+    def follower(shape: Shape) -> Shape:
+        return replace(shape, follows=f"{shape.follows}@{joint}") if shape.follows else shape
+
+    content: dict[str, Any] = {
+        "__module__": effect.__module__,
+        "__doc__": effect.__doc__,
+        "__reduce__": lambda term: (placed, (effect(**term.shape), joint)),
+        "id": f"{effect.id}@{joint}",
+        "at": joint,
+        "shapes": tuple(follower(shape) for shape in effect.shapes),
+        "columns": property(lambda term: named(cast(Any, effect).columns.fget(term))),
+        "fixed": property(lambda term: named(cast(Any, effect).fixed.fget(term))),
+    }
+    return cast(type[Term], type(effect.__name__, (effect,), content))
+
+
+def placed(term: Term, joint: str) -> Term:
+    """A term as it is at a joint."""
+    return at_joint(type(term), joint)(**term.shape)
+
+
+def friction(joints: Sequence[str]) -> tuple[Term, ...]:
     """Viscous and Coulomb friction at each joint."""
-    return tuple(JointTerm(k, joint, term) for k, joint in enumerate(joints) for term in FRICTION)
+    return tuple(placed(term, joint) for joint in joints for term in FRICTION)
 
 
 def joint_effects() -> dict[str, type[Term]]:
@@ -59,8 +68,8 @@ def joint_effects() -> dict[str, type[Term]]:
     return {id: effect for id, effect in effects().items() if id not in NOT_DECENTRALISED}
 
 
-def effect_at(text: str, joints: Sequence[str]) -> tuple[type[Term], int]:
-    """Effect and index of the joint of `stribeck@elbow`.
+def effect_at(text: str, joints: Sequence[str]) -> tuple[type[Term], str]:
+    """Effect and joint of `stribeck@elbow`.
 
     Raises:
         ValueError: if there is no such effect or joint; the message names the nearest.
@@ -70,4 +79,25 @@ def effect_at(text: str, joints: Sequence[str]) -> tuple[type[Term], int]:
         raise Mistake(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
     if id in NOT_DECENTRALISED:
         raise Mistake(f"{id} is no effect of one joint's motion and torque alone: it cannot sit at a joint of an arm")
-    return find("effect", id, joint_effects()), joints.index(find("joint", joint, {name: name for name in joints}))
+    return find("effect", id, joint_effects()), find("joint", joint, {name: name for name in joints})
+
+
+@dataclass(frozen=True, eq=False)
+class Links(Term):
+    """The rigid body of an arm: one column for each base parameter, which the motion of all joints makes."""
+
+    body: Body
+
+    id = "links"
+    law = "M(q) q'' + C(q, q') q' + g(q)"
+    kind = "inertial"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Base parameters; `Body` has their regressors."""
+        return tuple(Column(parameter.name, parameter.unit) for parameter in self.body.base)
+
+    @property
+    def shape(self) -> dict[str, float]:
+        """It has none."""
+        return {}

@@ -11,9 +11,9 @@ import numpy as np
 
 from pendulum_env._typing import JSON, Array, ArrayLike
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import JointTerm
+from pendulum_env.arms.joints import Links, at_joint
 from pendulum_env.files import write_whole
-from pendulum_env.physics import Estimate, Model, ModelError, library
+from pendulum_env.physics import Estimate, Model, ModelError, Term, library
 from pendulum_env.physics.model import ARM_SCHEMA
 from pendulum_env.reading import Unreadable, Value, read_json
 
@@ -32,14 +32,14 @@ class ArmModel:
     """
 
     body: Body
-    terms: tuple[JointTerm, ...]
+    terms: tuple[Term, ...]
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
 
     @classmethod
     def build(
         cls,
         body: Body,
-        terms: Sequence[JointTerm],
+        terms: Sequence[Term],
         theta: ArrayLike,
         std: ArrayLike = 0.0,
         shape_std: Mapping[str, float] | None = None,
@@ -53,18 +53,8 @@ class ArmModel:
             std: their standard errors, scalar or (P,).
             shape_std: standard errors of shape parameters by `id.shape@joint`, where known.
         """
-        names, told = parameter_names(body, terms), shape_std or {}
-        values, errors = (np.broadcast_to(np.asarray(given, dtype=float), len(names)) for given in (theta, std))
-        base = zip(body.base, values.tolist(), errors.tolist(), strict=False)
-        estimates = {parameter.name: Estimate(value, error, parameter.unit) for parameter, value, error in base}
-        shapes: dict[str, Estimate] = {}
-        first = len(estimates)
-        for own in terms:
-            columns = slice(first, first := first + len(own.term.columns))
-            known = {name.removesuffix(f"@{own.at}"): error for name, error in told.items()}
-            for name, estimate in Model.build([own.term], values[columns], errors[columns], **known).estimates.items():
-                (estimates if f"{name}@{own.at}" in names else shapes)[f"{name}@{own.at}"] = estimate
-        return cls(body, tuple(terms), estimates | shapes)
+        whole = Model.build((Links(body), *terms), theta, std, **(shape_std or {}))
+        return cls(body, tuple(terms), whole.estimates)
 
     @property
     def theta(self) -> Array:
@@ -79,7 +69,7 @@ class ArmModel:
             "joints": list(self.body.joints),
             "rotors": self.body.rotors,
             "base": {parameter.name: parameter.text for parameter in self.body.base},
-            "terms": [{"id": own.term.id, "joint": own.at, "shape": own.term.shape} for own in self.terms],
+            "terms": [{"id": own.id.partition("@")[0], "joint": own.at, "shape": own.shape} for own in self.terms],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
         }
 
@@ -109,22 +99,22 @@ class ArmModel:
             names = parameter_names(body, terms)
             values = [theta[name]["value"].number() for name in names]
             errors = [theta[name]["std"].number(0.0) for name in names]
-            shapes = [name for own in terms for name in own.shape_names]
+            shapes = [own.full(shape.name) for own in terms for shape in own.free]
             told = {name: theta[name]["std"].number(0.0) for name in shapes}
         except (Unreadable, ModelError) as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
         return cls.build(body, terms, np.array(values), np.array(errors), told)
 
 
-def parameter_names(body: Body, terms: Sequence[JointTerm]) -> tuple[str, ...]:
+def parameter_names(body: Body, terms: Sequence[Term]) -> tuple[str, ...]:
     """Names of the linear parameters, base parameters first."""
-    return (*body.names, *(name for own in terms for name in own.names))
+    return (*body.names, *(column.name for own in terms for column in own.columns))
 
 
-def _term(item: Value, joints: Sequence[str]) -> JointTerm:
+def _term(item: Value, joints: Sequence[str]) -> Term:
     kind = library.term(item["id"].text())
     joint, shape = item["joint"].text(), item["shape"]
     if joint not in joints:
         raise ModelError(f"has a term at joint '{joint}', the robot has {', '.join(joints)}")
     values = {known.name: shape[known.name].number(known.low, known.high) for known in kind.shapes}
-    return JointTerm(list(joints).index(joint), joint, kind(**values))
+    return at_joint(kind, joint)(**values)

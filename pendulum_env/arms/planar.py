@@ -82,7 +82,8 @@ def joint_models(links: Sequence[Link], names: Sequence[str], effects: Sequence[
     for text in effects:
         place = re.split("[=:]", text, maxsplit=1)[0]
         kind, joint = effect_at(place, names)
-        models[joint] = hide(models[joint], kind.id + text[len(place) :])
+        at = list(names).index(joint)
+        models[at] = hide(models[at], kind.id + text[len(place) :])
     return tuple(models)
 
 

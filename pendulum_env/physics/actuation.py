@@ -113,7 +113,7 @@ class ActuatorLag(Term):
 
     @property
     def fixed(self) -> tuple[Column, ...]:
-        return (Column("actuator_lag", "1", force=lambda x: x.torque - x.memory["actuator_lag"][0]),)
+        return (Column("actuator_lag", "1", force=lambda x: x.torque - x.memory[self.id][0]),)
 
     @property
     def lead(self) -> float:

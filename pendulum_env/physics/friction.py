@@ -180,7 +180,7 @@ class Presliding(Term):
             Column(
                 "presliding",
                 "N m",
-                force=lambda x: x.memory["presliding"][0],
+                force=lambda x: x.memory[self.id][0],
                 dry=lambda x: -np.ones_like(x.velocity),
                 least=0.0,  # bristles do not push
             ),

@@ -103,7 +103,7 @@ class Model:
         }
         for term in terms:
             for shape in term.free:
-                name = f"{term.id}.{shape.name}"
+                name = term.full(shape.name)
                 ends = (-np.inf, np.inf) if shape.integer else (shape.low, shape.high)
                 estimates[name] = Estimate.within(term.shape[shape.name], shape_std.get(name, 0.0), shape.unit, *ends)
         return cls(tuple(terms), estimates)
@@ -155,7 +155,7 @@ class Model:
         covariance = self.assumed_covariance
         told, first = {}, 0
         for term in self.terms:
-            place = [*range(first, first + len(term.columns)), *(names.index(f"{term.id}.{s.name}") for s in term.free)]
+            place = [*range(first, first + len(term.columns)), *(names.index(term.full(s.name)) for s in term.free)]
             first += len(term.columns)
             own = values[place]
             nudges = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
@@ -164,7 +164,7 @@ class Model:
                 slope = np.array([other[name][0] - value for other in moved]) / nudges.diagonal()
                 std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
                 is_biased = any(self.estimates[names[k]].is_biased for k in place)
-                told[f"{term.id}.{name}"] = Estimate(
+                told[term.full(name)] = Estimate(
                     float(value), float(std), per(unit, self.torque_unit), is_biased=is_biased
                 )
         return told
@@ -304,7 +304,7 @@ def _term(id: Value, theta: Value) -> Term:
     kind = library.term(id.text())
     shapes = {}
     for shape in kind.shapes:
-        name = f"{kind.id}.{shape.name}"
+        name = kind.full(shape.name)
         if shape.usual is not None and theta.get(name) is None:
             continue
         value = theta[name]["value"]

@@ -159,6 +159,7 @@ class Term:
     """
 
     id: ClassVar[str]
+    at: ClassVar[str] = ""  # the joint where it is, of an arm of several; its id then ends with it, `stribeck@elbow`
     law: ClassVar[str]  # added to the torque that the motion needs
     kind: ClassVar[Kind]
     reveal: ClassVar[str] = "a richer excitation"  # the experiment that shows the effect
@@ -240,6 +241,17 @@ class Term:
     def shape(self) -> dict[str, float]:
         """Values of the shape parameters by name."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    @classmethod
+    def full(cls, part: str) -> str:
+        """Full name of one of its shape parameters, `stribeck.stribeck_velocity` or that `@elbow`."""
+        effect, at, joint = cls.id.partition("@")
+        return f"{effect}.{part}{at}{joint}"
+
+    @classmethod
+    def known_by(cls, memory: Memory) -> dict[str, Memory]:
+        """State variables by id, as samples carry them; a law that was written for one joint has its own name there."""
+        return {cls.id.partition("@")[0]: memory, cls.id: memory}
 
     @property
     def remembers(self) -> bool:

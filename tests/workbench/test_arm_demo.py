@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from estimators.arms.diagnosis import ArmDiagnosis
-from estimators.arms.search import ArmCandidate
+from estimators.diagnosis.result import Candidate, Verdict
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.recording import read_arm_recording
 from workbench import arm_demo
@@ -44,8 +44,8 @@ def test_every_effect_that_may_be_hidden_can_be_simulated():
     ],
 )
 def test_the_verdict_is_honest(selected, verdict, told):
-    candidates = (ArmCandidate("spring@elbow", 9.0, 1.0, 0.5, verdict, ""),)
-    found = ArmDiagnosis(None, None, selected, candidates, (), (), {})
+    candidates = (Candidate("spring@elbow", 0.5, Verdict(verdict), 1.0, ""),)
+    found = ArmDiagnosis(None, None, selected, candidates, (), (), (), {})
     assert arm_demo.verdict("spring@elbow", found).startswith(told)
 
 

@@ -62,7 +62,7 @@ def test_identify_compare_and_diagnose_an_arm(capsys, folder):
     code, out, _ = run(capsys, folder, "diagnose", "hidden.csv", *written)
     assert code == 0 and "Missing: torque_offset@elbow" in out
     page = (folder / "found.html").read_text()
-    assert "<h1" in page and "Missing: torque_offset@elbow" in page and 'id="judged"' in page
+    assert "<h1" in page and "Missing: torque_offset@elbow" in page and 'id="candidates"' in page
     _, before, after = curves(folder / "found.html", "joint-1-velocity")
     assert np.abs(before["y"]).max() > 10 * np.abs(after["y"]).max()
     assert json.loads((folder / "diagnosis.json").read_text())["selected"] == ["torque_offset@elbow"]

@@ -16,13 +16,13 @@ def of(effect: Term) -> Model:
 
 
 def test_a_lag_of_seconds_is_no_drives():
-    assert impossible(of(ActuatorLag(0.01)), X) == []
-    assert impossible(of(ActuatorLag(2.0)), X) == ["actuator_lag.time_constant = 2 s, the most that it may be"]
+    assert impossible(of(ActuatorLag(0.01)), {"": X}) == []
+    assert impossible(of(ActuatorLag(2.0)), {"": X}) == ["actuator_lag.time_constant = 2 s, the most that it may be"]
 
 
 def test_what_a_user_bounds_may_lie_at_its_bound():
     narrow = limited_term(ActuatorLag(0.01), {"actuator_lag.time_constant": (0.001, 0.01)})
-    assert impossible(of(narrow), X) == []
+    assert impossible(of(narrow), {"": X}) == []
 
 
 def test_friction_that_surely_drives_is_said_where_no_other_outweighs_it():
@@ -42,21 +42,21 @@ def swinging(load: KnownLoad = UNLOADED) -> Samples:
 
 def test_dry_friction_may_be_what_gravity_or_a_load_overcame():
     theta = dict(zip(("inertia", "gravity", "viscous", "coulomb"), (0.1, 2.0, 0.01, 0.3), strict=True))
-    assert impossible(Model.build(BASE, list(theta.values())), swinging()) == []
+    assert impossible(Model.build(BASE, list(theta.values())), {"": swinging()}) == []
     light = Model.build(BASE, list((theta | {"gravity": 0.1}).values()))
-    (told,) = impossible(light, swinging())
+    (told,) = impossible(light, {"": swinging()})
     assert "dry friction of 0.3 N m, more than the 0.11 N m" in told
-    assert impossible(light, swinging(KnownLoad(0.05, 1.0))) == []
+    assert impossible(light, {"": swinging(KnownLoad(0.05, 1.0))}) == []
 
 
 def test_bristles_do_not_push():
     terms = [*BASE, effect("presliding")(0.01)]
-    assert impossible(Model.build(terms, [0.1, 2.0, 0.1, 0.3, 0.1]), X) == []
-    assert impossible(Model.build(terms, [0.1, 2.0, 0.1, 0.3, -0.1]), X) == ["presliding = -0.1 N m"]
+    assert impossible(Model.build(terms, [0.1, 2.0, 0.1, 0.3, 0.1]), {"": X}) == []
+    assert impossible(Model.build(terms, [0.1, 2.0, 0.1, 0.3, -0.1]), {"": X}) == ["presliding = -0.1 N m"]
 
 
 def test_a_payload_may_overcome_dry_friction_and_a_stop_may_not():
     dropped, stopped = effect("payload_change")(5.0), effect("hard_stop")(-1.0, 1.0)
-    assert impossible(Model.build([*BASE, dropped], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), swinging()) == []
-    (told,) = impossible(Model.build([*BASE, stopped], [0.1, 0.1, 0.01, 8.0, 100.0]), swinging())
+    assert impossible(Model.build([*BASE, dropped], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
+    (told,) = impossible(Model.build([*BASE, stopped], [0.1, 0.1, 0.01, 8.0, 100.0]), {"": swinging()})
     assert "dry friction of 8 N m" in told

@@ -116,7 +116,7 @@ def test_noise_that_a_model_takes_out_counts_as_error_all_the_same():
     phi, y = data(4, where)
     square = 0.3**2
     smoothed = linear(phi, phi @ [1.0, 2.0, 3.0] + 0.5 * (y - phi @ [1.0, 2.0, 3.0]))  # the same with half the noise
-    honest = cross_validated(smoothed, where, 0.75 * square).sum()
+    honest = cross_validated(smoothed, where, [(slice(None), 0.75 * square)]).sum()
     assert honest == pytest.approx(cross_validated(linear(phi, y), where).sum(), abs=len(y) * 0.05)
     assert cross_validated(smoothed, where).sum() > honest + len(y) * 0.5
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from estimators.arms.evidence import ArmEvidence
 from estimators.arms.identification import JointError
-from estimators.arms.search import ArmCandidate
+from estimators.diagnosis.result import Candidate
+from estimators.selection.data import Evidence
 from pendulum_env.arms.model import ArmModel
 
 
@@ -33,7 +33,7 @@ class ArmCase:
     """One model of an arm, or one before and one after effects were added, with the recordings they are drawn on.
 
     Attributes:
-        evidence: blocks of the recordings.
+        evidence: windows of the recordings.
         models: one or two, the last one final.
         measured: of what the errors are, in words.
         selected: effects that were found, `stribeck@elbow`.
@@ -41,17 +41,17 @@ class ArmCase:
         unexplained: torque that is left at joints and surely is something [N m].
     """
 
-    evidence: ArmEvidence
+    evidence: Evidence
     models: tuple[Drawn, ...]
     measured: str
     selected: tuple[str, ...] = ()
-    judged: tuple[ArmCandidate, ...] = ()
+    judged: tuple[Candidate, ...] = ()
     unexplained: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints."""
-        return self.evidence.body.joints
+        return self.evidence.data.joints
 
     @property
     def final(self) -> Drawn:

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from estimators.arms.diagnosis import ArmDiagnosis, parted
-from estimators.arms.evidence import gather_arm
+from estimators.arms.diagnosis import ArmDiagnosis, gather_arm, parted
 from estimators.arms.identification import JointError
+from pendulum_env.arms.joints import Links
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.files import write_whole
 from workbench.report.arm import sections
 from workbench.report.arm.case import ArmCase, Drawn
 from workbench.report.page import assemble
+from workbench.report.sections.candidates import ranked
 from workbench.report.words import listing, percent
 
 
@@ -34,7 +35,7 @@ def write_arm_report(
     base = Drawn("base model", "--base", diagnosis.base, diagnosis.before)
     final = Drawn("final model", "--final", diagnosis.model, diagnosis.after)
     case = ArmCase(
-        gather_arm(parted(recordings, holdout)[0], diagnosis.model.body),
+        gather_arm(parted(recordings, holdout)[0], Links(diagnosis.model.body)),
         (base, final) if diagnosis.selected else (base,),
         "held-out data",
         diagnosis.selected,
@@ -62,7 +63,9 @@ def write_arm_comparison_report(
         OSError: if the file cannot be written.
     """
     case = ArmCase(
-        gather_arm(recordings, model.body), (Drawn("model", "--base", model, errors),), "the recordings compared with"
+        gather_arm(recordings, Links(model.body)),
+        (Drawn("model", "--base", model, errors),),
+        "the recordings compared with",
     )
     worst = max(errors, key=lambda error: error.share or 0.0)
     headline = f"The torque of {worst.joint} is {percent(worst.share or 0.0)} off, the most of {len(errors)} joints"
@@ -70,5 +73,6 @@ def write_arm_comparison_report(
 
 
 def _write(path: str | Path, case: ArmCase, headline: str, subject: str) -> None:
-    shown = (sections.joints(case, headline), sections.strips(case), sections.judged(case), sections.parameters(case))
-    write_whole(path, assemble([section for section in shown if section is not None], subject))
+    judged = [ranked(case.judged)] if case.judged else []
+    shown = [sections.joints(case, headline), sections.strips(case), *judged, sections.parameters(case)]
+    write_whole(path, assemble(shown, subject))

@@ -1,12 +1,14 @@
-"""Sections of an arm's report: errors, one strip of residuals a joint, what was judged, parameters."""
+"""Sections of an arm's report: errors, one strip of residuals a joint, parameters."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from estimators.checks.residual import STANDS_OUT, Region, profile, stand_out
+from estimators.selection.data import inertias
 from estimators.weak_form.dataset import TRIFLE
 from pendulum_env._typing import JSON
+from pendulum_env.arms.joints import Links
 from workbench.report.arm.case import ArmCase
 from workbench.report.section import Section
 from workbench.report.sections.failures import key, profile_figure
@@ -18,7 +20,7 @@ SHOWN = ("position", "velocity", "time")  # a strip's plots
 def joints(case: ArmCase, headline: str) -> Section:
     """Torque errors of every joint under each model."""
     rows = list(zip(*(drawn.errors for drawn in case.models), strict=True))
-    laws = [(own.id, own.term.law) for own in case.final.model.terms if own.id in case.selected]
+    laws = [(own.id, own.law) for own in case.final.model.terms if own.id in case.selected]
     content = {
         "measured": case.measured,
         "labels": [drawn.label for drawn in case.models],
@@ -32,12 +34,16 @@ def joints(case: ArmCase, headline: str) -> Section:
 def strips(case: ArmCase) -> Section:
     """One strip of plots a joint: mean residual over angle, velocity and time, of each model."""
     curves = [(drawn.label, drawn.color) for drawn in case.models]
-    residuals = [case.evidence.residual(drawn.model.terms, drawn.model.theta) for drawn in case.models]
+    data, models = case.evidence.data, [(Links(drawn.model.body), *drawn.model.terms) for drawn in case.models]
+    residuals = [
+        case.evidence.residual(terms, drawn.model.theta) for terms, drawn in zip(models, case.models, strict=True)
+    ]
+    inertia = inertias(case.evidence.screen, models[-1])
     found, standing = [], [False] * len(residuals)
     for k, joint in enumerate(case.joints):
-        x, here = case.evidence.samples(k), case.evidence.of(k)
-        noise = case.evidence.noise(residuals[-1], k)
-        trifle = TRIFLE * float(np.std(case.evidence.torque[here]))
+        part, here = data.part(joint), data.where(joint)
+        x, noise = part.samples, part.noise(inertia[joint])
+        trifle = TRIFLE * float(np.std(part.torque()))
         maps = [[profile(axis, np.asarray(getattr(x, axis)), own[here], noise) for axis in SHOWN] for own in residuals]
         regions = [[r for r in stand_out(own) if abs(r.residual) > trifle] for own in maps]
         standing = [seen or bool(own) for seen, own in zip(standing, regions, strict=True)]
@@ -63,13 +69,6 @@ def strips(case: ArmCase) -> Section:
 def _told(case: ArmCase, regions: list[list[Region]]) -> list[JSON]:
     pairs = zip(case.models, regions, strict=True)
     return [{"label": drawn.label, "regions": [region.text for region in own]} for drawn, own in pairs]
-
-
-def judged(case: ArmCase) -> Section | None:
-    """What was judged beside what was found."""
-    if not case.judged:
-        return None
-    return Section("judged", "Judged", "Effects at joints that were judged", {"rows": case.judged})
 
 
 def parameters(case: ArmCase) -> Section:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from estimators.diagnosis.result import Candidate, Verdict
@@ -30,17 +31,22 @@ class Row:
 
 def candidates(case: Case) -> Section:
     """Every effect of the library with its verdict, score, error ratio and reason."""
+    return ranked(case.diagnosis.candidates)
+
+
+def ranked(found: Sequence[Candidate]) -> Section:
+    """The same of any candidates."""
     library = effects()
     order = list(VERDICTS)
     rows = [
         Row(
             rank,
             candidate,
-            library[candidate.effect].law if candidate.effect in library else "",
+            library[kind].law if (kind := candidate.effect.partition("@")[0]) in library else "",
             VERDICTS[candidate.verdict],
             order.index(candidate.verdict),
         )
-        for rank, candidate in enumerate(case.diagnosis.candidates, 1)
+        for rank, candidate in enumerate(found, 1)
     ]
     widest = max([1.25, *(min(row.candidate.error_ratio, 2.0) for row in rows)])
     return Section("candidates", "Candidates", "What was considered", {"rows": rows, "widest": widest})
