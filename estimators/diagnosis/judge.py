@@ -112,7 +112,7 @@ def _gained(search: Search, after: Terms, before: Terms) -> _Gained:
 
 def _held_out_rms(search: Search, terms: Terms) -> float:
     """Torque error on the held-out data of the terms fitted to the training data [N m]."""
-    error = search.held_out.balance(terms).error(search.screen.solve(terms))
+    error = search.held_out.equations(terms).error(search.screen.solve(terms))
     return float(np.sqrt(np.mean(error**2)))
 
 

@@ -345,7 +345,7 @@ class Balance:
         for k in range(count):
             gram = grams[np.arange(count) != k].sum(axis=0)  # not the difference from the whole, which loses digits
             if len(size) and np.linalg.eigvalsh(gram[:-1, :-1])[0] > DISTINCT:
-                found[k] = near.theta + _within_bounds_of(gram, least, most) / size
+                found[k] = near.theta + within_bounds_of(gram, least, most) / size
             else:
                 found[k] = self[fold != k].solve(near.theta)
         return found
@@ -449,7 +449,7 @@ def within_bounds(
         theta, free = np.where(leaves, bounded, theta), free & ~leaves
 
 
-def _within_bounds_of(gram: Array, least: Array, most: Array) -> Array:
+def within_bounds_of(gram: Array, least: Array, most: Array) -> Array:
     """Parameters (P,) that solve normal equations within bounds, given the Gram matrix (P + 1, P + 1) of [phi, y]."""
     phi, y = gram[:-1, :-1], gram[:-1, -1]
 

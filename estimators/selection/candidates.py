@@ -13,6 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from estimators.regression.least_squares import RIDGE, Balance, Columns, Tangent
+from estimators.regression.normal import Groups, Normal, quietest_most
+from estimators.selection.score import FOLDS, STRETCH
 from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.shapes import Residuals, cross_entropy, gauss_newton, scan
 from pendulum_env._typing import Array
@@ -20,6 +22,7 @@ from pendulum_env.physics import Term
 
 REACH = 0.03  # of the recording, within which an instant is scanned for
 TRIED = 3  # variants of a law of the torque that are fitted exactly, of those that promise most
+KEPT = 8  # sets of terms whose normal equations are kept
 STARTS = 2  # variants of the grid from which a search over shape parameters starts
 FOLLOWS = 3  # turns in which a shape parameter is set to the parameter that it follows
 
@@ -41,13 +44,14 @@ class Screen:
 
     data: Dataset
     _columns: dict[Term, Columns] = field(default_factory=dict)
-    _weights: dict[tuple[Term, ...], Array] = field(default_factory=dict)
+    _weights: dict[tuple[Term, ...], Array] = field(default_factory=dict)  # of each recording
     _rates: dict[Term, Array] = field(default_factory=dict)
     _muffled: dict[Term, float] = field(default_factory=dict)
     _ranked: dict[tuple[tuple[Term, ...], str], list[Trial]] = field(default_factory=dict)
     _variants: dict[tuple[tuple[Term, ...], str], list[Trial]] = field(default_factory=dict)
     _joints: dict[str, Screen] = field(default_factory=dict)
     _looked_at: dict[tuple[tuple[Term, ...], str], int] = field(default_factory=dict)
+    _bases: dict[tuple[Term, ...], tuple[Array, Normal]] = field(default_factory=dict)
     _solved: dict[tuple[Term, ...], Array] = field(default_factory=dict)
     _tangents: dict[tuple[Term, ...], Tangent] = field(default_factory=dict)
     _frames: dict[tuple[Term, ...], Array] = field(default_factory=dict)
@@ -119,18 +123,60 @@ class Screen:
         """Equations of some terms, recordings of which they leave more unexplained counting less."""
         return self._balance(terms, [self.columns([term])[0] for term in terms], self.weights(terms))
 
+    def equations(self, terms: Sequence[Term]) -> Balance:
+        """The same, recordings counting by their noise alone."""
+        return self._balance(terms, [self.columns([term])[0] for term in terms], self.data.weights)
+
     def weights(self, terms: Sequence[Term]) -> Array:
         """Weight of each equation (R,): of several recordings those count less of which the terms leave more."""
         if len(self.data.windows) == 1 or not terms:
             return self.data.weights
         key = tuple(terms)
         if key not in self._weights:
-            balance = self._balance(terms, [self.columns([term])[0] for term in terms], self.data.weights)
-            left = balance.error(balance.solve()) ** 2
-            owner = self.data.recording_of_window
-            level = np.sqrt(np.bincount(owner, left) / np.maximum(np.bincount(owner), 1)) + 1e-300
-            self._weights[key] = (level[np.unique(owner)].min() / level)[owner]  # some recordings may have no window
-        return self._weights[key]
+            self._weights[key] = self._weighed(key)
+        return self._weights[key][self._groups.owner]
+
+    def _weighed(self, terms: tuple[Term, ...]) -> Array:
+        normal = self._normal(terms)
+        theta = None if normal is None else normal.solve(self._by_noise)
+        if normal is not None and theta is not None:
+            return normal.weights(theta)
+        balance = self.equations(terms)
+        owner, counts = self._groups.owner, self._groups.counts
+        squares: Array = np.bincount(owner, balance.error(balance.solve()) ** 2, len(counts))
+        return quietest_most(squares, counts)
+
+    @cached_property
+    def _groups(self) -> Groups:
+        return Groups.of(self.data.recording_of_window, self.data.stretches(STRETCH)[0] % FOLDS, FOLDS)
+
+    @cached_property
+    def _by_noise(self) -> Array:
+        """Weight of each recording by its noise alone (E,)."""
+        weights = np.ones(len(self._groups.counts))
+        weights[self._groups.owner] = self.data.weights
+        return weights
+
+    def _normal(self, terms: tuple[Term, ...]) -> Normal | None:
+        """Normal equations of terms that no torque bends; None of others. Those of all but the last are kept."""
+        if not terms or depends_on_torque(*terms) or is_known(*terms):
+            return None
+        *others, last = terms
+        if not others:
+            return Normal.of(self._rows(terms), self._groups, *_bounds(terms))
+        base = tuple(others)
+        if base not in self._bases:
+            if len(self._bases) >= KEPT:
+                self._bases.pop(next(iter(self._bases)))
+            rows = self._rows(base)
+            self._bases[base] = rows, Normal.of(rows, self._groups, *_bounds(base))
+        rows, normal = self._bases[base]
+        own, here = self.columns([last])[0].linear, self.data.where(last.at)
+        return normal.beside(rows, own, here, self._groups, *_bounds([last]))
+
+    def _rows(self, terms: Sequence[Term]) -> Array:
+        """Left-hand side and columns of some terms side by side (R, P + 1)."""
+        return np.column_stack([self._torque, self.placed(terms, [self.columns([term])[0].linear for term in terms])])
 
     def _balance(self, terms: Sequence[Term], parts: Sequence[Columns], w: Array) -> Balance:
         acting, loaded = self._torque.copy(), self._torque.copy()  # without what all fixed columns take, or without lag
@@ -176,8 +222,22 @@ class Screen:
         """Linear parameters (P,) of the terms, fitted to all windows."""
         key = tuple(terms)
         if key not in self._solved:
-            self._solved[key] = self.balance(terms).solve()
+            normal = self._normal(key)
+            theta = None if normal is None else normal.solve(self._weight_of_each(key))
+            self._solved[key] = self.balance(terms).solve() if theta is None else theta
         return self._solved[key]
+
+    def solve_without(self, terms: Sequence[Term]) -> Array:
+        """Linear parameters of the terms without each fold of stretches (FOLDS, P)."""
+        normal = self._normal(tuple(terms))
+        found = None if normal is None else normal.solve_without(self._weight_of_each(terms))
+        return self.balance(terms).solve_without(self._groups.fold, FOLDS) if found is None else found
+
+    def _weight_of_each(self, terms: Sequence[Term]) -> Array:
+        """Weight of each recording (E,)."""
+        weights = self._by_noise.copy()
+        weights[self._groups.owner] = self.weights(terms)
+        return weights
 
     def tangent(self, terms: Sequence[Term]) -> Tangent:
         """Errors near the fit of the terms, to first order."""

@@ -56,32 +56,25 @@ class Stretches:
         return np.asarray(self.piece % FOLDS)
 
 
-def cross_validated(balance: Balance, where: Stretches, hidden: Hidden = ()) -> Array:
+def cross_validated(balance: Balance, where: Stretches, hidden: Hidden = (), theta: Array | None = None) -> Array:
     """Log density of each stretch (S,), predicted by the fit to the others [nat].
 
     Args:
         balance: equations of the model.
         where: stretch and recording of each equation.
         hidden: what torque noise the model takes out of the equations, which counts as error all the same.
+        theta: parameters that are fitted without each fold (FOLDS, P), where they are known.
     """
-    return _density(balance, balance.solve_without(where.fold, FOLDS), where, hidden)
+    return _density(balance, balance.solve_without(where.fold, FOLDS) if theta is None else theta, where, hidden)
 
 
 def predicted(theta: Array, balance: Balance, where: Stretches, hidden: Hidden = ()) -> Array:
     """Log density of each held-out stretch (S,) under parameters (P,) fitted elsewhere [nat]."""
-    return _density(balance, np.broadcast_to(theta, (FOLDS, len(theta))), where, hidden)
-
-
-def foretold(
-    fitted: Balance, unseen: Balance, first: Stretches, second: Stretches, hidden: tuple[Hidden, Hidden] = ((), ())
-) -> Array:
-    """Log density of each stretch (S,), those of the fitted data first, then those of held-out ones [nat]."""
-    known = cross_validated(fitted, first, hidden[0])
-    return np.concatenate([known, predicted(fitted.solve(), unseen, second, hidden[1])])
+    return _density(balance, theta[None], where, hidden)
 
 
 def _density(balance: Balance, theta: Array, where: Stretches, hidden: Hidden) -> Array:
-    """Log density of the torque recorded in each stretch, from the fit without each fold (FOLDS, P).
+    """Log density of the torque recorded in each stretch, from fits without each fold (FOLDS, P), or from one (1, P).
 
     It is that of what the equations leave, times how much of it each N m of recorded torque is: a law under which next
     to nothing is left, since next to none of the torque comes through, tells as little of what was recorded. No torque
@@ -95,10 +88,10 @@ def _density(balance: Balance, theta: Array, where: Stretches, hidden: Hidden) -
     fold, reach = where.fold, balance.reach
     total = np.zeros(len(where.of_stretch))
     for k in np.unique(fold):
-        test = fold == k
-        square = _scales(left[k], where.recording, test)[where.recording[test]]
-        density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(left[k, test] ** 2 / (NU * square))
-        density += np.log(np.maximum(slopes[k, test], np.sqrt(square) / (PEAK * reach[test])))
+        test, own = fold == k, min(k, len(left) - 1)
+        square = _scales(left[own], where.recording, test)[where.recording[test]]
+        density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(left[own, test] ** 2 / (NU * square))
+        density += np.log(np.maximum(slopes[own, test], np.sqrt(square) / (PEAK * reach[test])))
         total += np.bincount(where.stretch[test], density, len(total))
     return total
 

@@ -20,7 +20,7 @@ from estimators.selection.candidates import Screen, Trial
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, Step, fit_terms, inertias, shape_jacobian
 from estimators.selection.foils import FOILS, wanders
-from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, foretold
+from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, predicted
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.link_segments import has_link
 from estimators.weak_form.dataset import Structure
@@ -107,12 +107,16 @@ class Search:
         if terms not in self._densities and any(wanders(term) for term in terms):
             self._densities[terms] = self._fitted_anew(terms)
         if terms not in self._densities:
-            fitted, unseen = (screen.balance(terms) for _, screen in self._parts)
-            hidden = self.screen.hidden_noise(terms), self.held_out.hidden_noise(terms)
+            fitted, unseen = (screen.equations(terms) for _, screen in self._parts)
             first, second = self._where
-            told = foretold(fitted, unseen, first, second, hidden)
+            inside = cross_validated(fitted, first, self.screen.hidden_noise(terms), self.screen.solve_without(terms))
+            outside = predicted(self.screen.solve(terms), unseen, second, self.held_out.hidden_noise(terms))
+            told = np.concatenate([inside, outside])
             if fitted.recorded is not None and unseen.recorded is not None:
-                recorded = foretold(fitted.recorded, unseen.recorded, first, second)
+                known = replace(fitted.recorded, weights=self.screen.weights(terms))
+                recorded = np.concatenate(
+                    [cross_validated(known, first), predicted(known.solve(), unseen.recorded, second)]
+                )
                 without = tuple(term for term in terms if not term.lead)
                 if self.bootstrap.gain(recorded, self.density(without)).chance > self.criterion.chance:
                     told = recorded  # a filter that only makes the torque smaller
@@ -154,7 +158,7 @@ class Search:
                 residuals = [screen.residual(_wandering_in(part, terms)) for part, screen in self._parts]
             else:
                 theta = self.screen.solve(terms)
-                residuals = [screen.balance(terms).error(theta) for _, screen in self._parts]
+                residuals = [screen.equations(terms).error(theta) for _, screen in self._parts]
             first, second = (
                 self._left_of(part, screen, terms, residual)
                 for residual, (part, screen) in zip(residuals, self._parts, strict=True)
