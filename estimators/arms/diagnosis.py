@@ -38,7 +38,7 @@ class ArmDiagnosis:
         candidates: every effect at every joint, what was selected first.
         ambiguous: groups of effects that these data cannot tell apart, a selected one first.
         before, after: torque errors on held-out data without and with them, joint by joint.
-        unexplained: torque that each joint's neighbouring windows still share [N m], where it surely is some.
+        unexplained: torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
     """
 
     base: ArmModel
@@ -152,6 +152,7 @@ def diagnose_arm(
     candidates, groups = judge(search, final, steps)
     lacking, model = of_arm(steps[0].model), of_arm(steps[-1].model)
     left, _ = search.structures(final)
+    trifles = {at: TRIFLE * float(np.std(search.train.data.part(at).torque())) for at in search.joints}
     return ArmDiagnosis(
         base=lacking,
         model=model,
@@ -161,9 +162,8 @@ def diagnose_arm(
         before=compare_arm(lacking, held),
         after=compare_arm(model, held),
         unexplained={
-            joint: own.shared
+            joint: own.shared if own.sure > search.criterion.sure else own.all
             for joint, own in left.items()
-            if own.sure > search.criterion.sure
-            and own.shared > TRIFLE * float(np.std(search.train.data.part(joint).torque()))
+            if not search.criterion.is_noise(own, max(search.noise_of(search.train, joint), trifles[joint]))
         },
     )

@@ -143,7 +143,7 @@ class Screen:
             return normal.weights(theta)
         balance = self.equations(terms)
         owner, counts = self._groups.owner, self._groups.counts
-        squares: Array = np.bincount(owner, balance.error(balance.solve()) ** 2, len(counts))
+        squares = np.bincount(owner, balance.error(balance.solve()) ** 2, len(counts)).astype(float)
         return quietest_most(squares, counts)
 
     @cached_property
