@@ -7,6 +7,7 @@ import json
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,14 +24,15 @@ from pendulum_env.arms.joints import effect_at, joint_effects
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import Link
 from pendulum_env.arms.plane import planar_links
-from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
+from pendulum_env.arms.recording import ArmRecording, read_arm_source, write_arm_recording
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
+from pendulum_env.recording.study import Source
 from pendulum_env.words import Table
-from workbench.inputs import check_outputs, wrote
+from workbench.inputs import check_outputs, given, wrote
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
@@ -117,7 +119,8 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print base parameters and friction as each scheme finds them."""
     _refuse(arguments, "align", "instruments", "fixed", "bounds")
     outputs = [arguments.json, arguments.output]
-    body, recordings = _given(arguments, arguments.recordings, outputs, terminal)
+    asked = _given(arguments, outputs, terminal)
+    body, recordings = asked.body, asked.recordings
     with terminal.progress("identifying"):
         found = identify_arm(recordings, body, schemes=for_arms(arguments.scheme))
     _tell_body(body, terminal)
@@ -142,7 +145,8 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print how far the torque of a model is from recordings, joint by joint."""
     _refuse(arguments, "align")
     outputs = [arguments.json, arguments.report]
-    body, recordings = _given(arguments, arguments.recordings, outputs, terminal, (arguments.model,))
+    asked = _given(arguments, outputs, terminal, (arguments.model,))
+    body, recordings = asked.body, [*asked.recordings, *asked.held]
     model = ArmModel.load(arguments.model, body)
     with terminal.progress("comparing"):
         errors = compare_arm(model, recordings)
@@ -168,8 +172,8 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     except ValueError as error:
         raise InputError(f"{error} (effects that can sit at a joint)") from None
     outputs = [arguments.json, arguments.report, arguments.output]
-    body, recordings = _given(arguments, arguments.recordings, outputs, terminal)
-    held = [_read(name, body, arguments, terminal) for name in arguments.holdout]
+    asked = _given(arguments, outputs, terminal)
+    body, recordings, held = asked.body, asked.recordings, asked.held
     with terminal.progress("diagnosing") as progress:
         found = diagnose_arm(recordings, body, held, progress, library=library)
     if arguments.json is not None:
@@ -189,13 +193,13 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit a model without and with one more effect at a joint."""
     _refuse(arguments, "align", "fixed", "bounds")
     outputs = [arguments.output]
-    body, recordings = _given(arguments, arguments.recordings, outputs, terminal, (arguments.model,))
+    asked = _given(arguments, outputs, terminal, (arguments.model,))
+    body, recordings, held = asked.body, asked.recordings, asked.held
     model = ArmModel.load(arguments.model, body)
     try:
         effect_at(arguments.effect, body.joints)
     except ValueError as error:
         raise InputError(str(error)) from None
-    held = [_read(name, body, arguments, terminal) for name in arguments.holdout]
     with terminal.progress(f"adding {arguments.effect}") as progress:
         added = add_arm(model, arguments.effect, recordings, held, progress)
     if arguments.output is not None:
@@ -265,28 +269,29 @@ def tell_diagnosis(found: ArmDiagnosis, terminal: Terminal, every: bool = False)
         terminal.say(f"{joint}: {size:.2g} N m are left that nothing in the library explains", style="yellow")
 
 
+@dataclass(frozen=True)
+class _Given:
+    """The arm that a command was given, with recordings to fit and to hold out."""
+
+    body: Body
+    recordings: list[ArmRecording]
+    held: list[ArmRecording]
+
+
 def _given(
-    arguments: argparse.Namespace,
-    names: Sequence[str],
-    outputs: Sequence[str | None],
-    terminal: Terminal,
-    inputs: Sequence[str] = (),
-) -> tuple[Body, list[ArmRecording]]:
-    held = list(getattr(arguments, "holdout", []))
-    if len(set(names) | set(held)) < len(names) + len(held):
-        raise InputError("a recording is named twice: one that is held out must not be fitted as well")
-    check_outputs(outputs, [*names, *held, *inputs, arguments.robot])
+    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, inputs: Sequence[str] = ()
+) -> _Given:
+    asked = given(arguments)
+    check_outputs(outputs, [*asked.files, *inputs, arguments.robot])
     body = read_body(arguments.robot, rotors=True if arguments.rotors else None)
-    return body, [_read(name, body, arguments, terminal) for name in names]
-
-
-def _read(name: str, body: Body, arguments: argparse.Namespace, terminal: Terminal) -> ArmRecording:
-    if name.lower().endswith(".toml"):
-        raise InputError(f"{name}: is a study, which is of pendulums: name an arm's recordings themselves")
-    recording = read_arm_recording(
-        name, body.joints, unwrap=arguments.unwrap, columns=arguments.columns, largest=1e6 * arguments.max_size
+    return _Given(
+        body, *([_read(source, body, terminal) for source in part] for part in (asked.fitted, asked.held_out))
     )
-    terminal.say(f"{name}: {recording.summary}")
+
+
+def _read(source: Source, body: Body, terminal: Terminal) -> ArmRecording:
+    recording = read_arm_source(source, body.joints)
+    terminal.say(f"{source.file}: {recording.summary}")
     for note in dict.fromkeys(note for joint in recording.joints for note in joint.notes):
         terminal.say(f"  {note}")
     return recording

@@ -349,8 +349,7 @@ def _columns(text: str) -> dict[str, str]:
             raise ValueError(
                 f"'{part}' should be QUANTITY=NAME:UNIT*GAIN, such as position=ANGLE:deg or torque=current:A*0.091"
             )
-        if not quantity.startswith(("position_", "torque_")):  # of an arm's joint
-            refuse_unknown_quantity(quantity)
+        refuse_unknown_quantity(quantity, of_arm=True)
         if quantity in columns:
             raise ValueError(f"{quantity} is named twice in '{text}'")
         columns[quantity] = name

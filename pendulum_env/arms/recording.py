@@ -16,6 +16,7 @@ from pendulum_env.recording.columns import UNUSED
 from pendulum_env.recording.preview import preview
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.storage import segment_numbers, write_columns
+from pendulum_env.recording.study import Source
 from pendulum_env.recording.table import LARGEST
 
 QUANTITIES = ("position", "torque")
@@ -91,6 +92,10 @@ class ArmRecording:
         every = zip(*(joint.segments for joint in self.joints), strict=True)
         return tuple(replace(self, joints=joints) for joints in every)
 
+    def slice(self, start: int | None, stop: int | None) -> ArmRecording:
+        """Samples start to stop - 1; raises RecordingError as `Recording.slice` does."""
+        return replace(self, joints=tuple(joint.slice(start, stop) for joint in self.joints))
+
     def split(self, fraction: float) -> tuple[ArmRecording, ArmRecording]:
         """The first `fraction` of the samples, and the rest; raises RecordingError as `Recording.split` does."""
         first, rest = zip(*(joint.split(fraction) for joint in self.joints), strict=True)
@@ -133,6 +138,21 @@ def read_arm_recording(
             raise RecordingError(f"{path}: joint '{joint}': {text}") from None
     name = single[0].name
     return ArmRecording(name, tuple(joints), tuple(replace(own, name=name) for own in single))
+
+
+def read_arm_source(source: Source, joints: Sequence[str]) -> ArmRecording:
+    """Read a recording of an arm as a study asks for.
+
+    Raises:
+        RecordingError: as `read_arm_recording`, if there is too little within the range, or if a load is told: an arm
+            carries it in its links' parameters.
+    """
+    if source.load is not None:
+        raise RecordingError(f"{source.file}: a load is of one joint: leave it out, an arm's last link carries it")
+    recording = read_arm_recording(
+        source.file, joints, unwrap=source.unwrap, columns=source.columns, largest=source.largest
+    )
+    return source.within_range(recording)
 
 
 def _told(

@@ -219,9 +219,9 @@ def _is_raw(quantity: str, header: str) -> bool:
     return not spelt.isdisjoint(names) or _unit_at_the_end(RAW.get(quantity, {}), header) is not None
 
 
-def refuse_unknown_quantity(quantity: str) -> None:
-    """Refuse a word that is no quantity of a recording."""
-    if quantity not in ALIASES:
+def refuse_unknown_quantity(quantity: str, of_arm: bool = False) -> None:
+    """Refuse a word that is no quantity of a recording, nor `position_JOINT` or `torque_JOINT` where arms are meant."""
+    if quantity not in ALIASES and not (of_arm and quantity.startswith(("position_", "torque_"))):
         raise ColumnError(f"columns are named for {', '.join(ALIASES)}, not for {quantity!r}")
 
 

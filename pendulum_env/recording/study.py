@@ -20,10 +20,11 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Protocol, Self, TypeVar, get_args
 
 import numpy as np
 
+from pendulum_env._typing import Array
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.reading import LARGE, Unreadable, read_text, read_toml, shown
@@ -48,6 +49,22 @@ class StudyError(RecordingError):
     """A study cannot be used; the message is one sentence with the file, the line, the reason and the remedy."""
 
 
+class Sliceable(Protocol):
+    """A recording of one joint or of several: its time (N,) [s], and parts of it."""
+
+    @property
+    def time(self) -> Array:
+        """Of the samples (N,) [s]."""
+        ...
+
+    def slice(self, start: int | None, stop: int | None) -> Self:
+        """Samples start to stop - 1."""
+        ...
+
+
+Sliced = TypeVar("Sliced", bound=Sliceable)
+
+
 @dataclass(frozen=True)
 class Source:
     """A file with a recording: how it is to be read, and what it is for."""
@@ -67,7 +84,14 @@ class Source:
             RecordingError: if it cannot be read, or holds too little within the range.
         """
         recording = read_recording(file or self.file, unwrap=self.unwrap, columns=self.columns, largest=self.largest)
-        recording = replace(recording, load=self.load)
+        return self.within_range(replace(recording, load=self.load))
+
+    def within_range(self, recording: Sliced) -> Sliced:
+        """The part of a recording that is asked for.
+
+        Raises:
+            RecordingError: if it holds too little.
+        """
         if self.range is None:
             return recording
         first, last = np.searchsorted(recording.time - recording.time[0], self.range)
@@ -240,7 +264,7 @@ class _Reader:
             )
         for quantity, text in table.items():
             try:
-                refuse_unknown_quantity(quantity)
+                refuse_unknown_quantity(quantity, of_arm=True)
             except RecordingError as error:
                 raise self.error((*where, quantity), str(error)) from None
             if not isinstance(text, str) or not text.strip():

@@ -13,10 +13,26 @@ from workbench.cli import main
 ARM = TwoLink()
 
 
+STUDY = """
+[columns]
+position_elbow = "position_elbow:rad"
+torque_elbow = "torque_elbow"
+[[recording]]
+file = "hidden.csv"
+range = [0, 5]
+[[recording]]
+file = "hidden.csv"
+range = [5, 8]
+role = "holdout"
+"""
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("arm")
     (folder / "arm.urdf").write_text(ARM.urdf())
+    (folder / "study.toml").write_text(STUDY)
+    (folder / "loaded.toml").write_text('[[recording]]\nfile = "plain.csv"\nload = {mass = 1.0, length = 0.1}\n')
     time, signal = np.arange(0, 8, 1e-3), Multisine.paper(0, (3.5, 2.2))
     position, _ = ARM.simulate(signal, time)
     torque = signal.held(time, 1e-3) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
@@ -83,6 +99,13 @@ def test_add_an_effect_at_a_joint(capsys, folder):
     assert code == 2 and "the model has torque_offset@elbow already" in err
 
 
+def test_a_study_of_an_arm_has_ranges_roles_and_columns(capsys, folder):
+    code, out, _ = run(capsys, folder, "diagnose", "study.toml", "--only", "torque_offset,spring", "-o", "study.json")
+    assert code == 0 and "Missing: torque_offset@elbow" in out and "5000 samples" in out and "3000 samples" in out
+    theta = json.loads((folder / "study.json").read_text())["theta"]
+    assert theta["torque_offset@elbow"]["value"] == pytest.approx(0.3, rel=0.03)
+
+
 def test_record_an_arm_with_an_effect_at_a_joint(capsys, folder):
     asked = ("--seconds", "4", "--amplitude", "12", "--noise", "0", "--effect", "torque_offset@elbow=1")
     code, out, _ = run(capsys, folder, "record", *asked, "-o", "run.csv")
@@ -119,8 +142,8 @@ def test_an_arm_in_space_is_recorded_elsewhere(capsys, tmp_path):
         (("diagnose", "plain.csv", "--only", "backlash"), "unknown effect 'backlash'"),
         (("diagnose", "plain.csv", "--experiment", "x.csv"), "--experiment is for pendulums"),
         (("diagnose", "plain.csv", "--report", "x.pdf"), "a report is one HTML page"),
-        (("identify", "plain.csv", "plain.csv"), "a recording is named twice"),
-        (("identify", "study.toml"), "is a study, which is of pendulums"),
+        (("identify", "plain.csv", "plain.csv"), "is named twice"),
+        (("identify", "loaded.toml"), "plain.csv: a load is of one joint"),
         (("identify", "arm.urdf"), "the name does not end in"),
         (("identify", "plain.csv", "--columns", "torque_wrist=u"), "unknown column of the arm 'torque_wrist'"),
         (("compare", "none.json", "plain.csv"), "none.json"),
