@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from benchmarks.scoring import Exact, compare
 from benchmarks.truth import Truth, read_pair
 from estimators.diagnosis.run import gather
-from estimators.selection.search import Search
+from estimators.selection.models import Models
+from estimators.selection.moves import candidates
 from estimators.weak_form.dataset import Dataset
 from pendulum_env.physics import BASE, Term
 
@@ -53,9 +54,9 @@ def select_sparsely(truth: Truth, folder: Path) -> Selection:
     """Effects whose columns survive the thresholding."""
     try:
         train, holdout = read_pair(folder, truth.name)
-        search = Search(*gather([train], [holdout]))
-        terms = [longer[-1] for longer in search.candidates(BASE)]
-        return Selection(truth, _survivors(search.train.data, search.holdout.data, terms))
+        models = Models(*gather([train], [holdout]))
+        terms = [longer[-1] for longer in candidates(models, BASE)]
+        return Selection(truth, _survivors(models.train.data, models.holdout.data, terms))
     except Exception as error:  # the other cases still count
         return Selection(truth, failure=f"{type(error).__name__}: {error}")
 

@@ -12,7 +12,7 @@ import pytest
 from estimators.diagnosis import run
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import CUTOFF, GUARD, SCHEMES, Energy
-from estimators.selection import foils, motion, score, search
+from estimators.selection import foils, models, motion, score
 from estimators.selection.criterion import Criterion
 from estimators.simulation.free_running import SECONDS
 from pendulum_env.physics import BASE, library
@@ -88,7 +88,7 @@ def test_numbers_in_the_prose_are_those_of_the_code():
         f"{score.DRAWS} times over",
         f"stretches of {score.STRETCH:.0f} second".replace("1", "one"),
         f"knots {foils.SLOW:g} s apart",
-        f"pieces of {search.MOMENT:g} s",
+        f"pieces of {models.MOMENT:g} s",
         f"segments of {motion.HOP:g} second".replace("0.5", "half a"),
         f"$\\lambda = {CUTOFF:.0f}$ rad/s",
         f"a guard of {1000 * GUARD:.0f} ms",

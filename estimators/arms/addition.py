@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.arms.diagnosis import of_arm, parted, search_arm
+from estimators.arms.diagnosis import models_of_arm, of_arm, parted
 from estimators.arms.identification import JointError, compare_arm
 from estimators.checks.physical import objection
 from estimators.diagnosis.addition import CHANCE
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
+from estimators.selection.moves import best
 from pendulum_env._typing import JSON
 from pendulum_env.arms.joints import Links, at_joint, effect_at
 from pendulum_env.arms.model import ArmModel
@@ -95,17 +96,17 @@ def add_arm(
         raise ModelError(f"the model has {effect} already")
     train, held = parted(recordings, holdout)
     base = (Links(body), *model.terms)
-    search = search_arm(train, held, base, {kind.id: kind}, criterion, rng, progress)
-    trial = search.best(base, kind)
+    models = models_of_arm(train, held, base, {kind.id: kind}, criterion, rng, progress)
+    trial = best(models, base, kind)
     if trial is None:
         names = ", ".join(recording.name for recording in train)
         raise IdentificationError(f"{names}: the motion does not show {effect} at all: record another one")
-    steps = search.report(None, base), search.report(effect, trial.terms)
+    steps = models.report(None, base), models.report(effect, trial.terms)
     before, after = (
         Refitted(fitted, compare_arm(fitted, train), compare_arm(fitted, held))
         for fitted in (of_arm(step.model) for step in steps)
     )
-    against = objection(steps[1], steps[0], search.train.motions)
-    if against is None and search.gain(trial.terms, base).chance > criterion.chance:
+    against = objection(steps[1], steps[0], models.train.motions)
+    if against is None and models.gain(trial.terms, base).chance > criterion.chance:
         against = CHANCE
     return ArmAddition(effect, body.joints.index(kind.at), before, after, against)

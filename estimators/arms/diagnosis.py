@@ -1,4 +1,4 @@
-"""Which effect is missing at which joint of an arm: the pendulum's search, on the rows of all joints."""
+"""Which effect is missing at which joint of an arm: the pendulum's models, on the rows of all joints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from estimators.diagnosis.result import Candidate
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence
-from estimators.selection.search import Search
+from estimators.selection.models import Models
+from estimators.selection.search import select
 from estimators.weak_form.dataset import TRIFLE
 from estimators.weak_form.links import prepare_arm
 from pendulum_env._typing import JSON
@@ -90,7 +91,7 @@ def gather_arm(recordings: Sequence[ArmRecording], links: Links) -> Evidence:
     return Evidence(prepare_arm(recordings, links), ())
 
 
-def search_arm(
+def models_of_arm(
     train: Sequence[ArmRecording],
     held: Sequence[ArmRecording],
     base: tuple[Term, ...],
@@ -98,8 +99,8 @@ def search_arm(
     criterion: Criterion | None,
     rng: np.random.Generator | None,
     progress: Progress,
-) -> Search:
-    """The search for effects at joints that a base model lacks, its first term the links.
+) -> Models:
+    """What recordings of an arm say of models; the first term of the base model is the links.
 
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
@@ -108,7 +109,7 @@ def search_arm(
     assert isinstance(links, Links)
     evidence = gather_arm(train, links), gather_arm(held, links)
     criterion, rng = criterion or Criterion(), rng or np.random.default_rng(0)
-    return Search(*evidence, progress, library, criterion, rng, base=base, foils=())
+    return Models(*evidence, progress, library, criterion, rng, base=base, foils=())
 
 
 def of_arm(model: Model) -> ArmModel:
@@ -146,24 +147,23 @@ def diagnose_arm(
     kinds = (joint_effects() if library is None else library).values()
     placed = [at_joint(kind, joint) for joint in body.joints for kind in kinds]
     base = (Links(body), *friction(body.joints))
-    search = search_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress)
-    steps = search.find(base)
-    final = steps[-1].model.terms
-    candidates, groups = judge(search, final, steps)
-    lacking, model = of_arm(steps[0].model), of_arm(steps[-1].model)
-    left, _ = search.structures(final)
-    trifles = {at: TRIFLE * float(np.std(search.train.data.part(at).torque())) for at in search.joints}
+    models = models_of_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress)
+    found = select(models)
+    candidates, groups = judge(found, found.terms)
+    lacking, model = of_arm(found.steps[0].model), of_arm(found.steps[-1].model)
+    left, _ = models.left.structures(found.terms)
+    trifles = {at: TRIFLE * float(np.std(models.train.data.part(at).torque())) for at in models.left.joints}
     return ArmDiagnosis(
         base=lacking,
         model=model,
-        selected=tuple(term.id for term in final[len(base) :]),
+        selected=tuple(term.id for term in found.terms[len(base) :]),
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         before=compare_arm(lacking, held),
         after=compare_arm(model, held),
         unexplained={
-            joint: own.shared if own.sure > search.criterion.sure else own.all
+            joint: own.shared if own.sure > models.criterion.sure else own.all
             for joint, own in left.items()
-            if not search.criterion.is_noise(own, max(search.noise_of(search.train, joint), trifles[joint]))
+            if not models.criterion.is_noise(own, max(models.left.noise_of(models.train, joint), trifles[joint]))
         },
     )

@@ -156,7 +156,7 @@ def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str 
     for at in motions:
         if len(motions) > 1 and at not in changed:
             continue
-        where, (less, more) = f" of {at}" if at else "", (one.joints.get(at, one.torque_rms) for one in (new, old))
+        where, (less, more) = f" of {at}" if at else "", (one.at(at) for one in (new, old))
         if less >= more:
             return f"does not lower the held-out torque error{where} ({more:.3g} -> {less:.3g} N m)"
     return None

@@ -13,8 +13,10 @@ from estimators.checks.torque_constant import Calibrated, told
 from estimators.diagnosis.run import gather
 from estimators.progress import Progress, no_progress
 from estimators.selection.data import Evidence, Step, noise_floor, with_knocks
+from estimators.selection.models import Models
 from estimators.selection.motion import sharpen
-from estimators.selection.search import Search, is_hidden
+from estimators.selection.moves import best, is_hidden, loosened, settle
+from estimators.selection.search import Selection
 from pendulum_env.notebook import shown
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics import effect as find_effect
@@ -64,8 +66,8 @@ class Addition:
 
 def fit(train: Evidence, holdout: Evidence, terms: Sequence[Term] = BASE) -> Step:
     """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
-    search = Search(train, holdout)
-    return sharpen(search, [search.report(None, search.settle(tuple(terms)))])[-1]
+    models = Models(train, holdout)
+    return sharpen(Selection(models, [models.report(None, settle(models, tuple(terms)))])).steps[-1]
 
 
 def add(
@@ -106,23 +108,23 @@ def add(
     progress("reading the motion", 0.0)
     calibrated = Calibrated.of(recordings, holdout)
     recordings, holdout = calibrated.recordings, calibrated.holdout
-    search = Search(*with_knocks(gather(recordings, holdout), model.terms), progress, {kind.id: kind})
+    evidence = with_knocks(gather(recordings, holdout), model.terms)
+    models = Models(*evidence, progress, {kind.id: kind}, base=tuple(model.terms))
     progress("fitting without it", 0.1)
-    search.base = search.settle(tuple(model.terms))
-    before = search.report(None, search.base)
-    (shown,) = sharpen(search, [before], model)
+    before = models.report(None, settle(models, models.base))
+    (shown,) = sharpen(Selection(models, [before]), model).steps
     progress(f"searching {id}", 0.3)
-    trial = search.best(before.model.terms, kind)
+    trial = best(models, before.model.terms, kind)
     progress(f"fitting with {id}", 0.8)
-    terms = search.settle(search.loosened(trial.terms)) if trial else (*before.model.terms, kind())
+    terms = settle(models, loosened(models, trial.terms)) if trial else (*before.model.terms, kind())
     progress("sharpening", 0.9)
     longer = Model.build(
         (*shown.model.terms, terms[-1]), np.append(shown.model.theta, np.zeros(len(terms[-1].columns)))
     )
-    *_, after = sharpen(search, [before, search.report(id, terms)], longer)
-    against = objection(after, shown, search.train.motions)
+    *_, after = sharpen(Selection(models, [before, models.report(id, terms)]), longer).steps
+    against = objection(after, shown, models.train.motions)
     if against is None and trial is not None and not is_hidden(terms[-1]):  # motion tells of these
-        against = None if search.is_sure(terms, before.model.terms) else CHANCE
-    shown, after = (replace(step, model=told(step.model, search.train.data)) for step in (shown, after))
-    floor = noise_floor(search.floor, after.errors.values())
+        against = None if models.is_sure(terms, before.model.terms) else CHANCE
+    shown, after = (replace(step, model=told(step.model, models.train.data)) for step in (shown, after))
+    floor = noise_floor(models.left.floor, after.errors.values())
     return Addition(shown, after, floor, against, calibrated.doubt)

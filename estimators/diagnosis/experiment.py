@@ -19,7 +19,8 @@ from estimators.checks.identifiability import Doubt
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
 from estimators.regression.equations import Equations
-from estimators.selection.search import Search
+from estimators.selection.models import Models
+from estimators.selection.moves import best
 from estimators.weak_form.dataset import Dataset, dataset
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array
@@ -93,7 +94,7 @@ class Question:
 
 
 def questions(
-    search: Search,
+    models: Models,
     terms: Sequence[Term],
     groups: Sequence[tuple[str, ...]],
     candidates: Sequence[Candidate],
@@ -107,20 +108,20 @@ def questions(
     asked = []
     for id, instead in pairs:
         others = [term for term in terms if term.id != instead]
-        if id in search.library.keys() - present and len(others) < len(terms):
-            trial = search.best(tuple(others), search.library[id])
+        if id in models.library.keys() - present and len(others) < len(terms):
+            trial = best(models, tuple(others), models.library[id])
             if trial is not None:
                 asked.append(Question(Aim(id, instead), trial.terms))
     for candidate in candidates:
-        kind = search.library[candidate.effect]
-        out_of_reach = kind().beyond(*search.train.reach)  # a motion that is not risked for a mere suspicion
+        kind = models.library[candidate.effect]
+        out_of_reach = kind().beyond(*models.train.reach)  # a motion that is not risked for a mere suspicion
         asked_already = candidate.effect in {question.aim.effect for question in asked}
         if candidate.verdict is Verdict.NOT_EXCITED and not out_of_reach and not asked_already:
             asked.append(Question(Aim(candidate.effect), tuple(terms), of_typical_size(kind)))
     if not asked and is_open:  # something is there that no effect explains: what comes closest is worth another look
         nearest = sorted(candidates, key=lambda candidate: -candidate.score)
         rejected = [one.effect for one in nearest if one.verdict is Verdict.REJECTED][:NEAREST]
-        asked = [Question(Aim(id), tuple(terms), of_typical_size(search.library[id])) for id in rejected]
+        asked = [Question(Aim(id), tuple(terms), of_typical_size(models.library[id])) for id in rejected]
     return asked
 
 
@@ -132,12 +133,12 @@ def of_typical_size(kind: type[Term]) -> tuple[Term, Array]:
 
 
 def suggest(
-    search: Search, model: Model, asked: Sequence[Question], limits: Limits, usual: float
+    models: Models, model: Model, asked: Sequence[Question], limits: Limits, usual: float
 ) -> tuple[Suggestion | None, list[Aim], str | None]:
     """The experiment that settles most.
 
     Args:
-        search: what the diagnosis worked with.
+        models: what the diagnosis worked with.
         model: that foretells the motion.
         asked: what is open.
         limits: of the rig.
@@ -147,11 +148,11 @@ def suggest(
         It, if there is one; what no torque up to the usual settles, whatever the limits; and what only the limits keep
         from being settled, in one sentence.
     """
-    suggestion, unsettled = _choose(search, model, asked, limits)
+    suggestion, unsettled = _choose(models, model, asked, limits)
     free = Limits(max(limits.torque, usual))
     if not unsettled or limits == free:
         return suggestion, unsettled, None
-    hopeless = _choose(search, model, [question for question in asked if question.aim in unsettled], free)[1]
+    hopeless = _choose(models, model, [question for question in asked if question.aim in unsettled], free)[1]
     forbidden = [aim.text for aim in unsettled if aim not in hopeless]
     if not forbidden:
         return suggestion, hopeless, None
@@ -161,10 +162,10 @@ def suggest(
 
 
 def _choose(
-    search: Search, model: Model, asked: Sequence[Question], limits: Limits
+    models: Models, model: Model, asked: Sequence[Question], limits: Limits
 ) -> tuple[Suggestion | None, list[Aim]]:
     """The experiment within limits that settles most, and what none of them settles."""
-    runs = rehearse(search, model, limits) if asked else []
+    runs = rehearse(models, model, limits) if asked else []
     if not runs:  # within limits there is none; without, the model ran away under all, and nobody knows
         return None, [] if limits.moves_freely else [question.aim for question in asked]
     shown = np.zeros((len(runs), len(asked)))  # against the noise floor
@@ -172,7 +173,7 @@ def _choose(
         if len(run.data.weights) >= FEWEST:
             rivals = {terms: run.data.equations(terms) for terms in {question.terms for question in asked}}
             told = [question.unexplained(run.data, rivals[question.terms]) for question in asked]
-            shown[j] = np.array(told) / search.floor
+            shown[j] = np.array(told) / models.left.floor
     answerable = shown.max(axis=0) > SHOWN
     # one question well settled and one open is worse than both settled
     worth = np.log1p(np.minimum(shown[:, answerable], PLENTY)).sum(axis=1)
@@ -203,16 +204,16 @@ class Run:
         return Suggestion(self.signal, SECONDS, settled, float(np.abs(torque).max()), reach, self.peak_speed)
 
 
-def rehearse(search: Search, model: Model, limits: Limits) -> list[Run]:
+def rehearse(models: Models, model: Model, limits: Limits) -> list[Run]:
     """Simulate candidate signals, sampled and windowed much as the recordings are; gives those within the limits.
 
     Motions that are far faster than any recorded are left out: a light joint with hardly any friction runs away.
     """
-    windows = search.train.data.windows[0]
+    windows = models.train.data.windows[0]
     recorded = windows.recording.rate
     rate, half_width = min(RATE, recorded), (len(windows.kernel) // 2) / recorded
     time = np.arange(round(SECONDS * rate)) / rate
-    fastest = FASTER * max(float(np.abs(w.samples.velocity).max()) for w in search.train.data.windows)
+    fastest = FASTER * max(float(np.abs(w.samples.velocity).max()) for w in models.train.data.windows)
     shares = GENTLER[:1] if limits.moves_freely else GENTLER
     signals = [signal for s in shares for signal in family(np.random.default_rng(0), SECONDS, s * limits.torque)]
     torques = np.column_stack([signal.signal(time) for signal in signals])

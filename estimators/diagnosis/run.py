@@ -22,10 +22,12 @@ from estimators.diagnosis.sensitivity import in_words
 from estimators.progress import Progress, forward, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, Step, fit_terms, noise_floor, with_knocks
+from estimators.selection.data import Evidence, fit_terms, noise_floor, with_knocks
 from estimators.selection.foils import words
+from estimators.selection.models import Models, held_out_cost
 from estimators.selection.motion import is_astray, refine, relink, sharpen
-from estimators.selection.search import Search, held_out_cost, ids
+from estimators.selection.moves import ids, settle
+from estimators.selection.search import Selection, select
 from estimators.signals.measurements import measure_segments
 from estimators.weak_form.dataset import choose_half_width, prepare
 from estimators.weak_form.instruments import fit_by_reference
@@ -113,9 +115,9 @@ class Setting:
     usual: float
     by_reference: bool
 
-    def search(self, evidence: tuple[Evidence, Evidence]) -> Search:
-        """The search on some data."""
-        return Search(*evidence, self.progress, self.library, self.criterion, self.rng)
+    def models(self, evidence: tuple[Evidence, Evidence]) -> Models:
+        """What some data say of models."""
+        return Models(*evidence, self.progress, self.library, self.criterion, self.rng, tuple(self.base))
 
 
 def diagnose(
@@ -295,29 +297,30 @@ def _examine(
     setting: Setting,
 ) -> Diagnosis:
     """Find the effects that recordings of one plant call for."""
-    search = setting.search(evidence)
-    followed = fit_by_reference(search.train.data, setting.base) if setting.by_reference else None
+    models = setting.models(evidence)
+    followed = fit_by_reference(models.train.data, setting.base) if setting.by_reference else None
     wrong = turned_round(fit_terms(evidence[0], setting.base)[0])
     if wrong is not None:
-        return _mislogged(search, setting.base, wrong)
-    search, rough, window_share, beside = _looked_closer(search, recordings, holdout, evidence, setting)
+        return _mislogged(models, setting.base, wrong)
+    rough, window_share, beside = _looked_closer(models, recordings, holdout, evidence, setting)
     setting.progress("sharpening", 0.93)
-    steps = relink(search, sharpen(search, rough))
+    found = relink(sharpen(rough))
+    models, steps = found.models, found.steps
     if followed is not None:
-        steps = [search.with_errors(None, followed), *steps[1:]]
-    final = (rough if ids(rough[-1].model.terms) == ids(steps[-1].model.terms) else steps)[-1].model.terms
-    candidates, groups = judge(search, final, steps)
+        steps = [models.with_errors(None, followed), *steps[1:]]
+    final = (rough.steps if ids(rough.terms) == ids(steps[-1].model.terms) else steps)[-1].model.terms
+    candidates, groups = judge(replace(found, steps=steps), final)
     measured = [m for recording in recordings for m in measure_segments(recording)]
     doubts = identifiability(measured, steps[-1].model.terms)
     doubts = (*doubts, *untold(steps[-1].model, measured, doubts))
     setting.progress("looking for the next experiment", 0.95)
-    left = unexplained(search, steps[-1])
-    asked = questions(search, steps[-1].model.terms, groups, candidates, doubts, bool(left))
-    if impossible(steps[-1].model, search.train.motions):
+    left = unexplained(replace(found, steps=steps))
+    asked = questions(models, steps[-1].model.terms, groups, candidates, doubts, bool(left))
+    if impossible(steps[-1].model, models.train.motions):
         asked = []  # nobody knows what motion to expect
-    suggestion, hopeless, forbidden = suggest(search, steps[-1].model, asked, setting.limits, setting.usual)
+    suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, setting.usual)
     look_alike = [
-        f"{' and '.join(group)} look the same in these data; to tell them apart: {search.library[group[-1]].reveal}"
+        f"{' and '.join(group)} look the same in these data; to tell them apart: {models.library[group[-1]].reveal}"
         for group in groups
     ]
     return Diagnosis(
@@ -325,11 +328,11 @@ def _examine(
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=tuple(left),
-        noise_floor=noise_floor(search.floor, steps[-1].errors.values()),
+        noise_floor=noise_floor(models.left.floor, steps[-1].errors.values()),
         advice=(
             *look_alike,
             *_of_little(evidence[0]),
-            *_of_nothing(search, final, left),
+            *_of_nothing(models, final, left),
             *(doubt.text for doubt in doubts),
             *wrong_signs(steps[-1].model, float(np.max(np.abs(evidence[0].samples.load.gravity)))),
             *filter(None, (term.beyond(*evidence[0].reach) for term in steps[-1].model.terms)),
@@ -345,32 +348,31 @@ def _examine(
 
 
 def _looked_closer(
-    search: Search,
+    models: Models,
     recordings: Sequence[Recording],
     holdout: Sequence[Recording],
     evidence: tuple[Evidence, Evidence],
     setting: Setting,
-) -> tuple[Search, list[Step], float, tuple[Term, ...] | None]:
-    """The search, its steps, the share of the windows' length, and the terms beside which knocks were looked at.
+) -> tuple[Selection, float, tuple[Term, ...] | None]:
+    """What was found, the share of the windows' length, and the terms beside which knocks were looked at.
 
     What happens near turns shows in windows that come closer to them, if through more noise, and in those near turns
     that miss more torque than dry friction can be.
     """
-    rough, window_share, beside = refine(search, search.find(setting.base)), 1.0, None
-    if search.are_noise(rough[-1].model.terms)[0] and is_astray(search, rough[-1]):
+    rough, window_share, beside = refine(select(models)), 1.0, None
+    if rough.models.left.are_noise(rough.terms)[0] and is_astray(rough.models, rough.steps[-1]):
         nearer = gather(recordings, holdout, CLOSER)
-        closer = setting.search(nearer)
-        found = refine(closer, closer.find(setting.base))
-        if len(found) > 1 and held_out_cost(found[-1]) < held_out_cost(rough[-1]):
-            search, rough, window_share, evidence = closer, found, CLOSER, nearer
-    terms = rough[-1].model.terms
+        found = refine(select(setting.models(nearer)))
+        if len(found.steps) > 1 and held_out_cost(found.steps[-1]) < held_out_cost(rough.steps[-1]):
+            rough, window_share, evidence = found, CLOSER, nearer
+    terms = rough.terms
     knocked = with_knocks(evidence, terms)
     if knocked is not evidence:
-        again = setting.search(knocked)
-        found = refine(again, again.find(setting.base))
-        if len(found) > 1 and again.is_confirmed(found[-1], again.with_errors(None, rough[-1].model)):
-            search, rough, beside = again, found, terms
-    return search, rough, window_share, beside
+        found = refine(select(setting.models(knocked)))
+        before = found.models.with_errors(None, rough.steps[-1].model)
+        if len(found.steps) > 1 and found.models.is_confirmed(found.steps[-1], before):
+            rough, beside = found, terms
+    return rough, window_share, beside
 
 
 def _of_little(fitted: Evidence) -> list[str]:
@@ -384,47 +386,48 @@ def _of_little(fitted: Evidence) -> list[str]:
     ]
 
 
-def _of_nothing(search: Search, final: Sequence[Term], left: Sequence[Region]) -> list[str]:
+def _of_nothing(models: Models, final: Sequence[Term], left: Sequence[Region]) -> list[str]:
     """What is said where no effect is named: what would have shown, and whether held-out data show more."""
     if not left:
-        told = in_words(search, tuple(final), search.library) if len(final) == len(search.base) else None
+        told = in_words(models, tuple(final), models.library) if len(final) == len(models.base) else None
         return [told] if told else []
-    fitted, unseen = search.are_noise(tuple(final))
+    fitted, unseen = models.left.are_noise(tuple(final))
     if fitted and not unseen:
-        names = listing(list(dict.fromkeys(recording.name for recording in search.holdout.recordings)))
+        names = listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
         return [f"what was fitted is explained, and what was held out ({names}) is not: fit that, too"]
     return []
 
 
-def _mislogged(search: Search, base: Sequence[Term], text: str) -> Diagnosis:
+def _mislogged(models: Models, base: Sequence[Term], text: str) -> Diagnosis:
     """What is said of torque that is logged turned round: no effect is named before that is mended."""
-    step = search.report(None, search.settle(tuple(base)))
-    region = Region("time", 0.0, float(search.train.samples.time.max()), 0.0, 0.0, text)
-    return Diagnosis((step,), (), (), (region,), search.floor, (text,))
+    step = models.report(None, settle(models, tuple(base)))
+    region = Region("time", 0.0, float(models.train.samples.time.max()), 0.0, 0.0, text)
+    return Diagnosis((step,), (), (), (region,), models.left.floor, (text,))
 
 
-def unexplained(search: Search, last: Step) -> list[Region]:
+def unexplained(found: Selection) -> list[Region]:
     """Regions that the final model leaves unexplained, in torque or else in free-running motion, fitted or held out."""
-    wrong = impossible(last.model, search.train.motions)
+    models, last = found.models, found.steps[-1]
+    wrong = impossible(last.model, models.train.motions)
     if wrong:
         text = (
             f"the best fit has {listing(wrong)}, which no body has: check the signs of torque and position, "
             "or record a motion of more than one frequency"
         )
         return [Region("velocity", -np.inf, np.inf, 0.0, 0.0, text)]
-    left = search.train.watching(last.model).residual(last.model.terms, last.model.theta)
-    regions = stand_out(profiles(search.train.samples, left, search.floor))
-    if search.unnamed is not None:
-        fast = float(np.abs(search.train.samples.velocity).max())
-        text = f"{words(search.unnamed)} would explain most of it, and no effect of the library is such a law"
+    left = models.train.watching(last.model).residual(last.model.terms, last.model.theta)
+    regions = stand_out(profiles(models.train.samples, left, models.left.floor))
+    if found.unnamed is not None:
+        fast = float(np.abs(models.train.samples.velocity).max())
+        text = f"{words(found.unnamed)} would explain most of it, and no effect of the library is such a law"
         return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
-    if not search.is_noise(search.train, left):
-        return regions or _nowhere(search, search.train, left)
-    unseen = search.unseen(last.model.terms)
-    if not search.is_noise(search.holdout, unseen):
-        beyond = stand_out(profiles(search.holdout.samples, unseen, search.noise_of(search.holdout)))
-        return _held_out(search, beyond or _nowhere(search, search.holdout, unseen))
-    if not is_astray(search, last):
+    if not models.left.is_noise(models.train, left):
+        return regions or _nowhere(models, models.train, left)
+    unseen = models.left.unseen(last.model.terms)
+    if not models.left.is_noise(models.holdout, unseen):
+        beyond = stand_out(profiles(models.holdout.samples, unseen, models.left.noise_of(models.holdout)))
+        return _held_out(models, beyond or _nowhere(models, models.holdout, unseen))
+    if not is_astray(models, last):
         return []
     error = last.errors["train"].position_rms
     text = (
@@ -434,16 +437,16 @@ def unexplained(search: Search, last: Step) -> list[Region]:
     return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
 
 
-def _held_out(search: Search, regions: Sequence[Region]) -> list[Region]:
+def _held_out(models: Models, regions: Sequence[Region]) -> list[Region]:
     """Regions of held-out data, told as such."""
-    names = listing(list(dict.fromkeys(recording.name for recording in search.holdout.recordings)))
+    names = listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
     return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in regions]
 
 
-def _nowhere(search: Search, part: Evidence, left: Array) -> list[Region]:
+def _nowhere(models: Models, part: Evidence, left: Array) -> list[Region]:
     """What is said of a residual (R,) that stands out nowhere: nothing, unless it is too much for noise."""
-    size, floor = float(np.sqrt(np.mean(left**2))), search.noise_of(part)
-    if size <= search.criterion.astray * floor:
+    size, floor = float(np.sqrt(np.mean(left**2))), models.left.noise_of(part)
+    if size <= models.criterion.astray * floor:
         return []
     fast = float(np.abs(part.samples.velocity).max())
     text = (

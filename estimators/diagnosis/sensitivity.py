@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from estimators.diagnosis.experiment import of_typical_size
-from estimators.selection.search import Search, Terms
+from estimators.selection.left import Terms
+from estimators.selection.models import Models
 from pendulum_env.physics import Term
 from pendulum_env.words import listing, name
 
@@ -16,7 +17,7 @@ CLEAR = 2.0  # times what counts as structure: windows next to each other share 
 DOUBT = 3.0  # times the gain that chance may give, which is then found nearly always
 
 
-def smallest(search: Search, terms: Terms, kind: type[Term]) -> float | None:
+def smallest(models: Models, terms: Terms, kind: type[Term]) -> float | None:
     """Smallest size of an effect that would have shown beside the terms, in the unit of its first parameter.
 
     An effect whose torque has a root mean square r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats
@@ -26,33 +27,33 @@ def smallest(search: Search, terms: Terms, kind: type[Term]) -> float | None:
     term, theta = of_typical_size(kind)
     if not len(theta):
         return None
-    (columns,) = search.screen.columns([term])
-    torque, phi = columns.linear @ theta, search.screen.balance(terms).phi
+    (columns,) = models.screen.columns([term])
+    torque, phi = columns.linear @ theta, models.screen.balance(terms).phi
     left = torque - phi @ np.linalg.lstsq(phi, torque, rcond=1e-10)[0]
     shown = float(np.sqrt(np.mean(left**2)))
     if shown < 1e-9 * float(np.sqrt(np.mean(torque**2))) or shown == 0.0:
         return None
-    noise = max(search.floor, float(np.sqrt(np.mean(search.screen.residual(terms) ** 2))))
-    correlated = CLEAR * search.criterion.sure / float(np.sqrt(len(left)))  # r^2 / (r^2 + s^2) that is surely shared
+    noise = max(models.left.floor, float(np.sqrt(np.mean(models.screen.residual(terms) ** 2))))
+    correlated = CLEAR * models.criterion.sure / float(np.sqrt(len(left)))  # r^2 / (r^2 + s^2) that is surely shared
     if correlated >= 1.0:
         return None
-    nats = DOUBT * search.penalty((*terms, term), terms)
+    nats = DOUBT * models.penalty((*terms, term), terms)
     least = max(
         noise * float(np.sqrt(np.expm1(2 * nats / len(left)))),
         noise * float(np.sqrt(correlated / (1.0 - correlated))),
-        CLEAR * search.criterion.noise * search.floor,
+        CLEAR * models.criterion.noise * models.left.floor,
     )
     return float(np.linalg.norm(theta)) * least / shown
 
 
-def in_words(search: Search, terms: Terms, library: Mapping[str, type[Term]]) -> str | None:
+def in_words(models: Models, terms: Terms, library: Mapping[str, type[Term]]) -> str | None:
     """One sentence: what would have shown, and from which size on; None if nothing would."""
     told = []
     for id in TOLD:
-        size = smallest(search, terms, library[id]) if id in library else None
+        size = smallest(models, terms, library[id]) if id in library else None
         if size is not None:
             unit = of_typical_size(library[id])[0].columns[0].unit
             told.append(f"{name(id)} above {size:.2g}{'' if unit == '1' else ' ' + unit}")
-    low, high = search.train.reach
+    low, high = models.train.reach
     told.append(f"a stop between {low:.3g} and {high:.3g} rad")
     return f"{listing(told)} would have shown"

@@ -44,6 +44,10 @@ class Errors:
     position_fit: float = np.nan
     joints: Mapping[str, float] = field(default_factory=dict)
 
+    def at(self, joint: str) -> float:
+        """Torque error at a joint [N m]."""
+        return self.joints.get(joint, self.torque_rms)
+
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
         told = {name: getattr(self, name) for name in ("torque_rms", "position_rms", "torque_fit", "position_fit")}

@@ -5,7 +5,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.diagnosis.run import gather
 from estimators.diagnosis.sensitivity import in_words, smallest
-from estimators.selection.search import Search
+from estimators.selection.models import Models
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
 from tests.cases import diagnosed
@@ -19,8 +19,8 @@ def recorded(plant: Plant, name: str = "run") -> Recording:
 
 
 @pytest.fixture(scope="module")
-def search() -> Search:
-    return Search(*gather([recorded(Plant())]))
+def models() -> Models:
+    return Models(*gather([recorded(Plant())]))
 
 
 @pytest.mark.slow
@@ -28,8 +28,8 @@ def search() -> Search:
     ("id", "parameter", "others"),
     [("quadratic_drag", "drag", {}), ("spring", "spring_k", {})],
 )
-def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(search, id, parameter, others):
-    size = smallest(search, BASE, effects()[id])
+def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(models, id, parameter, others):
+    size = smallest(models, BASE, effects()[id])
     assert size is not None
     plants = [Plant(effects={id: {parameter: share * size, **others}}) for share in (2, 0.1)]
     large, small = (Recording("run", r.time, r.position, r.torque) for r in simulate([(p, EXPERIMENT) for p in plants]))
@@ -38,9 +38,9 @@ def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(search, id, para
     assert diagnosed([small]).selected == ()
 
 
-def test_it_is_said_with_sizes_and_with_the_angles_that_were_reached(search):
-    low, high = search.train.reach
-    text = in_words(search, BASE, effects())
+def test_it_is_said_with_sizes_and_with_the_angles_that_were_reached(models):
+    low, high = models.train.reach
+    text = in_words(models, BASE, effects())
     assert text is not None
     for part in ("Stribeck friction above", "N m", f"a stop between {low:.3g} and {high:.3g} rad", "would have shown"):
         assert part in text

@@ -6,7 +6,8 @@ import pytest
 from estimators import diagnose
 from estimators.diagnosis.run import gather
 from estimators.selection.data import fit_terms
-from estimators.selection.search import Search
+from estimators.selection.models import Models
+from estimators.selection.moves import settle
 from pendulum_env.physics import BASE, Model, effect, effects, library, register
 from tests import slow
 from tests.cases import (
@@ -165,13 +166,13 @@ def test_first_comes_what_the_model_can_do_without_least():
 @pytest.mark.slow
 def test_torque_is_not_explained_by_torque():
     """In creep |tau + w sin q| sgn q' may be the torque itself: gears that eat it all would explain everything."""
-    search = Search(*gather([recording("creep")]))
-    base = search.settle(BASE)
-    alone = np.std(search.screen.residual(base))
-    for friction in effect("load_dependent_friction").grid(search.train.samples, search.screen.residual(base)):
-        balance = search.screen.balance((*base, friction))
+    models = Models(*gather([recording("creep")]))
+    base = settle(models, BASE)
+    alone = np.std(models.screen.residual(base))
+    for friction in effect("load_dependent_friction").grid(models.train.samples, models.screen.residual(base)):
+        balance = models.screen.balance((*base, friction))
         eaten = balance.y - balance.phi @ np.linalg.lstsq(balance.phi, balance.y, rcond=None)[0]
-        assert np.std(eaten) < search.floor < 0.9 * alone  # of the equation nothing is left,
+        assert np.std(eaten) < models.left.floor < 0.9 * alone  # of the equation nothing is left,
         assert np.std(balance.error(balance.solve())) > 0.99 * alone  # and nothing is explained
     found = diagnosed("creep")
     assert "load_dependent_friction" not in {*found.selected, *(id for group in found.ambiguous for id in group)}

@@ -11,7 +11,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.diagnosis.run import gather
 from estimators.regression.least_squares import Balance
 from estimators.selection.candidates import Screen, depends_on_torque
-from estimators.selection.search import Search
+from estimators.selection.models import Models
 from estimators.weak_form.dataset import prepare
 from pendulum_env.filters import lag
 from pendulum_env.physics import BASE, Column, Samples, Shape, Term, effects
@@ -129,7 +129,7 @@ def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
     """A hum on the torque channel: a lag leaves less of it, and explains nothing."""
     (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=8.0, seed=2))])
     hum = 3.0 * np.sin(2 * np.pi * 15.0 * run.time)
-    search = Search(*gather([Recording("humming", run.time, run.position, run.torque + hum)]))
+    models = Models(*gather([Recording("humming", run.time, run.position, run.torque + hum)]))
     lag, base = (*BASE, effects()["actuator_lag"](0.01)), tuple(BASE)
-    assert np.std(search.screen.residual(lag)) < 0.9 * np.std(search.screen.residual(base))
-    assert search.density(lag).sum() < search.density(base).sum()
+    assert np.std(models.screen.residual(lag)) < 0.9 * np.std(models.screen.residual(base))
+    assert models.density(lag).sum() < models.density(base).sum()

@@ -6,22 +6,24 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.checks.physical import beyond
 from estimators.diagnosis.run import gather
-from estimators.selection.search import Search
+from estimators.selection.models import Models
+from estimators.selection.moves import best
+from estimators.selection.search import Selection, select
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests import slow
 
 
-def searched(plant: Plant, train: Experiment, test: Experiment) -> tuple[Search, list[str | None], float]:
-    """The search, what it adds, and the share of the held-out torque error that is left."""
+def searched(plant: Plant, train: Experiment, test: Experiment) -> tuple[Selection, list[str | None], float]:
+    """What was found, what it adds, and the share of the held-out torque error that is left."""
     runs = simulate([(plant, train), (plant, test)])
     recordings = [
         Recording(name, r.time, r.position, r.torque) for name, r in zip(("train", "test"), runs, strict=True)
     ]
-    search = Search(*gather(recordings[:1], recordings[1:]))
-    steps = search.find(BASE)
+    found = select(Models(*gather(recordings[:1], recordings[1:])))
+    steps = found.steps
     old, new = (step.errors["holdout"].torque_rms for step in (steps[0], steps[-1]))
-    return search, [step.added for step in steps[1:]], new / old
+    return found, [step.added for step in steps[1:]], new / old
 
 
 @pytest.mark.slow
@@ -52,9 +54,9 @@ def test_a_torque_that_wanders_is_given_no_name():
 )
 def test_what_a_law_without_a_name_hides_is_found_beside_it(hidden):
     train, test = (Experiment(rate=200.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
-    search, found, _ = searched(Plant(effects=hidden), train, test)
+    selection, found, _ = searched(Plant(effects=hidden), train, test)
     assert found == list(hidden)[1:]
-    assert search.unnamed is not None
+    assert selection.unnamed is not None
 
 
 @pytest.mark.slow
@@ -65,9 +67,9 @@ def test_a_motor_whose_gain_fades_is_given_no_name():
     for run in simulate([(Plant(), experiment) for experiment in experiments]):
         gain = 1 - 0.25 * (1 - np.exp(-run.time / 5.0))
         recordings.append(Recording(f"run {len(recordings)}", run.time, run.position, run.torque / gain))
-    search = Search(*gather(recordings[:1], recordings[1:]))
-    assert [step.added for step in search.find(BASE)] == [None]
-    assert search.unnamed is not None and search.unnamed.id == "any_gain_of_time"
+    selection = select(Models(*gather(recordings[:1], recordings[1:])))
+    assert [step.added for step in selection.steps] == [None]
+    assert selection.unnamed is not None and selection.unnamed.id == "any_gain_of_time"
 
 
 @pytest.mark.parametrize(("later", "explained"), [(9.0, (0.9, 1.0)), (14.0, (0.0, 0.05))])
@@ -78,11 +80,11 @@ def test_what_explains_one_recording_and_not_the_next_explains_little(later, exp
         Recording(f"run {tone:g}", run.time, run.position, run.torque - 0.5 * np.sin(tone * run.time))
         for run, tone in zip(simulate([(Plant(), experiment) for experiment in experiments]), (9.0, later), strict=True)
     ]
-    search = Search(*gather(recordings[:1], recordings[1:]))
-    trial = search.best(BASE, effect("periodic_disturbance"))
+    models = Models(*gather(recordings[:1], recordings[1:]))
+    trial = best(models, BASE, effect("periodic_disturbance"))
     assert trial.fitted_rms < 0.1
     least, most = explained
-    assert least <= search.explained(trial.terms, BASE) <= most
+    assert least <= models.left.explained(trial.terms, BASE) <= most
 
 
 @pytest.mark.slow
@@ -90,10 +92,10 @@ def test_a_drive_that_clips_deep_is_named_by_its_limit():
     """A limit of the current at a third of what the controller asks for: no tanh is like that."""
     hidden = {"torque_saturation": {"sat": 3.0, "sat_law": 1.0}}
     train, test = (Experiment(rate=250.0, seconds=8.0, seed=seed, excitation="pd_loop") for seed in (2, 3))
-    search, found, left = searched(Plant(effects=hidden), train, test)
+    selection, found, left = searched(Plant(effects=hidden), train, test)
     assert found == ["torque_saturation"]
     assert left < 0.1
-    term = search.best(search.base, effect("torque_saturation")).terms[-1]
+    term = best(selection.models, selection.models.base, effect("torque_saturation")).terms[-1]
     assert term.limit == pytest.approx(3.0, rel=0.05)
     assert term.roundness < 0.5
 
@@ -110,9 +112,9 @@ def test_a_law_without_a_name_takes_the_place_of_what_imitates_it_alone():
     """A rough spot and an offset: the offset keeps its name, and what the spot is like is said."""
     hidden = {"torque_offset": {"offset": -0.3}, "friction_spot": {"spot_f": 0.8, "spot_q": 0.2}}
     train, test = (Experiment(rate=250.0, seconds=6.0, seed=seed) for seed in (2, 3))
-    search, found, _ = searched(Plant(effects=hidden), train, test)
+    selection, found, _ = searched(Plant(effects=hidden), train, test)
     assert len(found) == 1 and found[0] in ("torque_offset", "coulomb_asymmetry")
-    assert search.unnamed is not None and search.unnamed.id == "any_friction_of_position"
+    assert selection.unnamed is not None and selection.unnamed.id == "any_friction_of_position"
 
 
 @pytest.mark.slow
@@ -126,6 +128,6 @@ def test_a_law_that_imitates_another_does_not_fit_where_the_joint_moves_otherwis
     for plant, right in ((cubic, False), (quadratic, True)):
         runs = simulate([(plant, slow), (plant, fast)])
         train, test = (Recording("", run.time, run.position, run.torque) for run in runs)
-        search = Search(*gather([train], [test]))
-        assert search.fits(model) == right
-        assert search.is_noise(search.train, search.screen.residual(model))
+        models = Models(*gather([train], [test]))
+        assert models.left.fits(model) == right
+        assert models.left.is_noise(models.train, models.screen.residual(model))

@@ -1,0 +1,192 @@
+"""What models leave of the data, joint by joint: noise, or structure, and the share of it that others explain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimators.regression.least_squares import information, least_squares, robust_covariance
+from estimators.selection.candidates import Screen
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import Evidence, fit_terms, inertias, shape_jacobian
+from estimators.selection.foils import wanders
+from estimators.weak_form.dataset import Structure
+from pendulum_env._typing import Array
+from pendulum_env.physics import Term
+
+Terms = tuple[Term, ...]
+
+
+@dataclass(frozen=True)
+class Power:
+    """Power of what a model leaves of some data of a joint.
+
+    Attributes:
+        all: mean square, with that of the torque noise that the model takes out [N^2 m^2].
+        shared: that of what neighbouring windows share [N^2 m^2].
+    """
+
+    all: float
+    shared: float
+
+    def share_of(self, gone: float, count: int) -> float:
+        """Share that power which is gone has in all that was no noise, so many windows telling what is left of it."""
+        return gone / (gone + self.shared + self.all / count**0.5)
+
+
+@dataclass
+class Left:
+    """What models leave of training and held-out data; what was asked once is kept.
+
+    Attributes:
+        train: recordings to fit.
+        holdout: recordings to predict.
+        criterion: what counts as noise.
+        base: terms whose fit tells the inertia, and so the noise.
+    """
+
+    train: Evidence
+    holdout: Evidence
+    criterion: Criterion
+    base: Terms
+    _powers: dict[Terms, tuple[dict[str, Power], dict[str, Power]]] = field(default_factory=dict)
+    _structures: dict[Terms, tuple[dict[str, Structure], dict[str, Structure]]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.screen, self.held_out = self.train.screen, self.holdout.screen
+        self.joints = self.train.data.joints
+        self.inertia = inertias(self.screen, self.base)
+        parts = (self.train.data, self.holdout.data)
+        self._floors = [{at: data.part(at).noise(self.inertia[at]) for at in self.joints} for data in parts]
+
+    def power(self, terms: Terms) -> tuple[dict[str, Power], dict[str, Power]]:
+        """What a model leaves of each joint of the training data, and of those that are held out, as it was fitted."""
+        if terms not in self._powers:
+            if any(wanders(term) for term in terms):
+                residuals = [screen.residual(wandering_in(part, terms)) for part, screen in self._parts]
+            else:
+                theta = self.screen.solve(terms)
+                residuals = [screen.equations(terms).error(theta) for _, screen in self._parts]
+            first, second = (
+                self._power_of(part, screen, terms, residual)
+                for residual, (part, screen) in zip(residuals, self._parts, strict=True)
+            )
+            self._powers[terms] = first, second
+        return self._powers[terms]
+
+    def _power_of(self, part: Evidence, screen: Screen, terms: Terms, residual: Array) -> dict[str, Power]:
+        known, left = self._structures_of(part, residual), {}
+        for at in self.joints:
+            hidden = screen.hidden_noise([term for term in terms if term.at == at])
+            power = float(np.mean(residual[part.data.where(at)] ** 2)) + sum(variance for _, variance in hidden)
+            left[at] = Power(power, known[at].shared ** 2)
+        return left
+
+    def structures(self, terms: Terms) -> tuple[dict[str, Structure], dict[str, Structure]]:
+        """What neighbouring windows of each joint share of the residual, fitted and `unseen`."""
+        if terms not in self._structures:
+            first, second = (
+                self._structures_of(part, residual)
+                for part, residual in ((self.train, self.screen.residual(terms)), (self.holdout, self.unseen(terms)))
+            )
+            self._structures[terms] = first, second
+        return self._structures[terms]
+
+    def _structures_of(self, part: Evidence, residual: Array) -> dict[str, Structure]:
+        data = part.data
+        return {at: data.part(at).structure(residual[data.where(at)], self.inertia[at]) for at in self.joints}
+
+    def is_noise(self, part: Evidence, residual: Array) -> bool:
+        """Whether a residual (R,) [N m] of the training or of the held-out data may as well be noise."""
+        return self._are_noise(part, self._structures_of(part, residual))
+
+    def _are_noise(self, part: Evidence, structures: Mapping[str, Structure]) -> bool:
+        return all(self.criterion.is_noise(own, self.noise_of(part, at)) for at, own in structures.items())
+
+    @property
+    def floor(self) -> float:
+        """Torque error that measurement noise alone gives on the training data of a joint, the first one [N m]."""
+        return self.noise_of(self.train)
+
+    def noise_of(self, part: Evidence, at: str | None = None) -> float:
+        """Torque error that measurement noise alone gives there [N m]."""
+        return self._floors[0 if part is self.train else 1][self.joints[0] if at is None else at]
+
+    def shows(self, terms: Terms) -> bool:
+        """Whether the terms leave more than white noise of what is fitted, at any joint."""
+        return any(
+            self.criterion.shows(own, self.noise_of(self.train, at)) for at, own in self.structures(terms)[0].items()
+        )
+
+    def are_noise(self, terms: Terms) -> tuple[bool, bool]:
+        """Whether the terms leave noise only, of what is fitted, and of what is held out."""
+        first, second = self.structures(terms)
+        return self._are_noise(self.train, first), self._are_noise(self.holdout, second)
+
+    def fits(self, terms: Terms) -> bool:
+        """Whether the terms leave noise only, of what is fitted and of what is held out."""
+        return all(self.are_noise(terms))
+
+    def unseen(self, terms: Terms) -> Array:
+        """What the terms leave of the held-out data (R,) [N m], fitted anew as far as the first fit may have erred.
+
+        A law that is right has the same parameters wherever it is fitted. One that only imitates another law along one
+        motion needs others along the next.
+        """
+        known, data, balance = (
+            fit_terms(self.train, terms, self.screen)[1],
+            self.holdout.data,
+            self.held_out.balance(terms),
+        )
+        free = np.flatnonzero(np.diag(known.covariance))  # others are known, or at their bounds
+        slopes = balance.slopes(known.theta, shape_jacobian(data, terms, known.theta)[0])[:, free]
+        error, weights = balance.error(known.theta), balance.weights
+        step = least_squares(slopes * weights[:, None], error * weights)
+        covariance = robust_covariance(slopes * weights[:, None], (error - slopes @ step) * weights, data.clusters)
+        told, asked = information(known.covariance[np.ix_(free, free)]), information(covariance)
+        return np.asarray(error - slopes @ least_squares(told + asked, asked @ step))
+
+    def explained(self, after: Terms, before: Terms) -> float:
+        """Share of the power that one model leaves and is no noise, which another explains: at the joint of the most.
+
+        Where the links' parameters imitate an effect at its own joint, other joints miss them.
+        """
+        return max(self.explained_at(at, after, before) for at in self.joints)
+
+    def explained_at(self, at: str, after: Terms, before: Terms) -> float:
+        """The same at a joint, the least of all data.
+
+        Data have no say where the one model leaves white noise. No noise is what the other takes out of the residual,
+        be it as sharp as an impact, and what neighbouring windows share of the rest, of which so many windows tell no
+        less than their noise allows; where they surely share nothing, all that is more than noise is none.
+        """
+        least = self.train.data.part(at).precision() ** 2
+        shares = []
+        both = zip(self._parts, self.power(before), self.power(after), self.structures(before), strict=True)
+        for (part, _), lefts, less, structures in both:
+            old, new, structure, floor = lefts[at], less[at], structures[at], self.noise_of(part, at)
+            gone = old.all - new.all
+            if not self.criterion.shows(structure, floor):
+                continue
+            if gone <= least:
+                shares.append(0.0)
+            elif structure.sure >= self.criterion.sure:
+                shares.append(new.share_of(gone, len(part.data.part(at).weights)))
+            else:
+                shares.append(gone / max(old.all - floor**2, gone))
+        return min(shares, default=0.0)
+
+    def explains(self, after: Terms, before: Terms) -> bool:
+        """Whether that is a good share."""
+        return self.explained(after, before) > self.criterion.share
+
+    @property
+    def _parts(self) -> tuple[tuple[Evidence, Screen], tuple[Evidence, Screen]]:
+        return (self.train, self.screen), (self.holdout, self.held_out)
+
+
+def wandering_in(part: Evidence, terms: Sequence[Term]) -> Terms:
+    """The terms with what wanders in time as it may do so in some data."""
+    return tuple(next(iter(type(t).grid(part.samples, np.empty(0)))) if wanders(t) else t for t in terms)

@@ -1,0 +1,210 @@
+"""What training and held-out data say of models: the score of one over another, errors, and what is left.
+
+Nothing here changes once it is made: a search that looks at the data in another way works with other `Models`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from estimators.checks.physical import objection
+from estimators.progress import Progress, no_progress
+from estimators.selection.candidates import Screen
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import Evidence, Step, fit_terms
+from estimators.selection.foils import FOILS, wanders
+from estimators.selection.left import Left, Terms, wandering_in
+from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, predicted
+from estimators.simulation import output_error
+from estimators.simulation.link_segments import has_link
+from pendulum_env._typing import Array
+from pendulum_env.physics import BASE, Model, Term, effects
+
+MOMENT = 0.2  # [s], over which a torque that wanders hardly changes
+
+
+@dataclass
+class Models:
+    """Training and held-out data with the models that were tried on them.
+
+    Attributes:
+        train: recordings to fit.
+        holdout: recordings to predict.
+        progress: told what is being done.
+        library: effects that may be named, by id.
+        criterion: what they have to achieve.
+        rng: of the bootstrap.
+        base: terms that the search starts from.
+        foils: laws without a name that compete with the named ones.
+        linked: the model with a link whose motion is watched, if there is one.
+        drawn: random weights of stretches, if there are some already.
+    """
+
+    train: Evidence
+    holdout: Evidence
+    progress: Progress = no_progress
+    library: Mapping[str, type[Term]] = field(default_factory=effects)
+    criterion: Criterion = field(default_factory=Criterion)
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    base: Terms = BASE
+    foils: Sequence[type[Term]] = FOILS
+    linked: Step | None = None
+    drawn: Bootstrap | None = None
+
+    def __post_init__(self) -> None:
+        self.screen, self.held_out = self.train.screen, self.holdout.screen
+        self.left = Left(self.train, self.holdout, self.criterion, self.base)
+        self._where = [_stretches(part, STRETCH) for part in (self.train, self.holdout)]
+        self._finer = [_stretches(part, MOMENT) for part in (self.train, self.holdout)]
+        self._densities: dict[Terms, Array] = {}
+        self._in_motion: dict[Terms, Step] = {}
+        first, second = (where.of_stretch for where in self._where)
+        same = self.train.recordings == self.holdout.recordings  # parts of the same recordings
+        of_stretch = np.concatenate([first, second if same else second + first.max() + 1])
+        self.bootstrap = self.drawn or Bootstrap(of_stretch, self.rng)
+
+    def watching(self, linked: Step) -> Models:
+        """The same with the link of a model as the motion around each instant tells, which all that follows works with.
+
+        Carried along the measured motion from the start, the link's state is soon lost, and its torque with it.
+        """
+        train, holdout = (part.watching(linked.model) for part in (self.train, self.holdout))
+        return replace(self, train=train, holdout=holdout, linked=linked, drawn=self.bootstrap)
+
+    def density(self, terms: Terms) -> Array:
+        """Log predictive density of every stretch, those of the training data first, (S,) [nat]."""
+        if terms not in self._densities and any(wanders(term) for term in terms):
+            self._densities[terms] = self.fitted_anew(terms)
+        if terms not in self._densities:
+            fitted, unseen = (screen.equations(terms) for _, screen in self._parts)
+            first, second = self._where
+            inside = cross_validated(fitted, first, self.screen.hidden_noise(terms), self.screen.solve_without(terms))
+            outside = predicted(self.screen.solve(terms), unseen, second, self.held_out.hidden_noise(terms))
+            told = np.concatenate([inside, outside])
+            if fitted.recorded is not None and unseen.recorded is not None:
+                known = replace(fitted.recorded, weights=self.screen.weights(terms))
+                recorded = np.concatenate(
+                    [cross_validated(known, first), predicted(known.solve(), unseen.recorded, second)]
+                )
+                without = tuple(term for term in terms if not term.lead)
+                if self.bootstrap.gain(recorded, self.density(without)).chance > self.criterion.chance:
+                    told = recorded  # a filter that only makes the torque smaller
+            self._densities[terms] = told
+        return self._densities[terms]
+
+    def fitted_anew(self, terms: Terms) -> Array:
+        """The same, fitted to each part of the data anew: what wanders does so in each recording otherwise.
+
+        There each moment tells the next, so that folds are shorter than stretches.
+        """
+        parts = []
+        for (part, screen), where in zip(self._parts, self._finer, strict=True):
+            here = wandering_in(part, terms)
+            parts.append(cross_validated(screen.balance(here), where, screen.hidden_noise(here)))
+        return np.concatenate(parts)
+
+    def gain(self, after: Terms, before: Terms) -> Gain:
+        """What one model predicts better than another; the more variants were tried, the more it has to be."""
+        return self.bootstrap.gain(self.density(after), self.density(before), self.penalty(after, before))
+
+    def penalty(self, after: Terms, before: Terms) -> float:
+        """Logarithm of the number of models that were tried: the best of so many gains that much by chance."""
+        return float(np.log(max(1, len(self.library) * self.variants(after, before))))
+
+    def variants(self, after: Terms, before: Terms) -> int:
+        """Variants that were looked at of the effects by which one model is larger than another, at least one."""
+        added = [term for term in after if term.id not in {other.id for other in before}]
+        return max(1, sum(self.screen.looked_at(before, type(term)) for term in added))
+
+    def is_sure(self, after: Terms, before: Terms) -> bool:
+        """Whether one model predicts surely better than another."""
+        return self.gain(after, before).chance <= self.criterion.chance
+
+    def is_level(self, one: Terms, other: Terms) -> bool:
+        """Whether the first of two models may well be the better one."""
+        probability = self.bootstrap.probabilities([self.density(one), self.density(other)])[0]
+        return bool(probability > self.criterion.rival)
+
+    def promise(self, terms: Terms) -> float:
+        """By which models are sorted, the likeliest first [nat]."""
+        return -float(self.density(terms).sum())
+
+    def model(self, terms: Terms) -> Model:
+        """The terms fitted to the training data, without standard errors, which take longer."""
+        return Model.build(terms, self.screen.solve(terms))
+
+    def step(self, added: str | None, terms: Terms) -> Step:
+        """Fit the terms to the training data and take the errors."""
+        return self.with_errors(added, self.model(terms))
+
+    def report(self, added: str | None, terms: Terms) -> Step:
+        """The same with standard errors."""
+        return self.with_errors(added, fit_terms(self.train, terms, self.screen)[0])
+
+    def with_errors(self, added: str | None, model: Model) -> Step:
+        """A model as a step, with its errors on the training and on the held-out data; what a link does is watched."""
+        parts = {"train": self.train, "holdout": self.holdout}
+        if self.linked is None and has_link(model.terms):
+            parts = {name: part.watching(model) for name, part in parts.items()}
+        return Step(added, model, {name: part.errors(model) for name, part in parts.items()})
+
+    def in_motion(self, step: Step) -> Step:
+        """A step with the parameters that follow the motion best.
+
+        Where much is left unexplained, those that leave the least torque may follow the motion badly.
+        """
+        if has_transmission(step.model.terms) or not self.train.flights:
+            return step  # a simulation that starts from a link that was not watched is soon lost
+        if step.model.terms not in self._in_motion:
+            point = output_error.fit(self.train.flights, step.model.terms, step.model.theta)
+            refined = output_error.model(self.train.flights, point)
+            self._in_motion[step.model.terms] = self.with_errors(step.added, refined)
+        return replace(self._in_motion[step.model.terms], added=step.added)
+
+    def is_confirmed(self, after: Step, before: Step) -> bool:
+        """Whether both held-out errors fall, and the parameters are those of a body."""
+        return objection(after, before, self.train.motions) is None
+
+    def lowers_errors(self, after: Terms, before: Terms) -> bool:
+        """Whether both held-out errors fall, if not with the parameters that leave least torque, in motion."""
+        new, old = self.step(None, after), self.step(None, before)
+        return self.is_confirmed(new, old) or self.is_confirmed(self.in_motion(new), self.in_motion(old))
+
+    def flight_gain(self, after: Model, before: Model) -> tuple[Gain, float]:
+        """What one model gains over another in flights, fitted and held out, and the share of squared error it takes.
+
+        The score is the one of the windows: errors of a flight predict alike at every sample, so that what is gained is
+        the logarithm of their sizes, to which noise is added: errors below it say nothing.
+        """
+        parts = (self.train.flights, self.holdout.flights)
+        points = [output_error.Point(model.terms, model.theta) for model in (after, before)]
+        new, old = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in points)
+        counts = [sum(len(flight.first) for flight in part) for part in parts]
+        owner = np.repeat(np.arange(2), counts)
+        noise = np.array([output_error.noise(part, points[1]) ** 2 for part in parts])[owner]
+        gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
+        had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
+        return gain, (had - left) / had if had > 0 else 0.0
+
+    @property
+    def _parts(self) -> tuple[tuple[Evidence, Screen], tuple[Evidence, Screen]]:
+        return (self.train, self.screen), (self.holdout, self.held_out)
+
+
+def _stretches(part: Evidence, length: float) -> Stretches:
+    """Stretches of some data, with folds of pieces of a length [s]."""
+    return Stretches(*part.data.stretches(STRETCH), part.data.stretches(length)[0])
+
+
+def held_out_cost(step: Step) -> float:
+    """Product of both held-out errors [N m rad]: a model is better where one falls by more than the other rises."""
+    errors = step.errors["holdout"]
+    return errors.torque_rms * (1.0 if np.isnan(errors.position_rms) else errors.position_rms)
+
+
+def has_transmission(terms: Sequence[Term]) -> bool:
+    """Whether one of the terms is a loose or elastic transmission."""
+    return any(term.kind == "transmission" for term in terms)

@@ -1,0 +1,210 @@
+"""Moves of the search: models with one effect more, fewer, in another's place, or with another shape."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from estimators.checks.physical import impossible
+from estimators.selection.candidates import Trial
+from estimators.selection.foils import FOILS
+from estimators.selection.left import Terms
+from estimators.selection.models import Models, has_transmission
+from estimators.weak_form.shapes import bound, freed
+from pendulum_env.physics import Term
+
+UNLIKELY = 0.5  # chance that an effect gains nothing, from which its shape is not searched any further
+SAME = 1e-6  # of a torque, by which equal laws may differ numerically
+
+
+def candidates(models: Models, terms: Terms, barred: Iterable[str] = ()) -> list[Terms]:
+    """The terms with the best variant of each effect that they lack, the best prediction first."""
+    present = {term.id for term in terms} | set(barred)
+    missing = [effect for id, effect in models.library.items() if id not in present]
+    if has_transmission(terms):  # a joint has one
+        missing = [effect for effect in missing if effect.kind != "transmission"]
+    missing.sort(key=lambda effect: effect.kind == "transmission")  # last: they take long to search
+    found: list[Terms] = []
+    for done, effect in enumerate(missing):
+        if effect.kind == "transmission" and (
+            len(terms) > len(models.base) or any(models.left.fits(other) for other in (terms, *found))
+        ):
+            continue  # something simpler explains it all; or a transmission would have shown before all else
+        models.progress(f"screening {effect.id}", done / len(missing))
+        trial = promising(models, terms, effect)
+        if trial is not None and not impossible(models.model(trial.terms), models.train.motions):
+            found.append(trial.terms)
+    return sorted(found, key=models.promise)
+
+
+def promising(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
+    """The best variant of an effect; of one that is unlikely to gain or explain much, the best of a coarse grid."""
+    if not effect.rugged:
+        ranked = models.screen.ranked(terms, effect)
+        if not ranked:
+            return None
+        if (
+            models.gain(ranked[0].terms, terms).chance > UNLIKELY
+            or models.left.explained(ranked[0].terms, terms) < models.criterion.glimpse
+        ):
+            return ranked[0]
+    return best(models, terms, effect)
+
+
+def best(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
+    """The best variant of an effect, with as few shape parameters as the data allow; None where there is none."""
+    trials = models.screen.variants(terms, effect)
+    if not trials:
+        return None
+    simplest, *others = trials
+    for trial in others:
+        if models.is_sure(trial.terms, simplest.terms):
+            simplest = trial
+    return simplest
+
+
+def freer(models: Models, terms: Terms) -> list[Terms]:
+    """The terms with one more shape parameter of an effect off its usual value, for each that may be."""
+    variants = [(term, variant) for term in terms[len(models.base) :] for variant in freed(term)]
+    return [refined(models, tuple(new if other is old else other for other in terms), old.id) for old, new in variants]
+
+
+def refined(models: Models, terms: Terms, id: str) -> Terms:
+    """The terms with the shape parameters of one, by its id, where the data want them."""
+    return models.screen.refine(models.screen.trial(terms), id).terms
+
+
+def loosened(models: Models, terms: Terms) -> Terms:
+    """The terms with shape parameters off their usual values, as long as that surely predicts better."""
+    for looser in sorted(freer(models, terms), key=models.promise):
+        if models.is_sure(looser, terms) and not impossible(models.model(looser), models.train.motions):
+            return loosened(models, looser)
+    return terms
+
+
+def rivals(models: Models, terms: Terms, term: Term) -> list[Terms]:
+    """The terms with the best variant of every other effect in the place of one, the best prediction first."""
+    others = tuple(other for other in terms if other is not term)
+    barred = [id for id, effect in models.library.items() if effect.at != term.at]  # an effect acts where it is
+    if models.left.fits(terms):
+        barred += [id for id, effect in models.library.items() if effect.kind == "transmission"]  # which are slow
+    return candidates(models, others, [term.id, *barred])
+
+
+def alternatives(models: Models, terms: Terms, term: Term) -> dict[str, float]:
+    """Probability of each effect in the place of one of the terms, itself first, by id.
+
+    A more complex law that contains the term, as a spring contains an offset, is no rival, and nor is one with
+    which held-out errors would not fall.
+    """
+    others = tuple(other for other in terms if other is not term)
+    open_to = [rival for rival in rivals(models, terms, term) if not contains(models, rival[-1], term)]
+    known: dict[Terms, bool] = {}
+    while True:
+        odds = models.bootstrap.probabilities([models.density(one) for one in (terms, *open_to)])
+        likely = [rival for rival, share in zip(open_to, odds[1:], strict=True) if share > models.criterion.rival]
+        known |= {rival: may_replace(models, rival, terms, others) for rival in likely if rival not in known}
+        refuted = [rival for rival in likely if not known[rival]]
+        if not refuted:
+            return dict(zip((term.id, *(rival[-1].id for rival in open_to)), odds.tolist(), strict=True))
+        open_to = [rival for rival in open_to if rival not in refuted]
+
+
+def may_replace(models: Models, rival: Terms, terms: Terms, others: Terms) -> bool:
+    """Whether a rival lowers both errors of the others, and the terms do not surely follow the motion better."""
+    rival, terms, others = named(rival), named(terms), named(others)
+    if not models.lowers_errors(rival, others):
+        return False
+    if has_transmission(rival) or has_transmission(terms) or not models.train.flights:
+        return True  # flights are soon lost
+    first, second = (models.in_motion(models.step(None, one)).model for one in (terms, rival))
+    gain, share = models.flight_gain(first, second)
+    return gain.chance > models.criterion.chance or share <= models.criterion.share
+
+
+def contains(models: Models, larger: Term, term: Term) -> bool:
+    """Whether a term with more parameters can be the same torque as another, whatever that is."""
+    if complexity(larger) <= complexity(term) or not term.columns:
+        return False
+    (own,), (other,) = models.screen.columns([term]), models.screen.columns([larger])
+    left = own.linear - other.linear @ np.linalg.lstsq(other.linear, own.linear, rcond=None)[0]
+    return bool(np.linalg.norm(left) < SAME * np.linalg.norm(own.linear))
+
+
+def is_needed(models: Models, terms: Terms, without: Terms) -> bool:
+    """Whether an effect surely gains and explains more than is left unexplained, which it may else be a part of."""
+    return models.is_sure(terms, without) and models.left.explained(terms, without) > models.criterion.needed
+
+
+def revise(models: Models, terms: Terms, base: Terms) -> Terms:
+    """Drop effects that are not needed beside the others, and swap those in whose place another surely gains."""
+    for _ in range(2 * models.criterion.most):
+        changed = challenged(models, terms, base)
+        if changed is None:
+            break
+        terms = settle(models, changed)
+    return terms
+
+
+def challenged(models: Models, terms: Terms, base: Terms) -> Terms | None:
+    """The terms with an effect less, or another in its place, where that is as good or better; None if none is."""
+    withouts = [tuple(t for t in terms if t is not term) for term in terms[len(base) :]]
+    tighter = [
+        refined(models, tuple(new if t is old else t for t in terms), old.id)
+        for old in terms[len(base) :]
+        for new in bound(old)
+    ]
+    for without in sorted(withouts + tighter, key=models.promise):
+        if not (models.is_sure(terms, without) and models.left.explains(terms, without)):
+            return without
+        if len(base) < len(without) < len(terms):
+            term = next(term for term in terms if term not in without)
+            for rival in rivals(models, terms, term)[:1]:
+                if models.is_sure(rival, terms):
+                    return rival
+    return None
+
+
+def settle(models: Models, terms: Terms) -> Terms:
+    """Search every shape parameter again, now that all terms are in."""
+    trial = models.screen.trial(terms)
+    for term in terms:
+        if any(not shape.integer for shape in term.free) and term.id not in models.train.data.watched:
+            trial = models.screen.refine(trial, term.id)
+    return trial.terms
+
+
+def named(terms: Terms) -> Terms:
+    """The terms without laws that have no name."""
+    return tuple(term for term in terms if type(term) not in FOILS)
+
+
+def ids(terms: Sequence[Term]) -> frozenset[str]:
+    """Ids of some terms."""
+    return frozenset(term.id for term in terms)
+
+
+def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
+    """Ids of some terms, each with the names of the shape parameters that are told."""
+    return frozenset((term.id, *(shape.name for shape in term.free)) for term in terms)
+
+
+def has_bristles(term: Term) -> bool:
+    """Whether it is friction with a state, which nobody measures."""
+    return term.kind == "dissipative" and term.remembers
+
+
+def is_hidden(term: Term) -> bool:
+    """Whether it has a state that nobody measures, of a link or of bristles: windows know little of it, motion more."""
+    return term.link or has_bristles(term)
+
+
+def parameters(terms: Sequence[Term]) -> int:
+    """Number of parameters of a model."""
+    return sum(complexity(term) for term in terms)
+
+
+def complexity(term: Term) -> int:
+    """Number of parameters of a term."""
+    return len(term.columns) + len(term.free)
