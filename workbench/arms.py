@@ -21,7 +21,7 @@ from estimators.show.tables import candidates_table
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import effect_at, joint_effects
-from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.model import ArmModel, has_rotors
 from pendulum_env.arms.planar import Link
 from pendulum_env.arms.plane import planar_links
 from pendulum_env.arms.recording import ArmRecording, read_arm_source, write_arm_recording
@@ -145,7 +145,7 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print how far the torque of a model is from recordings, joint by joint."""
     _refuse(arguments, "align")
     outputs = [arguments.json, arguments.report]
-    asked = _given(arguments, outputs, terminal, (arguments.model,))
+    asked = _given(arguments, outputs, terminal, arguments.model)
     body, recordings = asked.body, [*asked.recordings, *asked.held]
     model = ArmModel.load(arguments.model, body)
     with terminal.progress("comparing"):
@@ -193,7 +193,7 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit a model without and with one more effect at a joint."""
     _refuse(arguments, "align", "fixed", "bounds")
     outputs = [arguments.output]
-    asked = _given(arguments, outputs, terminal, (arguments.model,))
+    asked = _given(arguments, outputs, terminal, arguments.model)
     body, recordings, held = asked.body, asked.recordings, asked.held
     model = ArmModel.load(arguments.model, body)
     try:
@@ -279,11 +279,12 @@ class _Given:
 
 
 def _given(
-    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, inputs: Sequence[str] = ()
+    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, model: str | None = None
 ) -> _Given:
     asked = given(arguments)
-    check_outputs(outputs, [*asked.files, *inputs, arguments.robot])
-    body = read_body(arguments.robot, rotors=True if arguments.rotors else None)
+    check_outputs(outputs, [*asked.files, *([model] if model else []), arguments.robot])
+    told = has_rotors(model) if model else None
+    body = read_body(arguments.robot, rotors=True if arguments.rotors else told)
     return _Given(
         body, *([_read(source, body, terminal) for source in part] for part in (asked.fitted, asked.held_out))
     )

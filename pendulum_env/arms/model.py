@@ -93,7 +93,7 @@ class ArmModel:
                 raise ModelError(f"is of an arm with joints {', '.join(joints)}, not {', '.join(body.joints)}")
             base = data["base"].content
             if base != {parameter.name: parameter.text for parameter in body.base}:
-                raise ModelError("is of an arm with other links, or with --rotors where this has none, or without")
+                raise ModelError("is of an arm with other links, or with rotors where this has none, or without")
             terms = tuple(_term(item, body.joints) for item in data["terms"].items(1000))
             theta = data["theta"]
             names = parameter_names(body, terms)
@@ -104,6 +104,16 @@ class ArmModel:
         except (Unreadable, ModelError) as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
         return cls.build(body, terms, np.array(values), np.array(errors), told)
+
+
+def has_rotors(path: str | Path) -> bool | None:
+    """Whether joints of the arm in a model file have a rotor's inertia; None if that does not tell, as of no model."""
+    try:
+        told = Value("the model", "", read_json(path, HINT)).content
+    except Unreadable:
+        return None  # who loads it says why
+    found = told.get("rotors") if isinstance(told, dict) else None
+    return found if isinstance(found, bool) else None
 
 
 def parameter_names(body: Body, terms: Sequence[Term]) -> tuple[str, ...]:

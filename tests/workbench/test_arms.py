@@ -99,6 +99,14 @@ def test_add_an_effect_at_a_joint(capsys, folder):
     assert code == 2 and "the model has torque_offset@elbow already" in err
 
 
+def test_what_is_compared_with_a_model_has_rotors_where_it_has(capsys, folder):
+    chosen = ("--scheme", "filtered_dynamic", "-o", "rotors.json")
+    code, _, _ = run(capsys, folder, "identify", "plain.csv", "--rotors", *chosen)
+    assert code == 0 and json.loads((folder / "rotors.json").read_text())["rotors"]
+    code, out, _ = run(capsys, folder, "compare", "rotors.json", "plain.csv")
+    assert code == 0 and "Torque errors" in out
+
+
 def test_a_study_of_an_arm_has_ranges_roles_and_columns(capsys, folder):
     code, out, _ = run(capsys, folder, "diagnose", "study.toml", "--only", "torque_offset,spring", "-o", "study.json")
     assert code == 0 and "Missing: torque_offset@elbow" in out and "5000 samples" in out and "3000 samples" in out
