@@ -152,7 +152,8 @@ def diagnose_arm(
     candidates, groups = judge(found, found.terms)
     lacking, model = of_arm(found.steps[0].model), of_arm(found.steps[-1].model)
     left, _ = models.left.structures(found.terms)
-    trifles = {at: TRIFLE * float(np.std(models.train.data.part(at).torque())) for at in models.left.joints}
+    data = models.train.data
+    trifles = {at: max(TRIFLE * float(np.std(data.part(at).torque())), data.least()) for at in data.joints}
     return ArmDiagnosis(
         base=lacking,
         model=model,

@@ -91,11 +91,11 @@ class Normal:
         found = [self._solved(gram) for gram in np.einsum("lk,kij->lij", others, folds)]
         return None if any(theta is None for theta in found) else np.array(found)
 
-    def weights(self, theta: Array) -> Array:
-        """Weight of each recording (E,) by what parameters (P,) leave of it: the quietest counts most."""
+    def weights(self, theta: Array, least: float) -> Array:
+        """Weight of each recording (E,) by what parameters (P,) leave of it, see `quietest_most`."""
         left = np.append(1.0, -theta)
         squares = np.einsum("i,eij,j->e", left, self.grams.sum(axis=1), left)
-        return quietest_most(np.maximum(squares, 0.0), self.counts)
+        return quietest_most(np.maximum(squares, 0.0), self.counts, least)
 
     def _solved(self, gram: Array) -> Array | None:
         size = np.sqrt(np.diag(gram))
@@ -109,7 +109,13 @@ class Normal:
         return within_bounds_of(gram, self.least * size, self.most * size) / size
 
 
-def quietest_most(squares: Array, counts: Index) -> Array:
-    """Weight of each recording (E,) by the squares that are left of its equations; some recordings may have none."""
-    levels = np.sqrt(squares / np.maximum(counts, 1)) + 1e-300
+def quietest_most(squares: Array, counts: Index, least: float) -> Array:
+    """Weight of each recording (E,) by what is left of its equations: the quietest counts most.
+
+    Args:
+        squares: sum of what is left, squared (E,).
+        counts: equations; some recordings may have none (E,).
+        least: level below which all are as quiet.
+    """
+    levels = np.maximum(np.sqrt(squares / np.maximum(counts, 1)), least) + 1e-300
     return np.asarray(levels[counts > 0].min() / levels)

@@ -140,11 +140,11 @@ class Screen:
         normal = self._normal(terms)
         theta = None if normal is None else normal.solve(self._by_noise)
         if normal is not None and theta is not None:
-            return normal.weights(theta)
+            return normal.weights(theta, self.data.least())
         balance = self.equations(terms)
         owner, counts = self._groups.owner, self._groups.counts
         squares = np.bincount(owner, balance.error(balance.solve()) ** 2, len(counts)).astype(float)
-        return quietest_most(squares, counts)
+        return quietest_most(squares, counts, self.data.least())
 
     @cached_property
     def _groups(self) -> Groups:

@@ -193,6 +193,10 @@ class Dataset:
         """Torque error that smoothing and integration leave, which are not exact either [N m]."""
         return LEAST_NOISE * float(np.std(self.torque()))
 
+    def least(self) -> float:
+        """Torque error that is no less at any joint [N m]: without a motor it has none, and is not exact for that."""
+        return max(self.part(at).precision() for at in self.joints)
+
     def with_more_torque(self, more: float) -> Dataset:
         """The same motion under a torque that is larger all along [N m]: tells how columns depend on it."""
 
@@ -388,7 +392,8 @@ def dataset(windows: Sequence[Windows], given: Mapping[str, Given] | None = None
     usual = {
         at: float(np.median([size for size, w in zip(sizes, windows, strict=True) if w.at == at])) for at in joints
     }
-    levels = [max(w.noise(0.05), 0.003 * usual[w.at], 1e-12) for w in windows]
+    least = LEAST_NOISE * max(usual.values())  # a joint without a motor has no torque, and is not exact for that
+    levels = [max(w.noise(0.05), 0.003 * usual[w.at], least, 1e-12) for w in windows]
     weights = [np.full(len(w.centers), min(levels) / level) for w, level in zip(windows, levels, strict=True)]
     return Dataset(
         tuple(windows),

@@ -79,9 +79,9 @@ def two(tmp_path_factory):
     return read_body(path)
 
 
-def offset_run(two, offset):
+def offset_run(two, offset, amplitudes=(3.5, 2.2)):
     time = np.arange(0, 10, 1e-3)
-    signal = Multisine.paper(0, (3.5, 2.2))
+    signal = Multisine.paper(0, amplitudes)
     position, _ = TwoLink().simulate(signal, time)
     torque = signal.held(time, 1e-3) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
     return ArmRecording.of("two", two.joints, time, position, torque + np.array(offset))
@@ -119,6 +119,14 @@ def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept
     assert 0.0 < speed.std < 0.1 * speed.value and abs(speed.value - 0.5) < 4 * speed.std
     found.model.save(tmp_path / "arm.json")
     assert ArmModel.load(tmp_path / "arm.json", two).estimates == found.model.estimates
+
+
+def test_a_joint_without_a_motor_tells_nothing_of_the_torque_of_others(two):
+    driven = offset_run(two, (0.0, 0.0), (3.5, 0.0))
+    torque = np.column_stack([driven.torque[:, 0], np.zeros(len(driven))])
+    found = diagnose_arm(ArmRecording.of("let go", two.joints, driven.time, driven.position, torque), two)
+    assert found.selected == () and found.unexplained == {}
+    assert found.after[0].share < 0.01 and found.after[1].share is None
 
 
 def test_a_joint_that_hardly_moves_is_told(two):

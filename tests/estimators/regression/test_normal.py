@@ -54,7 +54,8 @@ def test_the_quietest_recording_counts_most_and_one_without_equations_not_at_all
     rows, groups = problem(0, 2, 2)
     rows[:, 0] = np.where(groups.owner == 0, 1.0, 10.0)
     normal = Normal.of(rows, groups, *free(2))
-    assert normal.weights(np.zeros(2)) == pytest.approx([1.0, 0.1])
+    assert normal.weights(np.zeros(2), 0.0) == pytest.approx([1.0, 0.1])
+    assert normal.weights(np.zeros(2), 5.0) == pytest.approx([1.0, 0.5])
 
 
 def test_what_columns_alike_tell_is_left_to_a_method_that_keeps_its_digits():
