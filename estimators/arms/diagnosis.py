@@ -24,7 +24,7 @@ from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Estimate, Model, Term
 
-SCHEMA = "pendulum-ident/arm-diagnosis@1"
+SCHEMA = "pendulum-ident/arm-diagnosis@2"
 HELD_OUT = 0.3  # of each recording, where none is held out
 
 

@@ -52,9 +52,14 @@ def _impossible(model: Model, x: Samples) -> list[str]:
     pushed = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *pushing]), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - pushed).max())
     dry = _dry_over_a_turn([(column, value) for term, column, value in rubbing if not column.of_torque], x)
-    if dry.max() > limit:
+    if dry.max() > limit and not any(term.at for term in model.terms):  # links move the joints of an arm as well
         found.append(f"dry friction of {dry.max():.2g} N m, more than the {limit:.2g} N m that moved the joint")
     return found
+
+
+def _forms(terms: Sequence[Term]) -> set[tuple[str, str, tuple[str, ...]]]:
+    """Which effects there are, where, and with which shape parameters that are told."""
+    return {(term.id, term.at, tuple(shape.name for shape in term.free)) for term in terms}
 
 
 def _pushes(term: Term) -> bool:
@@ -143,7 +148,9 @@ def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str 
         motions: samples of each joint of the training data.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
-    wrong = impossible(after.model, motions)
+    first, second = (_forms(step.model.terms) for step in (after, before))
+    changed = {at for (_, at, _) in first ^ second} or set(motions)
+    wrong = impossible(after.model, {at: motions[at] for at in motions if at in changed})
     if wrong:
         return f"would mean {listing(wrong)}, which no body has"
     if new.position_rms >= old.position_rms:
@@ -151,10 +158,8 @@ def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str 
             f"does not lower the held-out error of free-running simulation "
             f"({old.position_rms:.3g} -> {new.position_rms:.3g} rad)"
         )
-    first, second = ({term.id: term.at for term in step.model.terms} for step in (after, before))
-    changed = [at for id, at in (first | second).items() if not (id in first and id in second)]
     for at in motions:
-        if len(motions) > 1 and at not in changed:
+        if at not in changed:
             continue
         where, (less, more) = f" of {at}" if at else "", (one.at(at) for one in (new, old))
         if less >= more:

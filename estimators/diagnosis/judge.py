@@ -94,9 +94,9 @@ def _judge_left_out(found: Selection, longer: Terms) -> Candidate:
     models, (*others, term) = found.models, longer
     gained = _gained(models, longer, tuple(others))
     gain = gained["gain"]
-    ratio = _held_out_rms(models, longer) / _held_out_rms(models, tuple(others))
+    ratio = _held_out_rms(models, longer, term.at) / _held_out_rms(models, tuple(others), term.at)
     score = 0.5 * (1 - gain.chance)
-    left_open = type(term)().beyond(*models.train.reach)
+    left_open = type(term)().beyond(*models.train.reach_of(term.at))
     if left_open and not models.is_sure(longer, tuple(others)):
         return Candidate(term.id, score, Verdict.NOT_EXCITED, ratio, f"{left_open}; it needs {term.reveal}", **gained)
     if not is_excited(models, longer):
@@ -111,10 +111,10 @@ def _gained(models: Models, after: Terms, before: Terms) -> _Gained:
     return {"gain": models.gain(after, before), "variants": models.variants(after, before)}
 
 
-def _held_out_rms(models: Models, terms: Terms) -> float:
+def _held_out_rms(models: Models, terms: Terms, at: str) -> float:
     """Torque error on the held-out data of the terms fitted to the training data [N m]."""
     error = models.held_out.equations(terms).error(models.screen.solve(terms))
-    return float(np.sqrt(np.mean(error**2)))
+    return models.holdout.data.errors(error)[at]
 
 
 def is_excited(models: Models, longer: Terms) -> bool:

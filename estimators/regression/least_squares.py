@@ -16,6 +16,7 @@ from pendulum_env._typing import Array, Index, Mask
 RIDGE = 1e-11  # relative; keeps a solve with two equal columns finite
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of its step that are tried
 DISTINCT = 1e-6  # least eigenvalue of scaled normal equations, from which they keep ten digits
+UNLIKELIER = 0.1  # [nat], by which a fit without a fold may be less likely than the best
 UNBENT = 1e-9  # by which a response to torque may differ from the torque itself
 TINY = 1e-9  # slope of an equation by the torque that says nothing of it
 LEAST_SLOPE = 0.05  # of an equation by the torque, so that an error stays finite
@@ -292,22 +293,24 @@ class Balance:
             small = replace(small, response=response, pushes=pushes)
         return small
 
-    def beside(self, own: Columns, least: Array, most: Array, pushes: Array) -> Balance:
-        """The equations with the columns of one more term, which is at the first of them.
+    def beside(self, own: Columns, here: slice, least: Array, most: Array, pushes: Array) -> Balance:
+        """The equations with the columns of one more term.
 
         Args:
-            own: columns on the first R_j of the R equations.
+            own: columns on some of the equations.
+            here: these.
             least, most: bounds of its parameters.
             pushes: of the torque in each equation (R, J), where its law is bent.
         """
-        count, more = len(self.y), np.zeros((len(self.y) - len(own.fixed), len(least)))
-        y, passed = self.y.copy(), np.broadcast_to(self.passed, (count,)).copy()
-        y[: len(own.fixed)] -= own.fixed
-        passed[: len(own.fixed)] *= own.passed
+        y, passed = self.y.copy(), np.broadcast_to(self.passed, self.y.shape).copy()
+        y[here] -= own.fixed
+        passed[here] *= own.passed
+        linear, slope = np.zeros((2, len(y), len(least)))
+        linear[here], slope[here] = own.linear, own.slope
         whole = Balance(
-            np.column_stack([self.phi, np.concatenate([own.linear, more])]),
+            np.column_stack([self.phi, linear]),
             y,
-            np.column_stack([self.by_torque, np.concatenate([own.slope, more])]),
+            np.column_stack([self.by_torque, slope]),
             np.concatenate([self.least, least]),
             np.concatenate([self.most, most]),
             self.weights,
@@ -318,7 +321,7 @@ class Balance:
         if own.taken is None:
             return whole
         response = (pushes if self.response is None else self.response).copy()
-        response[: len(own.taken)] -= own.taken
+        response[here] -= own.taken
         return replace(whole, response=response, pushes=pushes)
 
     def _smaller(self) -> Balance:
@@ -345,10 +348,21 @@ class Balance:
         for k in range(count):
             gram = grams[np.arange(count) != k].sum(axis=0)  # not the difference from the whole, which loses digits
             if len(size) and np.linalg.eigvalsh(gram[:-1, :-1])[0] > DISTINCT:
-                found[k] = near.theta + within_bounds_of(gram, least, most) / size
-            else:
-                found[k] = self[fold != k].solve(near.theta)
+                step = within_bounds_of(gram, least, most)
+                found[k] = near.theta + step / size
+                left = np.append(-step, 1.0)
+                if self.is_linear or self._is_as_foreseen(found[k], fold != k, float(left @ gram @ left)):
+                    continue
+            found[k] = self[fold != k].solve(near.theta)
         return found
+
+    def _is_as_foreseen(self, theta: Array, rows: Mask, square: float) -> bool:
+        """Whether parameters (P,) leave as little of some equations as a linear model of them foresaw.
+
+        By so much less likely they are than those of the fit, or less.
+        """
+        left = float(np.sum((self.weights * self.error(theta))[rows] ** 2))
+        return bool(np.count_nonzero(rows) * (left - square) < 2 * UNLIKELIER * max(square, 1e-300))
 
     def fit(self, clusters: Index, jacobian: Array | None = None) -> Fit:
         """The solution with its covariance, see `solve`, linear in the errors of the predicted torque around it.

@@ -118,4 +118,4 @@ def quietest_most(squares: Array, counts: Index, least: float) -> Array:
         least: level below which all are as quiet.
     """
     levels = np.maximum(np.sqrt(squares / np.maximum(counts, 1)), least) + 1e-300
-    return np.asarray(levels[counts > 0].min() / levels)
+    return np.where(counts > 0, levels[counts > 0].min() / levels, 0.0)

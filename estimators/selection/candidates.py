@@ -275,7 +275,7 @@ class Screen:
             if depends_on_torque(variants[0]):
                 squares = self._bent(near, list(zip(variants, parts, strict=True)), squares, exact, w)
         return [
-            Trial(model, float(np.sqrt(square / (w @ w) + self._hidden_in_all(model))))
+            Trial(model, float(np.sqrt(square / (w @ w) + self._hidden_in_all(model, w))))
             for model, square in zip(models, squares, strict=True)
         ]
 
@@ -313,9 +313,10 @@ class Screen:
         elsewhere = np.ones(len(pushes), dtype=bool)
         elsewhere[here] = False
         if elsewhere.any() and first.unbent[elsewhere].all():
-            first, pushes = first.condensed(elsewhere), pushes[here]
-            pushes = np.concatenate([pushes, np.tile(pushes.max(axis=0), (len(first.y) - len(pushes), 1))])
-        return lambda variant, own: first.beside(own, *_bounds([variant]), pushes)
+            first, own_pushes = first.condensed(elsewhere), pushes[here]
+            wide = np.tile(pushes.max(axis=0), (len(first.y) - len(own_pushes), 1))
+            here, pushes = slice(0, len(own_pushes)), np.concatenate([own_pushes, wide])
+        return lambda variant, own: first.beside(own, here, *_bounds([variant]), pushes)
 
     def trial(self, terms: Sequence[Term]) -> Trial:
         """Errors of one set of terms."""
@@ -336,10 +337,9 @@ class Screen:
                 found.append((self.data.where(term.at), self._muffled[term]))
         return found
 
-    def _hidden_in_all(self, terms: Sequence[Term]) -> float:
-        """The same, mean over all equations [(N m)^2]."""
-        count = len(self._torque)
-        return sum(len(range(*here.indices(count))) / count * variance for here, variance in self.hidden_noise(terms))
+    def _hidden_in_all(self, terms: Sequence[Term], w: Array) -> float:
+        """The same, mean over all equations as they are weighted (R,) [(N m)^2]."""
+        return sum(float(w[here] @ w[here]) * variance for here, variance in self.hidden_noise(terms)) / float(w @ w)
 
     def residual(self, terms: Sequence[Term]) -> Array:
         """Torque (R,) that a fit of the terms does not predict [N m]."""

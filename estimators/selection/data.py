@@ -114,7 +114,11 @@ class Evidence:
     @property
     def reach(self) -> tuple[float, float]:
         """Least and largest position that was recorded [rad]."""
-        positions = [windows.recording.position for windows in self.data.windows]
+        return self.reach_of(self.data.joints[0])
+
+    def reach_of(self, joint: str) -> tuple[float, float]:
+        """The same of a joint."""
+        positions = [w.recording.position for w in self.data.windows if w.at == joint]
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
 
     def watching(self, model: Model) -> Evidence:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.checks.physical import objection
+from estimators.checks.physical import impossible, objection
 from estimators.progress import Progress, no_progress
 from estimators.selection.candidates import Screen
 from estimators.selection.criterion import Criterion
@@ -89,8 +89,9 @@ class Models:
                 recorded = np.concatenate(
                     [cross_validated(known, first), predicted(known.solve(), unseen.recorded, second)]
                 )
-                without = tuple(term for term in terms if not term.lead)
-                if self.bootstrap.gain(recorded, self.density(without)).chance > self.criterion.chance:
+                withouts = [tuple(other for other in terms if other is not term) for term in terms if term.lead]
+                gains = [self.bootstrap.gain(recorded, self.density(without)) for without in withouts]
+                if any(gain.chance > self.criterion.chance for gain in gains):
                     told = recorded  # a filter that only makes the torque smaller
             self._densities[terms] = told
         return self._densities[terms]
@@ -163,6 +164,12 @@ class Models:
             refined = output_error.model(self.train.flights, point)
             self._in_motion[step.model.terms] = self.with_errors(step.added, refined)
         return replace(self._in_motion[step.model.terms], added=step.added)
+
+    def is_possible(self, terms: Terms) -> bool:
+        """Whether a body can have the effects of some terms: what the base model has at other joints is not theirs."""
+        where = {term.at for term in terms[len(self.base) :]}
+        motions = {at: x for at, x in self.train.motions.items() if at in where}
+        return not impossible(self.model(terms), motions)
 
     def is_confirmed(self, after: Step, before: Step) -> bool:
         """Whether both held-out errors fall, and the parameters are those of a body."""

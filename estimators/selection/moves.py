@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from estimators.checks.physical import impossible
 from estimators.selection.candidates import Trial
 from estimators.selection.foils import FOILS
 from estimators.selection.left import Terms
@@ -33,7 +32,7 @@ def candidates(models: Models, terms: Terms, barred: Iterable[str] = ()) -> list
             continue  # something simpler explains it all; or a transmission would have shown before all else
         models.progress(f"screening {effect.id}", done / len(missing))
         trial = promising(models, terms, effect)
-        if trial is not None and not impossible(models.model(trial.terms), models.train.motions):
+        if trial is not None and models.is_possible(trial.terms):
             found.append(trial.terms)
     return sorted(found, key=models.promise)
 
@@ -78,7 +77,7 @@ def refined(models: Models, terms: Terms, id: str) -> Terms:
 def loosened(models: Models, terms: Terms) -> Terms:
     """The terms with shape parameters off their usual values, as long as that surely predicts better."""
     for looser in sorted(freer(models, terms), key=models.promise):
-        if models.is_sure(looser, terms) and not impossible(models.model(looser), models.train.motions):
+        if models.is_sure(looser, terms) and models.is_possible(looser):
             return loosened(models, looser)
     return terms
 

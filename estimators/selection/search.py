@@ -58,15 +58,16 @@ def select(models: Models) -> Selection:
     Where the most promising first effect leads to no end, the search starts anew from the next ones.
     """
     start = settle(models, models.base)
-    models, best = grow(models, start, start)
-    if not models.left.fits(best):
-        begun, firsts = {term.id for term in best}, candidates(models, start)
+    models, terms = grow(models, start, start)
+    if not models.left.fits(terms):
+        begun, firsts = {term.id for term in terms}, candidates(models, start)
         for first in firsts[: models.criterion.beam]:
             if first[-1].id not in begun and models.is_sure(first, start) and models.is_level(first, firsts[0]):
-                models, other = grow(models, settle(models, first), start)
-                if models.is_sure(other, best) and are_confirmed(models, ladder(models, start, other)):
-                    best = other
-    terms, law = owned(models, start, pruned(models, start, best))
+                tried, other = grow(models, settle(models, first), start)
+                gain = models.bootstrap.gain(tried.density(other), models.density(terms), models.penalty(other, terms))
+                if gain.chance <= models.criterion.chance and are_confirmed(tried, ladder(tried, start, other)):
+                    models, terms = tried, other
+    terms, law = owned(models, start, pruned(models, start, terms))
     return Selection(models, confirmed(models, start, terms), law)
 
 

@@ -26,7 +26,8 @@ TRIFLE = 0.01  # share of the torque; encoder noise below it hides nothing worth
 LEAST_WINDOWS = 10  # below which errors mean nothing
 FEWEST = 100  # windows that a length has to leave clear of stick,
 CLEAR = 0.3  # or share of the recording
-DISTINCT = 4  # clusters for each parameter of an arm's links: with fewer, some combination would never vary
+CLUSTERS = 4  # for each parameter of an arm's links, with fewer some combination would never vary,
+APART = 4  # but no shorter than so many half windows, which errors are alike over
 SURELY = 5.0  # standard errors, from which a turn misses more torque than friction can be
 
 
@@ -310,7 +311,7 @@ def _numbers(windows: Sequence[Windows], length: float) -> Index:
 
 def _runs(windows: Sequence[Windows]) -> list[int]:
     """Which recording each entry is of: its own, or one that it shares with other joints."""
-    return [-1 - k if w.run is None else w.run for k, w in enumerate(windows)]
+    return [k if w.run is None else w.run for k, w in enumerate(windows)]
 
 
 def _widths(recording: Recording) -> tuple[float, ...]:
@@ -388,6 +389,7 @@ def dataset(windows: Sequence[Windows], given: Mapping[str, Given] | None = None
     """Put windows of several recordings together, weighted by their noise."""
     joints, count = {w.at for w in windows}, sum(own.linear.shape[1] for own in (given or {}).values())
     total = sum(w.recording.duration for w in windows) / len(joints)
+    half = max(len(w.kernel) // 2 / w.recording.rate for w in windows)
     sizes = [float(np.std(w.recording.torque)) for w in windows]
     usual = {
         at: float(np.median([size for size, w in zip(sizes, windows, strict=True) if w.at == at])) for at in joints
@@ -398,7 +400,7 @@ def dataset(windows: Sequence[Windows], given: Mapping[str, Given] | None = None
     return Dataset(
         tuple(windows),
         np.concatenate(weights),
-        _numbers(windows, min(0.5, total / max(30, DISTINCT * count))),
+        _numbers(windows, min(0.5, max(total / max(30, CLUSTERS * count), APART * half if count else 0.0))),
         given=given or {},
     )
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.regression.equations import IdentificationError
+from estimators.regression.least_squares import least_squares
 from estimators.weak_form.dataset import Dataset, Given, choose_half_width, dataset, quieter, smooth_laws
 from estimators.weak_form.windows import Rows, Windows, cut
 from pendulum_env._typing import Array
@@ -49,10 +50,10 @@ def prepare_arm(recordings: Sequence[ArmRecording], links: Links) -> Dataset:
     calibrated, linear, rates = [], [], []
     for k in range(len(links.body.joints)):  # the windows of a joint stand in a row
         for own, part in zip(entries, parts, strict=True):
-            calibrated.append(_calibrated(own[k], part.linear[k], part.inertia[k]))
+            calibrated.append(_calibrated(own, k, part))
             linear.append(part.linear[k])
             rates.append(part.rates[k])
-    inertia = np.mean([part.inertia for part in parts], axis=0)
+    inertia = np.mean([np.diagonal(part.masses.mean(axis=0), axis1=1, axis2=2).T for part in parts], axis=0)
     return dataset(calibrated, {links.id: Given(np.concatenate(linear), np.concatenate(rates), inertia)})
 
 
@@ -62,7 +63,7 @@ class _Columns:
 
     linear: list[Array]  # (R_k, P)
     rates: list[Array]
-    inertia: Array  # (n, P)
+    masses: Array  # M_kj at some places, by each parameter (S, P, n, n)
 
 
 def _columns(entries: Sequence[Windows], body: Body) -> _Columns:
@@ -76,17 +77,24 @@ def _columns(entries: Sequence[Windows], body: Body) -> _Columns:
         return np.asarray(rows.wider @ smooth[:, k] + rows.narrow @ heavy[:, k])
 
     some = q[:: max(1, len(q) // PLACES)]
-    units = (np.broadcast_to(unit, some.shape) for unit in np.eye(len(entries)))
-    inertia = [body.momentum(some, unit)[:, k].mean(axis=0) for k, unit in enumerate(units)]
+    masses = [body.momentum(some, np.broadcast_to(unit, some.shape)) for unit in np.eye(len(entries))]  # (S, n, P) each
     return _Columns(
         [averaged(w.rows, k) for k, w in enumerate(entries)],
         [averaged(w.rates, k) for k, w in enumerate(entries)],
-        np.array(inertia),
+        np.transpose(masses, (1, 3, 2, 0)),
     )
 
 
-def _calibrated(w: Windows, linear: Array, inertia: Array) -> Windows:
-    """Windows whose noise is no more than what links and every smooth law of the joint leave of the torque."""
-    beside = [law for law in smooth_laws(w) if law.id not in ("inertia", "gravity")]
-    phi = np.column_stack([linear, *(w.columns([law])[0][0] for law in beside)])
-    return quieter(w, phi, lambda theta: float(inertia @ theta[: len(inertia)]))
+def _calibrated(entries: Sequence[Windows], k: int, columns: _Columns) -> Windows:
+    """Windows of joint k whose noise is no more than what links and every smooth law of the joint leave of the torque.
+
+    Its equation has the accelerations of all joints, and the noise of their encoders.
+    """
+    w = entries[k]
+    laws = [law for law in smooth_laws(w) if law.id not in ("inertia", "gravity")]
+    phi = np.column_stack([columns.linear[k], *(w.columns([law])[0][0] for law in laws)])
+    theta = least_squares(phi, w.net_torque())[: columns.masses.shape[1]]
+    felt = np.sqrt(np.mean(np.einsum("p,spj->sj", theta, columns.masses[:, :, k]) ** 2, axis=0))  # |M_kj| (n,)
+    noise = float(np.linalg.norm(felt * [own.acceleration_noise for own in entries]))
+    w = replace(w, acceleration_noise=noise / max(float(felt[k]), 1e-300))
+    return quieter(w, phi, lambda _: float(felt[k]))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics import Column, Shape, Term, effects
+from pendulum_env.physics import Column, Term, effects
 from pendulum_env.physics.base import Coulomb, Viscous
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # of a joint, where nothing else is known
 # What depends on more than the own joint's motion: a link behind the motor, the arm's weight, a load's inertia
+OF_THE_ARM = ("load_dependent_friction.output",)  # columns that an effect has where its joint alone makes them
 NOT_DECENTRALISED = ("backlash", "joint_flexibility", "encoder_eccentricity", "gravity_tilt", "payload_change")
 
 
@@ -35,10 +36,8 @@ def at_joint(effect: type[Term], joint: str) -> type[Term]:
 
 def _at_joint(effect: type[Term], joint: str) -> type[Term]:
     def named(columns: Sequence[Column]) -> tuple[Column, ...]:
-        return tuple(replace(column, name=f"{column.name}@{joint}") for column in columns)
-
-    def follower(shape: Shape) -> Shape:
-        return replace(shape, follows=f"{shape.follows}@{joint}") if shape.follows else shape
+        own = (column for column in columns if column.name not in OF_THE_ARM)
+        return tuple(replace(column, name=f"{column.name}@{joint}") for column in own)
 
     content: dict[str, Any] = {
         "__module__": effect.__module__,
@@ -46,7 +45,7 @@ def _at_joint(effect: type[Term], joint: str) -> type[Term]:
         "__reduce__": lambda term: (placed, (effect(**term.shape), joint)),
         "id": f"{effect.id}@{joint}",
         "at": joint,
-        "shapes": tuple(follower(shape) for shape in effect.shapes),
+        "shapes": tuple(shape for shape in effect.shapes if not shape.follows),
         "columns": property(lambda term: named(cast(Any, effect).columns.fget(term))),
         "fixed": property(lambda term: named(cast(Any, effect).fixed.fget(term))),
     }

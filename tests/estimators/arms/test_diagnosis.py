@@ -121,11 +121,13 @@ def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept
     assert ArmModel.load(tmp_path / "arm.json", two).estimates == found.model.estimates
 
 
-def test_a_joint_without_a_motor_tells_nothing_of_the_torque_of_others(two):
-    driven = offset_run(two, (0.0, 0.0), (3.5, 0.0))
+@pytest.mark.parametrize("offset", [0.0, 0.3])
+def test_a_joint_without_a_motor_hides_nothing_of_others(two, offset):
+    driven = offset_run(two, (offset, 0.0), (3.5, 0.0))
     torque = np.column_stack([driven.torque[:, 0], np.zeros(len(driven))])
-    found = diagnose_arm(ArmRecording.of("let go", two.joints, driven.time, driven.position, torque), two)
-    assert found.selected == () and found.unexplained == {}
+    let_go = ArmRecording.of("let go", two.joints, driven.time, driven.position, torque)
+    found = diagnose_arm(let_go, two, library={"torque_offset": TorqueOffset, "spring": Spring})
+    assert found.selected == (("torque_offset@shoulder",) if offset else ()) and found.unexplained == {}
     assert found.after[0].share < 0.01 and found.after[1].share is None
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators.regression.normal import Groups, Normal
+from estimators.regression.normal import Groups, Normal, quietest_most
 
 FOLDS = 5
 
@@ -50,11 +50,23 @@ def test_further_columns_of_one_recording_are_as_good_as_zeros_in_the_others(see
     np.testing.assert_allclose(beside.grams, Normal.of(whole, groups, *free(4)).grams, atol=1e-9)
 
 
+def test_a_parameter_that_would_leave_its_bound_stays_there():
+    rows, groups = problem(1, 2, 3)
+    best = plainly(rows, np.ones(len(rows)))
+    least, most = free(3)
+    most[1] = best[1] - abs(best[1])
+    found = Normal.of(rows, groups, least, most).solve(np.ones(2))
+    bound = rows[:, 0] - rows[:, 2] * most[1]
+    others = np.linalg.lstsq(rows[:, [1, 3]], bound, rcond=None)[0]
+    assert found == pytest.approx([others[0], most[1], others[1]], rel=1e-6)
+
+
 def test_the_quietest_recording_counts_most_and_one_without_equations_not_at_all():
     rows, groups = problem(0, 2, 2)
     rows[:, 0] = np.where(groups.owner == 0, 1.0, 10.0)
     normal = Normal.of(rows, groups, *free(2))
     assert normal.weights(np.zeros(2), 0.0) == pytest.approx([1.0, 0.1])
+    assert quietest_most(np.array([4.0, 0.0]), np.array([1, 0]), 0.5).tolist() == [1.0, 0.0]
     assert normal.weights(np.zeros(2), 5.0) == pytest.approx([1.0, 0.5])
 
 

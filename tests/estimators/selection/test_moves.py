@@ -1,5 +1,7 @@
 """Moves of the search, on a plant with air drag that another simulator made: each goes towards it and none away."""
 
+from dataclasses import replace
+
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
@@ -52,7 +54,8 @@ def test_a_model_that_is_settled_stays_as_it_is(models):
     assert settle(models, RIGHT) == RIGHT
 
 
-def test_models_that_were_made_stay_what_they_are(models):
-    before = models.density(RIGHT).copy()
-    revise(models, (*BASE, SPRING, OFFSET), BASE)
-    assert (models.density(RIGHT) == before).all() and models.linked is None
+def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(models):
+    recording = models.train.recordings[0]
+    apart = Models(*gather([recording], [replace(recording, name="another")]))
+    assert len(set(apart.bootstrap.of_stretch.tolist())) == 2
+    assert len(set(models.bootstrap.of_stretch.tolist())) == 1  # the end of one recording is no other

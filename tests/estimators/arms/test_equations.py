@@ -1,0 +1,90 @@
+"""Windowed equations of an arm: what each joint's rows say, and that laws of one joint's torque stay at that joint."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from benchmarks.two_link import Multisine, TwoLink
+from estimators.arms.diagnosis import gather_arm
+from estimators.selection.candidates import Columns
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import inertias
+from estimators.selection.models import Models
+from pendulum_env.arms.joints import Links, at_joint, friction
+from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics import effect
+
+TIME = np.arange(0, 8, 1e-3)
+SIGNAL = Multisine.paper(0, (3.5, 2.2))
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return TwoLink().simulate(SIGNAL, TIME)[0], SIGNAL.held(TIME, 1e-3)
+
+
+def recorded(body, position, torque, noise=0.02):
+    torque = torque + noise * np.random.default_rng(0).normal(size=position.shape)
+    return ArmRecording.of("run", body.joints, TIME, position, torque)
+
+
+@pytest.fixture(scope="module")
+def base(body):
+    return (Links(body), *friction(body.joints))
+
+
+@pytest.fixture(scope="module")
+def evidence(body, motion, base):
+    return gather_arm([recorded(body, *motion)], base[0])
+
+
+@pytest.mark.parametrize("counts", [4096, 65_536])
+def test_a_whole_model_leaves_what_the_sensors_of_all_joints_give(body, motion, base, counts):
+    position, torque = motion
+    step = 2 * np.pi / counts
+    coarse = gather_arm([recorded(body, np.round(position / step) * step, torque, 1e-3)], base[0])
+    felt, residual = inertias(coarse.screen, base), coarse.screen.residual(base)
+    for joint in body.joints:
+        part = coarse.data.part(joint)
+        left = part.structure(residual[coarse.data.where(joint)], felt[joint])
+        assert left.all == pytest.approx(part.noise(felt[joint]), rel=0.25)
+
+
+LAWS = ("load_dependent_friction", "torque_saturation", "actuator_lag", "torque_ripple")
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("other", [None, "load_dependent_friction", "torque_saturation"])
+def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, evidence, base, joint, law, other):
+    at, elsewhere = body.joints[joint], body.joints[1 - joint]
+    screen = evidence.screen
+    terms = base if other is None else (*base, at_joint(effect(other), elsewhere)())
+    variant = at_joint(effect(law), at)()
+    (own,) = screen.columns([variant])
+    whole = screen._balance((*terms, variant), [*(screen.columns([t])[0] for t in terms), own], screen.weights(terms))
+    small = screen._beside(terms, evidence.data.where(at))(variant, own)
+    assert isinstance(own, Columns) and len(small.y) <= len(whole.y)
+    assert small.least_squared() == pytest.approx(whole.least_squared(), rel=1e-5)
+
+
+def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(body, motion, base):
+    position, torque = motion
+    logged = torque.copy()
+    logged[:, 1] += 0.02 * np.gradient(torque[:, 1], 1e-3)  # the elbow's drive follows with a lag of 20 ms
+    logged[:, 0] += np.sin(2 * np.pi * 15.0 * TIME)  # and something hums in the shoulder's channel
+    evidence = gather_arm([recorded(body, position, logged)], base[0])
+    models = Models(evidence, evidence, base=base, foils=())
+    lag = effect("actuator_lag")
+    true = (*base, at_joint(lag, "elbow")(0.02))
+    both = (*true, at_joint(lag, "shoulder")(0.01))
+    assert models.gain(true, base).chance < Criterion().chance
+    assert models.gain(both, true).chance > Criterion().chance
+
+
+def test_terms_at_joints_are_sent_to_other_processes_whole():
+    term = at_joint(effect("stribeck"), "elbow")(0.3)
+    again = pickle.loads(pickle.dumps(term))
+    assert again == term and again.id == "stribeck@elbow" and again.at == "elbow"
+    assert [column.name for column in again.columns] == ["stribeck@elbow"]
