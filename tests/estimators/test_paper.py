@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks import independent_plant
 from estimators.paper import PARAMETERS, PRINTED, TABLE_2, WAYS, Experiment, as_logged, paper_experiment
 from estimators.paper.experiment import simulated
 from estimators.paper.ways import command_as_logged, differentiated_backwards
@@ -14,27 +13,14 @@ from estimators.schemes.six import SCHEMES
 from estimators.signals.measurements import measure
 from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Recording
-from tests.once import once
+from tests.cases import of_the_paper
 
 DYNAMIC_PAIRS = [("hamiltonian", "dynamic"), ("filtered_hamiltonian", "filtered_dynamic")]
-
-
-def independent(rng: np.random.Generator, seconds: float, name: str) -> Recording:
-    """The paper's run from a simulator that shares no code with the packages."""
-    plant = independent_plant.Plant(*paper_plant().theta)
-    experiment = independent_plant.Experiment(seconds=seconds, seed=int(rng.integers(1000)))
-    (run,) = independent_plant.simulate([(plant, experiment)])
-    return Recording(name, run.time, run.position, run.torque)
 
 
 @pytest.fixture(scope="module")
 def experiment() -> Experiment:
     return of_the_paper()
-
-
-@once("benchmarks", "estimators", "pendulum_env")
-def of_the_paper() -> Experiment:
-    return paper_experiment(runs=2, seconds=6.0, seed=5, rollout=independent)
 
 
 def test_truth_is_the_dynamic_row_of_table_2(experiment):

@@ -6,14 +6,15 @@ import re
 import numpy as np
 import pytest
 
-from estimators.paper import TABLE_2, WAYS, Experiment, paper_experiment
+from estimators.paper import TABLE_2, WAYS, Experiment
+from tests.cases import of_the_paper
 from tests.workbench.pages import Page, values
 from workbench.report.paper import SECTIONS, render
 
 
 @pytest.fixture(scope="module")
 def experiment() -> Experiment:
-    return paper_experiment(runs=2, seconds=6.0, seed=1)
+    return of_the_paper()
 
 
 @pytest.fixture(scope="module")
