@@ -248,13 +248,10 @@ def _tell_body(body: Body, terminal: Terminal) -> None:
 
 def tell_diagnosis(found: ArmDiagnosis, terminal: Terminal, every: bool = False) -> None:
     """Print what is missing at which joints, errors before and after, and candidates (or every one)."""
-    if found.selected:
-        terminal.say(f"\nMissing: {enumerate_words(found.selected)}", style="bold")
-        for group in found.ambiguous:
-            terminal.say(f"{enumerate_words(group)} look the same in these data")
-    else:
-        terminal.say("\nNo effect of the library is missing at any joint.", style="bold")
-    terminal.heading("Torque errors on held-out data")
+    terminal.say(f"\n{found.headline}{'' if found.selected else '.'}", style="bold")
+    for group in found.ambiguous:
+        terminal.say(f"{enumerate_words(group)} look the same in these data")
+    terminal.heading("Torque errors on held-out data, clear of stick and reversals")
     terminal.table(*errors_table([found.before, found.after], ("before [N m]", "after [N m]")))
     found_parameters = [(name, one.text, one.unit) for name, one in found.parameters.items()]
     if found_parameters:

@@ -23,6 +23,7 @@ from pendulum_env.arms.joints import Links, at_joint, friction, joint_effects
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Estimate, Model, Term
+from pendulum_env.words import listing
 
 SCHEMA = "pendulum-ident/arm-diagnosis@2"
 HELD_OUT = 0.3  # of each recording, where none is held out
@@ -52,6 +53,15 @@ class ArmDiagnosis:
     unexplained: Mapping[str, float]
 
     @property
+    def headline(self) -> str:
+        """What is missing, in a line."""
+        if self.selected:
+            return f"Missing: {listing(self.selected)}"
+        if self.unexplained:
+            return f"Something is missing at {listing(list(self.unexplained))} that the library does not have"
+        return "No effect of the library is missing at any joint"
+
+    @property
     def parameters(self) -> dict[str, Estimate]:
         """Parameters of the effects that were found, by name."""
         found = [term for term in self.model.terms if term.id in self.selected]
@@ -72,10 +82,12 @@ class ArmDiagnosis:
 
 
 def parted(
-    recordings: ArmRecording | Sequence[ArmRecording], holdout: Sequence[ArmRecording] = ()
+    recordings: ArmRecording | Sequence[ArmRecording], holdout: ArmRecording | Sequence[ArmRecording] = ()
 ) -> tuple[list[ArmRecording], list[ArmRecording]]:
     """What is fitted and what is held out: the last 30 % of each recording, where no others are."""
-    recordings = [recordings] if isinstance(recordings, ArmRecording) else list(recordings)
+    recordings, holdout = (
+        [those] if isinstance(those, ArmRecording) else list(those) for those in (recordings, holdout)
+    )
     if holdout:
         return recordings, list(holdout)
     pairs = [recording.split(1 - HELD_OUT) for recording in recordings]
@@ -122,7 +134,7 @@ def of_arm(model: Model) -> ArmModel:
 def diagnose_arm(
     recordings: ArmRecording | Sequence[ArmRecording],
     body: Body,
-    holdout: Sequence[ArmRecording] = (),
+    holdout: ArmRecording | Sequence[ArmRecording] = (),
     progress: Progress = no_progress,
     *,
     library: Mapping[str, type[Term]] | None = None,
@@ -150,10 +162,16 @@ def diagnose_arm(
     models = models_of_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress)
     found = select(models)
     candidates, groups = judge(found, found.terms)
-    lacking, model = of_arm(found.steps[0].model), of_arm(found.steps[-1].model)
     left, _ = models.left.structures(found.terms)
     data = models.train.data
     trifles = {at: max(TRIFLE * float(np.std(data.part(at).torque())), data.least()) for at in data.joints}
+    unexplained = {
+        joint: own.shared if own.sure > models.criterion.sure else own.all
+        for joint, own in left.items()
+        if not models.criterion.is_noise(own, max(models.left.noise_of(models.train, joint), trifles[joint]))
+    }
+    last = found.steps[-1].model
+    lacking, model = of_arm(found.steps[0].model), of_arm(last.biased() if unexplained else last)
     return ArmDiagnosis(
         base=lacking,
         model=model,
@@ -162,9 +180,5 @@ def diagnose_arm(
         ambiguous=tuple(groups),
         before=compare_arm(lacking, held),
         after=compare_arm(model, held),
-        unexplained={
-            joint: own.shared if own.sure > models.criterion.sure else own.all
-            for joint, own in left.items()
-            if not models.criterion.is_noise(own, max(models.left.noise_of(models.train, joint), trifles[joint]))
-        },
+        unexplained=unexplained,
     )

@@ -17,7 +17,7 @@ from estimators.schemes.identification import CLUSTER, CLUSTERS, FEWEST, POINTS,
 from estimators.schemes.six import SCHEMES, OnlineScheme, Regression, Scheme, give, over_samples
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import friction
+from pendulum_env.arms.joints import check_places, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
@@ -113,10 +113,11 @@ def identify_arm(
 
     Raises:
         IdentificationError: if there is too little motion.
-        ValueError: if a scheme borrows from one that was not used before.
+        ValueError: if a scheme borrows from one that was not used before, or a term is at no joint.
     """
     recordings = [recordings] if isinstance(recordings, ArmRecording) else list(recordings)
     terms = friction(body.joints) if terms is None else tuple(terms)
+    check_places(terms, body.joints)
     measured = [m for recording in recordings for m in measure_arm(recording)]
     names = tuple(recording.name for recording in recordings)
     for k, joint in enumerate(body.joints):

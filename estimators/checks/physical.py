@@ -161,7 +161,8 @@ def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str 
     for at in motions:
         if at not in changed:
             continue
-        where, (less, more) = f" of {at}" if at else "", (one.at(at) for one in (new, old))
+        less, more = (one.at(at) for one in (new, old))
         if less >= more:
-            return f"does not lower the held-out torque error{where} ({more:.3g} -> {less:.3g} N m)"
+            told = f" of {at}" if at else f" ({more:.3g} -> {less:.3g} N m)"
+            return f"does not lower the held-out torque error{told}"
     return None

@@ -136,7 +136,7 @@ def _falls(before: Step, after: Step, at: str) -> str:
     old, new = before.errors["holdout"], after.errors["holdout"]
     torque = f"torque {old.at(at):.3g} -> {new.at(at):.3g} N m"
     if np.isnan(new.position_rms):
-        return f"lowers the held-out error: {torque}"
+        return f"lowers the held-out torque error of {at} to {new.at(at) / old.at(at):.1%}"
     position = f"free-running position {old.position_rms:.3g} -> {new.position_rms:.3g} rad"
     return f"lowers the held-out errors: {torque}, {position}"
 

@@ -91,7 +91,8 @@ def _density(balance: Balance, theta: Array, where: Stretches, hidden: Hidden) -
         test, own = fold == k, min(k, len(left) - 1)
         square = _scales(left[own], where.recording, test)[where.recording[test]]
         density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(left[own, test] ** 2 / (NU * square))
-        density += np.log(np.maximum(slopes[own, test], np.sqrt(square) / (PEAK * reach[test])))
+        known = np.minimum(np.sqrt(square) / (PEAK * reach[test]), 1.0)  # no law tells less than one that fits nothing
+        density += np.log(np.maximum(slopes[own, test], known))
         total += np.bincount(where.stretch[test], density, len(total))
     return total
 

@@ -28,7 +28,13 @@ _known: dict[tuple[type[Term], str], type[Term]] = {}  # so that the same effect
 
 
 def at_joint(effect: type[Term], joint: str) -> type[Term]:
-    """An effect as it is at one of several joints: the same law, with `@joint` behind its id and its parameters."""
+    """An effect as it is at one of several joints: the same law, with `@joint` behind its id and its parameters.
+
+    Raises:
+        ValueError: if it is at a joint already.
+    """
+    if effect.at:
+        raise Mistake(f"{effect.id} is at a joint already: place {effect.id.partition('@')[0]} at '{joint}' instead")
     if (effect, joint) not in _known:
         _known[effect, joint] = _at_joint(effect, joint)
     return _known[effect, joint]
@@ -49,12 +55,25 @@ def _at_joint(effect: type[Term], joint: str) -> type[Term]:
         "columns": property(lambda term: named(cast(Any, effect).columns.fget(term))),
         "fixed": property(lambda term: named(cast(Any, effect).fixed.fget(term))),
     }
-    return cast(type[Term], type(effect.__name__, (effect,), content))
+    return cast(type[Term], type(f"{effect.__name__}@{joint}", (effect,), content))
 
 
 def placed(term: Term, joint: str) -> Term:
     """A term as it is at a joint."""
     return at_joint(type(term), joint)(**term.shape)
+
+
+def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
+    """Refuse terms that are at no joint of an arm.
+
+    Raises:
+        ValueError: with the term, and the joints that there are.
+    """
+    for term in terms:
+        if term.at not in joints:
+            raise Mistake(
+                f"{term.id} is at none of the joints {', '.join(joints)}: place it, placed(term, {joints[0]!r})"
+            )
 
 
 def friction(joints: Sequence[str]) -> tuple[Term, ...]:
@@ -74,7 +93,7 @@ def effect_at(text: str, joints: Sequence[str]) -> tuple[type[Term], str]:
         ValueError: if there is no such effect or joint; the message names the nearest.
     """
     id, at, joint = text.partition("@")
-    if not at:
+    if not at and id not in NOT_DECENTRALISED:
         raise Mistake(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
     if id in NOT_DECENTRALISED:
         raise Mistake(f"{id} is no effect of one joint's motion and torque alone: it cannot sit at a joint of an arm")

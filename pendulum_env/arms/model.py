@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +61,10 @@ class ArmModel:
         """Linear parameters (P,), base parameters first."""
         return np.array([self.estimates[name].value for name in parameter_names(self.body, self.terms)])
 
+    def biased(self) -> ArmModel:
+        """The same model, known to lack something that no term explains."""
+        return replace(self, estimates={name: replace(e, is_biased=True) for name, e in self.estimates.items()})
+
     def json(self) -> JSON:
         """Plain dictionary for JSON; base parameters also say what they combine."""
         return {
@@ -101,9 +105,11 @@ class ArmModel:
             errors = [theta[name]["std"].number(0.0) for name in names]
             shapes = [own.full(shape.name) for own in terms for shape in own.free]
             told = {name: theta[name]["std"].number(0.0) for name in shapes}
+            biased = any(theta[name].get("biased") is not None for name in names)
         except (Unreadable, ModelError) as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-        return cls.build(body, terms, np.array(values), np.array(errors), told)
+        model = cls.build(body, terms, np.array(values), np.array(errors), told)
+        return model.biased() if biased else model
 
 
 def has_rotors(path: str | Path) -> bool | None:

@@ -14,7 +14,7 @@ from pendulum_env.lookup import find
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import UNUSED
 from pendulum_env.recording.preview import preview
-from pendulum_env.recording.record import ColumnError
+from pendulum_env.recording.record import NEWTON_METRE, ColumnError
 from pendulum_env.recording.storage import segment_numbers, write_columns
 from pendulum_env.recording.study import Source
 from pendulum_env.recording.table import LARGEST
@@ -136,6 +136,11 @@ def read_arm_recording(
         except RecordingError as error:
             text = str(error).removeprefix(f"{path}: ")
             raise RecordingError(f"{path}: joint '{joint}': {text}") from None
+        if single[-1].torque_unit != NEWTON_METRE:
+            raise RecordingError(
+                f"{path}: joint '{joint}': torque is in {single[-1].torque_unit}, and no known load tells the gain of "
+                f"an arm: give it, --columns torque_{joint}=NAME:{single[-1].torque_unit}*0.4, for one"
+            )
     name = single[0].name
     return ArmRecording(name, tuple(joints), tuple(replace(own, name=name) for own in single))
 

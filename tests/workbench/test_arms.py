@@ -151,6 +151,7 @@ def test_an_arm_in_space_is_recorded_elsewhere(capsys, tmp_path):
         (("diagnose", "plain.csv", "--experiment", "x.csv"), "--experiment is for pendulums"),
         (("diagnose", "plain.csv", "--report", "x.pdf"), "a report is one HTML page"),
         (("identify", "plain.csv", "plain.csv"), "is named twice"),
+        (("identify", "plain.csv", "--columns", "torque_elbow=torque_elbow:A*?"), "no known load tells the gain"),
         (("identify", "loaded.toml"), "plain.csv: a load is of one joint"),
         (("identify", "arm.urdf"), "the name does not end in"),
         (("identify", "plain.csv", "--columns", "torque_wrist=u"), "unknown column of the arm 'torque_wrist'"),

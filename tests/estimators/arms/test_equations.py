@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import Multisine, TwoLink
-from estimators.arms.diagnosis import gather_arm
+from estimators.arms.diagnosis import diagnose_arm, gather_arm
+from estimators.arms.identification import identify_arm
 from estimators.selection.candidates import Columns
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import inertias
 from estimators.selection.models import Models
-from pendulum_env.arms.joints import Links, at_joint, friction
+from pendulum_env.arms.joints import Links, at_joint, friction, placed
+from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.physics import effect
+from pendulum_env.physics import Viscous, effect
 
 TIME = np.arange(0, 8, 1e-3)
 SIGNAL = Multisine.paper(0, (3.5, 2.2))
@@ -81,6 +83,24 @@ def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(bo
     both = (*true, at_joint(lag, "shoulder")(0.01))
     assert models.gain(true, base).chance < Criterion().chance
     assert models.gain(both, true).chance > Criterion().chance
+
+
+def test_terms_are_at_a_joint_of_the_arm_and_at_one(body, motion):
+    for terms in ([Viscous()], [placed(Viscous(), "wrist")]):
+        with pytest.raises(ValueError, match="is at none of the joints shoulder, elbow"):
+            identify_arm(recorded(body, *motion), body, terms)
+    with pytest.raises(ValueError, match="stribeck@elbow is at a joint already"):
+        at_joint(at_joint(effect("stribeck"), "elbow"), "shoulder")
+
+
+def test_a_model_that_lacks_something_says_so_of_its_values_and_in_its_file(body, motion, tmp_path):
+    position, torque = motion
+    kicked = torque + 0.5 * np.sign(np.sin(40 * TIME + 3 * np.sin(TIME)))[:, None]  # no effect of the library
+    found = diagnose_arm(recorded(body, position, kicked), body, library={"spring": effect("spring")})
+    assert found.unexplained and found.headline.startswith("Something is missing at")
+    found.model.save(tmp_path / "arm.json")
+    for model in (found.model, ArmModel.load(tmp_path / "arm.json", body)):
+        assert model.estimates["viscous@elbow"].text.endswith("(biased)")
 
 
 def test_terms_at_joints_are_sent_to_other_processes_whole():

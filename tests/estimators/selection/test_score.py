@@ -111,6 +111,14 @@ def test_a_column_of_noise_predicts_no_better_and_a_true_one_does():
     assert useful == 20
 
 
+def test_a_law_that_bends_nothing_is_as_likely_as_none_however_much_is_left():
+    where = stretches(1, 20, 30)
+    plain = linear(*data(4, where))
+    pushes = np.tile(0.01 * np.linspace(-2, 2, 21), (len(plain.y), 1))  # small beside what is left
+    straight = replace(plain, response=pushes, pushes=pushes)
+    np.testing.assert_allclose(cross_validated(straight, where), cross_validated(plain, where), rtol=1e-6)
+
+
 def test_noise_that_a_model_takes_out_counts_as_error_all_the_same():
     where = stretches(1, 20, 30)
     phi, y = data(4, where)

@@ -42,10 +42,7 @@ def write_arm_report(
         diagnosis.candidates,
         diagnosis.unexplained,
     )
-    headline = (
-        f"Missing: {listing(diagnosis.selected)}" if diagnosis.selected else "No effect of the library is missing"
-    )
-    _write(path, case, headline, f"diagnosis of {listing([recording.name for recording in recordings])}")
+    _write(path, case, diagnosis.headline, f"diagnosis of {listing([recording.name for recording in recordings])}")
 
 
 def write_arm_comparison_report(
