@@ -1,4 +1,4 @@
-"""Which effect is missing at which joint of an arm: the pendulum's models, on the rows of all joints."""
+"""Which effect is missing at which joint of an arm: the pendulum's search, on the rows of all joints."""
 
 from __future__ import annotations
 

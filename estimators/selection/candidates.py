@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -129,12 +129,7 @@ class Screen:
 
     def weights(self, terms: Sequence[Term]) -> Array:
         """Weight of each equation (R,): of several recordings those count less of which the terms leave more."""
-        if len(self.data.windows) == 1 or not terms:
-            return self.data.weights
-        key = tuple(terms)
-        if key not in self._weights:
-            self._weights[key] = self._weighed(key)
-        return self._weights[key][self._groups.owner]
+        return self._weight_of_each(terms)[self._groups.owner]
 
     def _weighed(self, terms: tuple[Term, ...]) -> Array:
         normal = self._normal(terms)
@@ -235,9 +230,12 @@ class Screen:
 
     def _weight_of_each(self, terms: Sequence[Term]) -> Array:
         """Weight of each recording (E,)."""
-        weights = self._by_noise.copy()
-        weights[self._groups.owner] = self.weights(terms)
-        return weights
+        if len(self.data.windows) == 1 or not terms:
+            return self._by_noise
+        key = tuple(terms)
+        if key not in self._weights:
+            self._weights[key] = self._weighed(key)
+        return self._weights[key]
 
     def tangent(self, terms: Sequence[Term]) -> Tangent:
         """Errors near the fit of the terms, to first order."""
@@ -258,10 +256,10 @@ class Screen:
         w, here = self.weights(terms), self.data.where(variants[0].at)
         models = [(*terms, variant) for variant in variants]
         parts = self.columns(variants)
-        beside = self._beside(terms, here)
+        beside = cache(lambda: self._beside(terms, here))  # most variants do without
 
         def exact(variant: Term, own: Columns) -> float:
-            return beside(variant, own).least_squared()
+            return beside()(variant, own).least_squared()
 
         if not terms or variants[0].fixed or is_known(*terms, variants[0]):
             squares = np.array([exact(*pair) for pair in zip(variants, parts, strict=True)])
@@ -434,6 +432,8 @@ class Screen:
 
         left = clear(w * near.error, slice(None))
 
+        beside = cache(lambda at: self._beside(terms, self.data.where(at)))
+
         def exact(balance: Balance) -> Array:
             return balance.weights * balance.error(balance.solve())
 
@@ -455,8 +455,7 @@ class Screen:
             pairs = list(zip(variants, self.at(variants[0].at)._cut(variants), strict=True))
             if not depends_on_torque(variants[0]):
                 return [residual(*pair) for pair in pairs]
-            beside = self._beside(terms, self.data.where(variants[0].at))
-            return [exact(beside(*pair)) for pair in pairs]
+            return [exact(beside(variants[0].at)(*pair)) for pair in pairs]
 
         return residuals
 
