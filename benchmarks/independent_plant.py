@@ -136,6 +136,7 @@ class Experiment:
     noise_in_plant: bool = False  # whether the torque noise is real, not only recorded
     gains: tuple[float, float] = (12.0, 1.2)  # N m/rad, N m s/rad of the closed loop
     torque_limit: float = 8.0  # N m of the closed loop
+    control: str = "pd"  # of the closed loop: pd, by the error's rate; servo, by the joint's speed; or speed, with PI
 
     def __post_init__(self) -> None:
         _require(self.excitation, EXCITATIONS, "excitation")
@@ -159,6 +160,7 @@ class SimulatedRecording:
     velocity: Array  # (N,) rad/s, its exact rate
     acceleration: Array  # (N,) rad/s^2, just after the sample
     sliding: NDArray[np.bool_]  # (N,) False while the joint sticks
+    goal: Array  # (N,) of a closed loop, rad, or rad/s under control of the speed
 
     @property
     def truth(self) -> dict[str, Any]:
@@ -496,7 +498,10 @@ class _Clock:
         )
         self.smoothing = 1 - np.exp(-2 * np.pi * 30 / self.experiments[0].rate)  # of the loop's velocity, 30 Hz
         self.row = np.array([2 * (plant.encoder_side == "motor") for plant in self.plants])
-        self.speed = np.zeros(count)
+        self.speed, self.integral = np.zeros((2, count))
+        self.control = np.array([e.control for e in self.experiments])
+        goals = np.gradient(self.reference, axis=0) * self.experiments[0].rate
+        self.goal = np.where(self.control == "speed", goals, self.reference)
         self.position, self.exact, self.velocity, self.acceleration = (np.zeros(shape) for _ in range(4))
         self.sliding = np.zeros(shape, bool)
 
@@ -520,7 +525,12 @@ class _Clock:
             self.speed += self.smoothing * ((self.position[k] - self.position[back]) * rate - self.speed)
             error = self.reference[k] - self.position[k]
             error_rate = (self.reference[k] - self.reference[back]) * rate - self.speed
-            torque = np.clip(self.gains[0] * error + self.gains[1] * error_rate, -self.limit, self.limit)
+            wanted = self.gains[0] * error + self.gains[1] * error_rate
+            wanted = np.where(self.control == "servo", self.gains[0] * error - self.gains[1] * self.speed, wanted)
+            slow = self.goal[k] - self.speed
+            by_speed = self.gains[0] * slow + self.gains[1] * self.integral
+            self.integral += np.where((np.abs(by_speed) > self.limit) & (by_speed * slow > 0), 0.0, slow / rate)
+            torque = np.clip(np.where(self.control == "speed", by_speed, wanted), -self.limit, self.limit)
             self.command[k] = np.where(self.closed, torque, self.command[k])
 
     def acting(self, i: int) -> Array:
@@ -544,7 +554,7 @@ class _Clock:
             torque = self.command[:n, j] + self.torque_noise[:n, j]
             if experiment.torque_step:
                 torque = np.round(torque / experiment.torque_step) * experiment.torque_step
-            kept = (self.command, self.exact, self.velocity, self.acceleration, self.sliding)
+            kept = (self.command, self.exact, self.velocity, self.acceleration, self.sliding, self.goal)
             time = np.arange(n) / experiment.rate
             copies = (array[:n, j].copy() for array in kept)
             recordings.append(SimulatedRecording(plant, experiment, time, self.position[:n, j].copy(), torque, *copies))

@@ -2,6 +2,7 @@
 
     python -m benchmarks.servos benches --n 40       # friction-dominated, back-driven, with and without load friction
     python -m benchmarks.servos loops --n 30         # position and speed loops, most of them with nothing or cogging
+    python -m benchmarks.servos goals --n 50         # known controllers, and no log but of goals and positions
 
 A bench is driven as hobby servos are: the log has the voltage of a position loop at 100 Hz and an encoder of 12 bits.
 Each load is another plant to the simulator, which shares no code with the packages under test.
@@ -21,6 +22,7 @@ import numpy as np
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import diagnose
 from pendulum_env.recording import Load, Recording
+from pendulum_env.servo.drive import Drive
 
 Draw = np.random.Generator
 GRAVITY = 9.81  # [m/s^2]
@@ -124,6 +126,54 @@ def loop(seed: int) -> Case:
     return Case(f"{hidden} {kind}", named, [first], [second])
 
 
+SHOWN: dict[str, Callable[[Draw, float, float], dict[str, float]]] = {  # by gravity and Coulomb friction [N m]
+    "load_dependent_friction": lambda rng, g, c: {"load_out": rng.uniform(0.2, 0.4) * g},
+    "stribeck": lambda rng, g, c: {"strib_d": rng.uniform(1.0, 2.0) * c, "strib_v": rng.uniform(0.1, 0.3)},
+    "quadratic_drag": lambda rng, g, c: {"drag": rng.uniform(0.05, 0.1) * g},
+    "viscous_asymmetry": lambda rng, g, c: {"asym_v": rng.uniform(0.1, 0.2) * g},
+    "coulomb_asymmetry": lambda rng, g, c: {"asym_c": rng.uniform(0.4, 0.7) * c},
+    "position_dependent_friction": lambda rng, g, c: {"pos_c": rng.uniform(0.5, 0.8) * c},
+    "cogging": lambda rng, g, c: {"cog_n": float(rng.integers(5, 14)), "cog_s": rng.uniform(0.15, 0.3) * g},
+    "spring": lambda rng, g, c: {"spring_k": rng.uniform(0.3, 0.8) * g},
+    "dead_time": lambda rng, g, c: {"dead_n": float(rng.integers(15, 40))},
+    "torque_saturation": lambda rng, g, c: {"sat": rng.uniform(0.9, 1.2) * (g + c)},
+}
+CONTROLS = ("servo", "damped", "speed")
+
+
+def goal(seed: int) -> Case:
+    """A servo under a known controller, of which goals and positions are logged; nothing hides in every fifth."""
+    rng = np.random.default_rng([seed, 3])
+    hidden = "" if seed % 5 == 4 else list(SHOWN)[(seed - seed // 5) % len(SHOWN)]
+    control = CONTROLS[seed % len(CONTROLS)]
+    gravity, inertia = float(rng.uniform(0.3, 2.0)), float(rng.uniform(0.003, 0.02))
+    coulomb, constant = float(rng.uniform(0.05, 0.15)) * gravity, float(rng.uniform(0.2, 0.6))
+    effects = {hidden: SHOWN[hidden](rng, gravity, coulomb)} if hidden else {}
+    plant = Plant(inertia, gravity, float(rng.uniform(0.03, 0.08)) * gravity, coulomb, effects)
+    log, limit = float(rng.choice([100.0, 125.0, 200.0, 250.0])), SUPPLY * constant
+    stiff = np.array([2.0, 4.0, 6.0, 8.0]) * gravity
+    cases = []
+    for k, gain in enumerate(stiff.tolist()):
+        gains = {"servo": (gain, 0.0), "damped": (gain, 0.03 * gain), "speed": (0.15 * gain, gain)}[control]
+        told = {"control": "speed" if control == "speed" else "servo", "gains": gains, "torque_limit": limit}
+        kind = "speed_loop" if control == "speed" else "pd_loop"
+        scale = float(rng.uniform(0.3, 0.6))
+        cases.append((plant, Experiment(1000.0, 8.0, kind, scale, 100 * seed + k, counts=4096, **told)))
+    recordings = []
+    for k, (run, (_, done)) in enumerate(zip(simulate(cases), cases, strict=True)):
+        names = ("kp", "ki") if control == "speed" else ("kp", "kd")
+        told = dict(zip(names, (own / limit for own in done.gains), strict=True))
+        drive = Drive(
+            "velocity" if control == "speed" else "position", supply=SUPPLY, gain=constant, rate=1000.0, **told
+        )
+        each = slice(None, None, round(1000.0 / log))
+        time, position, wanted = run.time[each], run.position[each], run.goal[each]
+        speed, ones = np.gradient(position, time), np.ones(len(time))
+        torque = drive.torque(wanted, position, speed, SUPPLY * ones, ones)
+        recordings.append(Recording(f"{k}", time, position, torque, reference=wanted, drive=drive))
+    return Case(f"{hidden or 'nothing'} {control}", (hidden,) if hidden else (), recordings[:3], recordings[3:])
+
+
 def judged(make: Callable[[int], Case], seed: int) -> tuple[str, bool, float | None]:
     """A line on what is told of one case, whether what hides is named and nothing else, and the constant's error."""
     case = make(seed)
@@ -149,12 +199,12 @@ def judged(make: Callable[[int], Case], seed: int) -> tuple[str, bool, float | N
 def main(argv: Sequence[str] | None = None) -> int:
     """Print a line a case and the sums."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.servos")
-    parser.add_argument("what", choices=("benches", "loops"))
+    parser.add_argument("what", choices=("benches", "loops", "goals"))
     parser.add_argument("--n", type=int, default=30)
     parser.add_argument("--first", type=int, default=0, help="seed of the first case")
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args(argv)
-    make = {"benches": bench, "loops": loop}[args.what]
+    make = {"benches": bench, "loops": loop, "goals": goal}[args.what]
     seeds = range(args.first, args.first + args.n)
     with ProcessPoolExecutor(args.workers) as pool:
         results = []

@@ -24,6 +24,7 @@ from pendulum_env.recording.columns import refuse_unknown_quantity
 from pendulum_env.recording.study import read_sources
 from pendulum_env.recording.table import LARGEST
 from pendulum_env.recording.vocabulary import TOLD
+from pendulum_env.servo.drive import KEYS, Drive
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words, plus_minus
@@ -152,6 +153,13 @@ def take_reading(parser: argparse.ArgumentParser) -> None:
         f"units: {'; '.join(TOLD[quantity] for quantity in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
     )
     parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
+    parser.add_argument(
+        "--drive",
+        type=argument(_drive),
+        metavar="KEY=VALUE,...",
+        help="the controller that followed the reference, as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: "
+        f"{', '.join(KEYS)}; the verdict is then found by simulating it along",
+    )
     parser.add_argument(
         "--max-size",
         type=number(1.0, 1e6),
@@ -334,10 +342,24 @@ def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
     """
     largest = 1e6 * arguments.max_size
     if not name.lower().endswith(".toml"):
-        return (Source(Path(name), columns=arguments.columns or {}, unwrap=arguments.unwrap, largest=largest),)
-    if arguments.columns or arguments.unwrap:
-        raise InputError(f"{name}: says itself how its recordings are read: write columns and unwrap there")
+        drive = getattr(arguments, "drive", None)
+        return (
+            Source(Path(name), columns=arguments.columns or {}, unwrap=arguments.unwrap, drive=drive, largest=largest),
+        )
+    if arguments.columns or arguments.unwrap or getattr(arguments, "drive", None):
+        raise InputError(f"{name}: says itself how its recordings are read: write columns, unwrap and drive there")
     return tuple(replace(source, largest=largest) for source in read_sources(name))
+
+
+def _drive(text: str) -> Drive:
+    """A drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
+    told: dict[str, str | float] = {}
+    for part in text.split(","):
+        name, equals, value = (word.strip() for word in part.partition("="))
+        if not (name and equals):
+            raise InputError(f"{shown(part)} should be KEY=VALUE, such as kp=200")
+        told[name] = value if name in ("preset", "control", "output") else _bound(value)
+    return Drive.of(told)
 
 
 def _columns(text: str) -> dict[str, str]:

@@ -31,7 +31,7 @@ def tell(diagnosis: Diagnosis, terminal: Terminal, every: bool = False) -> None:
     terminal.heading("Errors")
     terminal.table(*errors_table(diagnosis.steps))
     terminal.say(fit_text(diagnosis.steps))
-    terminal.say(noise_text(diagnosis.noise_floor))
+    terminal.say(noise_text(diagnosis.noise_floor, diagnosis.is_in_loop))
     terminal.heading("Parameters")
     terminal.table(*parameters_table(diagnosis.model))
     if diagnosis.unexplained:

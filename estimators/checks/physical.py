@@ -153,6 +153,8 @@ def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str 
     wrong = impossible(after.model, {at: motions[at] for at in motions if at in changed})
     if wrong:
         return f"would mean {listing(wrong)}, which no body has"
+    if new.in_loop >= old.in_loop:
+        return f"does not lower the held-out error in the loop ({old.in_loop:.3g} -> {new.in_loop:.3g} rad)"
     if new.position_rms >= old.position_rms:
         return (
             f"does not lower the held-out error of free-running simulation "

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.checks.residual import Region
@@ -106,6 +108,11 @@ class Diagnosis:
     def model(self) -> Model:
         """The final model."""
         return self.steps[-1].model
+
+    @property
+    def is_in_loop(self) -> bool:
+        """Whether errors are those of motion that was simulated with the controller in the loop."""
+        return bool(np.isfinite(self.steps[0].errors["holdout"].in_loop))
 
     @property
     def selected(self) -> tuple[str, ...]:

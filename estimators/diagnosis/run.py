@@ -19,6 +19,8 @@ from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.sensitivity import in_words
+from estimators.diagnosis.setting import Setting
+from estimators.in_loop.diagnosis import diagnose_in_loop, is_driven
 from estimators.progress import Progress, forward, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
@@ -91,35 +93,6 @@ def _split(recordings: Sequence[Recording], widths: Sequence[float], share: floa
     return Evidence.of(recordings, widths, (0.0, share)), Evidence.of(recordings, widths, (share, 1.0))
 
 
-@dataclass(frozen=True)
-class Setting:
-    """What a diagnosis is told besides the recordings.
-
-    Attributes:
-        base: terms of the model to start from.
-        library: effects that may be named, by id.
-        criterion: what they have to achieve.
-        rng: of the bootstrap.
-        progress: told what is being done and the share that is done.
-        limits: of the rig, for the experiment that is suggested.
-        usual: torque that is trusted without limits [N m].
-        by_reference: whether the base model is fitted by instruments.
-    """
-
-    base: Sequence[Term]
-    library: Mapping[str, type[Term]]
-    criterion: Criterion
-    rng: np.random.Generator
-    progress: Progress
-    limits: Limits
-    usual: float
-    by_reference: bool
-
-    def models(self, evidence: tuple[Evidence, Evidence]) -> Models:
-        """What some data say of models."""
-        return Models(*evidence, self.progress, self.library, self.criterion, self.rng, tuple(self.base))
-
-
 def diagnose(
     recordings: Recordings,
     holdout: Recordings = (),
@@ -173,17 +146,21 @@ def diagnose(
     chosen = chosen_effects(library, only, without)
     terms, chosen = within_limits(chosen_terms(base), chosen, fixed, bounds)
     progress = forward(progress)
-    given = Prepared.of(chosen_recordings(recordings), chosen_recordings(holdout, empty=True), progress)
+    fitted, unseen = chosen_recordings(recordings), chosen_recordings(holdout, empty=True)
     setting = Setting(
         terms,
         chosen,
         criterion or Criterion(),
         rng or np.random.default_rng(0),
         progress,
-        Limits(max_torque or given.usual_torque, max_angle, max_speed),
-        given.usual_torque,
-        by_reference,
+        Limits(max_torque or USUAL, max_angle, max_speed),
+        by_reference=by_reference,
     )
+    if is_driven([*fitted, *unseen]):
+        return diagnose_in_loop(fitted, unseen, setting)
+    given = Prepared.of(fitted, unseen, progress)
+    usual = given.usual_torque
+    setting = replace(setting, usual=usual, limits=replace(setting.limits, torque=max_torque or usual))
     found = _of_one_plant(given, setting)
     if given.aligned.has_moved:  # what an effect does may look like torque that is logged late
         beside = [term for term in found.model.terms if term.id not in ids(BASE)]

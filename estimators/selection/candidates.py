@@ -16,7 +16,7 @@ from estimators.regression.least_squares import RIDGE, Balance, Columns, Tangent
 from estimators.regression.normal import Groups, Normal, quietest_most
 from estimators.selection.score import FOLDS, STRETCH
 from estimators.weak_form.dataset import Dataset
-from estimators.weak_form.shapes import Residuals, cross_entropy, gauss_newton, scan
+from estimators.weak_form.shapes import Residuals, cross_entropy, gauss_newton, scan, shape_slopes
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
@@ -158,16 +158,16 @@ class Screen:
             return None
         *others, last = terms
         if not others:
-            return Normal.of(self._rows(terms), self._groups, *_bounds(terms))
+            return Normal.of(self._rows(terms), self._groups, *bounds(terms))
         base = tuple(others)
         if base not in self._bases:
             if len(self._bases) >= KEPT:
                 self._bases.pop(next(iter(self._bases)))
             rows = self._rows(base)
-            self._bases[base] = rows, Normal.of(rows, self._groups, *_bounds(base))
+            self._bases[base] = rows, Normal.of(rows, self._groups, *bounds(base))
         rows, normal = self._bases[base]
         own, here = self.columns([last])[0].linear, self.data.where(last.at)
-        return normal.beside(rows, own, here, self._groups, *_bounds([last]))
+        return normal.beside(rows, own, here, self._groups, *bounds([last]))
 
     def _rows(self, terms: Sequence[Term]) -> Array:
         """Left-hand side and columns of some terms side by side (R, P + 1)."""
@@ -190,7 +190,7 @@ class Screen:
             self.placed(terms, [part.linear for part in parts]),
             acting,
             self.placed(terms, [part.slope for part in parts]),
-            *_bounds(terms),
+            *bounds(terms),
             w,
         )
         if taken:
@@ -237,6 +237,14 @@ class Screen:
             self._weights[key] = self._weighed(key)
         return self._weights[key]
 
+    def as_fitted(self, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """The terms with shape parameters that follow others as these were fitted: a search sets them itself."""
+        return tuple(terms)
+
+    def settle(self, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """The terms fitted as closely as can be: they always are."""
+        return tuple(terms)
+
     def tangent(self, terms: Sequence[Term]) -> Tangent:
         """Errors near the fit of the terms, to first order."""
         key = tuple(terms)
@@ -267,7 +275,7 @@ class Screen:
             near = self.tangent(terms)
             squares, theta = squared_errors(_grams(near, parts, w, here))
             theta[:, : len(near.theta)] += near.theta
-            least, most = _bounds(models[0])
+            least, most = bounds(models[0])
             for k in np.flatnonzero(np.any((theta < least) | (theta > most), axis=1)).tolist():
                 squares[k] = exact(variants[k], parts[k])
             if depends_on_torque(variants[0]):
@@ -314,7 +322,7 @@ class Screen:
             first, own_pushes = first.condensed(elsewhere), pushes[here]
             wide = np.tile(pushes.max(axis=0), (len(first.y) - len(own_pushes), 1))
             here, pushes = slice(0, len(own_pushes)), np.concatenate([own_pushes, wide])
-        return lambda variant, own: first.beside(own, here, *_bounds([variant]), pushes)
+        return lambda variant, own: first.beside(own, here, *bounds([variant]), pushes)
 
     def trial(self, terms: Sequence[Term]) -> Trial:
         """Errors of one set of terms."""
@@ -342,6 +350,21 @@ class Screen:
     def residual(self, terms: Sequence[Term]) -> Array:
         """Torque (R,) that a fit of the terms does not predict [N m]."""
         return self.balance(terms).error(self.solve(terms))
+
+    def shape_jacobian(self, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
+        """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names."""
+        slopes: dict[str, Array] = {}
+        first = 0
+        for term in terms:
+            own = theta[first : (first := first + len(term.columns))]
+
+            def torques(variants: Sequence[Term], own: Array = own) -> list[Array]:
+                return [linear @ own + fixed for linear, fixed in self.data.columns(variants)]
+
+            for name, slope in shape_slopes(term, torques).items():
+                slopes[name] = whole = np.zeros(len(self.data.weights))
+                whole[self.data.where(term.at)] = slope
+        return np.column_stack([np.empty((len(self.data.weights), 0)), *slopes.values()]), list(slopes)
 
     def variants(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """Best variants of an effect beside the terms, one for each set of shape parameters that are told.
@@ -446,7 +469,7 @@ class Screen:
             size = np.maximum(np.linalg.norm(extra, axis=0), 1e-300)
             extra = extra / size
             theta = np.linalg.solve(extra.T @ extra + 1e-12 * np.eye(len(size)), extra.T @ target) / size
-            least, most = _bounds([variant])
+            least, most = bounds([variant])
             if np.any((theta < least) | (theta > most)):
                 return exact(self._balance((*terms, variant), [*shared, own], w))
             return np.asarray(target - (extra * size) @ theta)
@@ -484,7 +507,7 @@ def is_known(*terms: Term) -> bool:
     return any(column.is_known for term in terms for column in term.columns)
 
 
-def _bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
+def bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     """Bounds of the linear parameters (P,) of some terms."""
     columns = [column for term in terms for column in term.columns]
     return np.array([column.least for column in columns]), np.array([column.most for column in columns])

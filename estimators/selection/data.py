@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from estimators.selection.candidates import Screen
 from estimators.simulation.free_running import Flights, deviation, position_rms, take_off
 from estimators.simulation.link_segments import has_link, hidden_state, link_of, watch
 from estimators.weak_form.dataset import Dataset, prepare
-from estimators.weak_form.shapes import shape_slopes
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import BASE, Model, Samples, Term
@@ -34,6 +34,7 @@ class Errors:
             0 a constant would do as well [%]. NaN where nobody has counted.
         position_fit: the same of position in free run, relative to the deviation in each one-second window [%].
         joints: torque errors of the joints by name [N m].
+        in_loop: mean absolute error of whole recordings that are simulated with their controller in the loop [rad].
 
     What cannot be simulated has NaN for a position error.
     """
@@ -43,14 +44,18 @@ class Errors:
     torque_fit: float = np.nan
     position_fit: float = np.nan
     joints: Mapping[str, float] = field(default_factory=dict)
+    in_loop: float = np.nan
 
     def at(self, joint: str) -> float:
-        """Torque error at a joint [N m]."""
-        return self.joints.get(joint, self.torque_rms)
+        """Torque error at a joint [N m], or error in the loop [rad]."""
+        return self.in_loop if np.isfinite(self.in_loop) else self.joints.get(joint, self.torque_rms)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        told = {name: getattr(self, name) for name in ("torque_rms", "position_rms", "torque_fit", "position_fit")}
+        told = {
+            name: getattr(self, name)
+            for name in ("torque_rms", "position_rms", "torque_fit", "position_fit", "in_loop")
+        }
         return {name: value for name, value in told.items() if np.isfinite(value)}
 
 
@@ -82,6 +87,8 @@ class Evidence:
 
     data: Dataset
     flights: tuple[Flights, ...]
+
+    in_loop: ClassVar[bool] = False  # whether the controller is simulated along, and a link with it
 
     @classmethod
     def of(
@@ -164,9 +171,11 @@ def fit_terms(evidence: Evidence, terms: Sequence[Term], screen: Screen | None =
         terms: of the model.
         screen: of the same data, if there is one that may know some of the columns already.
     """
-    data, balance = evidence.data, (screen or evidence.screen).balance(terms)
+    data, screen = evidence.data, screen or evidence.screen
+    terms = screen.settle(terms)
+    balance = screen.balance(terms)
     first = balance.fit(data.clusters)
-    jacobian, names = shape_jacobian(data, terms, first.theta)
+    jacobian, names = screen.shape_jacobian(terms, first.theta)
     fit = balance.fit(data.clusters, jacobian) if names else first
     count = len(fit.theta)
     shape_std = dict(zip(names, fit.std[count:].tolist(), strict=True))
@@ -177,7 +186,7 @@ def fit_terms(evidence: Evidence, terms: Sequence[Term], screen: Screen | None =
         for shape in term.shapes:
             if shape.instant:
                 noise = (fit.residual * balance.weights)[data.where(term.at)]
-                shape_std[term.full(shape.name)] = _placement(data.part(term.at), term, shape.name, own, noise)
+                shape_std[term.full(shape.name)] = _placement(screen.at(term.at), term, shape.name, own, noise)
     columns = [column.name for term in terms for column in term.columns]
     model = Model.build(terms, fit.theta, fit.std[:count], **shape_std)
     return model.correlated([*columns, *names], fit.covariance), fit
@@ -214,7 +223,7 @@ def with_knocks(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> t
     return (train, holdout) if train.data.knocks >= REPEATED else evidence
 
 
-def _placement(data: Dataset, term: Term, name: str, own: Array, noise: Array) -> float:
+def _placement(screen: Screen, term: Term, name: str, own: Array, noise: Array) -> float:
     """Standard error of an instant [s]: how far it may be moved before the windows that notice speak against it.
 
     Few windows tell when something happened, none if the joint is at rest then, so that the fit has no slope there to
@@ -223,23 +232,7 @@ def _placement(data: Dataset, term: Term, name: str, own: Array, noise: Array) -
     instant = term.shape[name]
     steps = np.geomspace(*PLACES, 30)
     variants = [replace(term, **{name: instant + sign * step}) for sign in (0, 1, -1) for step in steps]
-    torque = np.array([(linear @ own + fixed) * data.weights for linear, fixed in data.columns(variants)])
+    torque = np.array([(part.linear @ own + part.fixed) * screen.data.weights for part in screen.columns(variants)])
     noticed = np.linalg.norm(torque[len(steps) :] - torque[0], axis=1) > np.std(noise)  # (2 x 30,)
     sides = [steps[np.argmax(side)] if side.any() else steps[-1] for side in noticed.reshape(2, -1)]
     return float(max(sides))
-
-
-def shape_jacobian(data: Dataset, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
-    """Derivatives (R, S) of the modelled torque with respect to continuous shape parameters, and their names."""
-    slopes: dict[str, Array] = {}
-    first = 0
-    for term in terms:
-        own = theta[first : (first := first + len(term.columns))]
-
-        def torques(variants: Sequence[Term], own: Array = own) -> list[Array]:
-            return [linear @ own + fixed for linear, fixed in data.columns(variants)]
-
-        for name, slope in shape_slopes(term, torques).items():
-            slopes[name] = whole = np.zeros(len(data.weights))
-            whole[data.where(term.at)] = slope
-    return np.column_stack([np.empty((len(data.weights), 0)), *slopes.values()]), list(slopes)

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.regression.least_squares import information, least_squares, robust_covariance
 from estimators.selection.candidates import Screen
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, fit_terms, inertias, shape_jacobian
+from estimators.selection.data import Evidence, fit_terms, inertias
 from estimators.selection.foils import wanders
 from estimators.weak_form.dataset import Structure
 from pendulum_env._typing import Array
@@ -80,7 +80,7 @@ class Left:
         known, left = self._structures_of(part, residual), {}
         for at in self.joints:
             hidden = screen.hidden_noise([term for term in terms if term.at == at])
-            power = float(np.mean(residual[part.data.where(at)] ** 2)) + sum(variance for _, variance in hidden)
+            power = part.data.part(at).power(residual[part.data.where(at)]) + sum(variance for _, variance in hidden)
             left[at] = Power(power, known[at].shared ** 2)
         return left
 
@@ -141,7 +141,7 @@ class Left:
             self.held_out.balance(terms),
         )
         free = np.flatnonzero(np.diag(known.covariance))  # others are known, or at their bounds
-        slopes = balance.slopes(known.theta, shape_jacobian(data, terms, known.theta)[0])[:, free]
+        slopes = balance.slopes(known.theta, self.held_out.shape_jacobian(terms, known.theta)[0])[:, free]
         error, weights = balance.error(known.theta), balance.weights
         step = least_squares(slopes * weights[:, None], error * weights)
         covariance = robust_covariance(slopes * weights[:, None], (error - slopes @ step) * weights, data.clusters)

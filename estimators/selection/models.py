@@ -135,7 +135,7 @@ class Models:
 
     def model(self, terms: Terms) -> Model:
         """The terms fitted to the training data, without standard errors, which take longer."""
-        return Model.build(terms, self.screen.solve(terms))
+        return Model.build(self.screen.as_fitted(terms), self.screen.solve(terms))
 
     def step(self, added: str | None, terms: Terms) -> Step:
         """Fit the terms to the training data and take the errors."""
@@ -209,6 +209,8 @@ def _stretches(part: Evidence, length: float) -> Stretches:
 def held_out_cost(step: Step) -> float:
     """Product of both held-out errors [N m rad]: a model is better where one falls by more than the other rises."""
     errors = step.errors["holdout"]
+    if not np.isnan(errors.in_loop):
+        return errors.in_loop
     return errors.torque_rms * (1.0 if np.isnan(errors.position_rms) else errors.position_rms)
 
 

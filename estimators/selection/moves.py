@@ -26,8 +26,10 @@ def candidates(models: Models, terms: Terms, barred: Iterable[str] = ()) -> list
     missing.sort(key=lambda effect: effect.kind == "transmission")  # last: they take long to search
     found: list[Terms] = []
     for done, effect in enumerate(missing):
-        if effect.kind == "transmission" and (
-            len(terms) > len(models.base) or any(models.left.fits(other) for other in (terms, *found))
+        if (
+            effect.kind == "transmission"
+            and not models.train.in_loop
+            and (len(terms) > len(models.base) or any(models.left.fits(other) for other in (terms, *found)))
         ):
             continue  # something simpler explains it all; or a transmission would have shown before all else
         models.progress(f"screening {effect.id}", done / len(missing))

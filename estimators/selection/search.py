@@ -121,7 +121,7 @@ def add(models: Models, terms: Terms) -> State | None:
             continue
         longer = settle(models, longer)
         models.progress(f"confirming {', '.join(sorted(one[0] for one in forms(longer) - forms(terms)))}", 0.9)
-        if has_link(longer) and not has_link(terms):
+        if has_link(longer) and not has_link(terms) and not models.train.in_loop:
             watched = watch(models, longer, terms) if not confirmed else None
             if watched is not None:
                 return watched

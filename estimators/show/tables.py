@@ -21,6 +21,8 @@ RUNNERS_UP = 5  # rejected candidates that are shown
 def errors_table(steps: Sequence[Step]) -> Table:
     """Errors step by step, with a bar that shrinks; ratios are held-out errors over the base's."""
     base = steps[0].errors["holdout"]
+    if np.isfinite(base.in_loop):
+        return _loop_table(steps)
     rows = []
     for step in steps:
         train, holdout = step.errors["train"], step.errors["holdout"]
@@ -51,8 +53,20 @@ def errors_table(steps: Sequence[Step]) -> Table:
     return Table(headers, rows, left=("",))
 
 
+def _loop_table(steps: Sequence[Step]) -> Table:
+    """The same of errors in the loop."""
+    base, rows = steps[0].errors["holdout"].in_loop, []
+    for step in steps:
+        train, holdout = (step.errors[part].in_loop for part in ("train", "holdout"))
+        label = "as it was" if step.added is None else f"+ {step.added}"
+        rows.append((label, f"{train:.4g}", f"{holdout:.4g}", f"{holdout / base:.3g}", bar(holdout / base)))
+    return Table(("model", "in the loop, fitted [rad]", "in the loop, held out [rad]", "ratio", ""), rows, left=("",))
+
+
 def fit_text(steps: Sequence[Step]) -> str:
     """How much of held-out torque and motion the first and the last model explain, in a sentence."""
+    if np.isfinite(steps[0].errors["holdout"].in_loop):
+        return "mean distance of whole recordings from simulations that know nothing but the goal"
     first, last = (step.errors["holdout"] for step in (steps[0], steps[-1]))
     course = " -> " if len(steps) > 1 else ""
     torque, position = (
@@ -92,8 +106,10 @@ def schemes_table(found: Identification, model: Model | None = None, label: str 
     return Table(("scheme", *(f"{column.name} [{column.unit}]" for column in columns), "residual"), rows)
 
 
-def noise_text(floor: float) -> str:
-    """What noise alone would leave [N m], and how that is known, in a sentence."""
+def noise_text(floor: float, in_loop: bool = False) -> str:
+    """What noise alone would leave [N m], or [rad] in the loop, and how that is known, in a sentence."""
+    if in_loop:
+        return f"the encoder alone would leave {floor:.2g} rad"
     return f"measurement noise alone, judged by the scatter from sample to sample, would leave {floor:.3g} N m"
 
 

@@ -190,6 +190,10 @@ class Dataset:
         size = float(np.sqrt(max(product.mean(), 0.0)))
         return Structure(size if size > self.precision() else 0.0, sure, everything)
 
+    def power(self, residual: Array) -> float:
+        """Mean square of a residual (R,) [N^2 m^2]."""
+        return float(np.mean(residual**2))
+
     def precision(self) -> float:
         """Torque error that smoothing and integration leave, which are not exact either [N m]."""
         return LEAST_NOISE * float(np.std(self.torque()))

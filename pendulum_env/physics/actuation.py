@@ -174,3 +174,29 @@ class DeadTime(Term):
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         return [cls(float(t)) for t in geometric(1e-3, 0.2, 14)]
+
+
+@dataclass(frozen=True)
+class BackEmf(Term):
+    """Torque that a powered motor loses to its own turning, k q' while it is on.
+
+    It is viscous friction wherever the motor is never off.
+    """
+
+    id = "back_emf"
+    law = "k q' while the motor is on"
+    kind = "actuation"
+    reveal = "motion with the motor on and off"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        def force(x: Samples) -> ArrayLike:
+            return x.velocity * x.memory.get("back_emf", (1.0,))[0]
+
+        return (Column("back_emf", "N m s/rad", force=force, least=0.0),)
+
+    def start(self, x: Samples) -> Memory:
+        return (1.0 + 0.0 * x.position,)
+
+    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
+        return (memory[0] + 0.0,)

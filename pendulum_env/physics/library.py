@@ -8,7 +8,14 @@ from importlib.metadata import entry_points
 from types import ModuleType
 
 from pendulum_env.lookup import find
-from pendulum_env.physics.actuation import ActuatorLag, DeadTime, TorqueOffset, TorqueRipple, TorqueSaturation
+from pendulum_env.physics.actuation import (
+    ActuatorLag,
+    BackEmf,
+    DeadTime,
+    TorqueOffset,
+    TorqueRipple,
+    TorqueSaturation,
+)
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.friction import (
     CoulombAsymmetry,
@@ -100,5 +107,5 @@ def effect(id: str) -> type[Term]:
 
 def term(id: str) -> type[Term]:
     """Base term or effect of that id; raises ValueError like `effect`."""
-    base = {item.id: type(item) for item in BASE}
+    base = {item.id: type(item) for item in (*BASE, BackEmf())}
     return base[id] if id in base else effect(id)

@@ -12,7 +12,8 @@ from pendulum_env.recording.record import RecordingError
 from pendulum_env.words import listing
 
 Rows = range | Index  # number of each sample's row in the file
-OPTIONAL = ("velocity", "reference")  # quantities that a recording can do without
+OPTIONAL = ("velocity", "reference", "supply", "enabled")  # quantities that a recording can do without
+HELD = ("torque", "enabled")  # quantities that stay until they are told anew
 NAMED = 5  # places, as many as a note names
 BLOCK = 1 << 18  # samples looked at at a time
 MARGIN = 64  # samples that blocks share
@@ -37,12 +38,12 @@ def aligned(values: dict[str, Array], fewest: int) -> tuple[dict[str, Array], tu
         sound = np.isfinite(values[quantity]) & np.isfinite(values["time"])
         if here.all() or np.count_nonzero(sound & here) > 0.5 * min(np.count_nonzero(here), np.count_nonzero(sound)):
             continue
-        if quantity == "torque":
+        if quantity in HELD:
             last = np.maximum.accumulate(np.where(sound, np.arange(len(sound)), -1))
             values[quantity] = np.where(last >= 0, values[quantity][last], np.nan)
         elif sound.any():
             values[quantity] = np.interp(values["time"], values["time"][sound], values[quantity][sound])
-        how = "as it was last" if quantity == "torque" else "by interpolation"
+        how = "as it was last" if quantity in HELD else "by interpolation"
         notes.append(f"{quantity} stands in other rows than position: taken {how}")
     if not notes:
         return values, ()

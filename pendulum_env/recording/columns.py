@@ -27,7 +27,7 @@ from pendulum_env.recording.vocabulary import (
     UNITS,
 )
 
-OPTIONAL = ("velocity", "reference", "segment")
+OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled")
 UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
 LINKS = "give the arm's links with --robot ARM.urdf (read_arm_recording), or "
 CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python
@@ -95,13 +95,17 @@ def _factor(quantity: str, unit: str | None) -> float:
     return {**UNITS[quantity], **RAW.get(quantity, {}), **LINEAR.get(quantity, {})}[unit]
 
 
-def find_columns(headers: Sequence[str], named: Mapping[str, str] | None = None) -> dict[str, Column]:
-    """Column by quantity: time, position, torque, and velocity, reference and segment if there are.
+def find_columns(
+    headers: Sequence[str], named: Mapping[str, str] | None = None, has_drive: bool = False
+) -> dict[str, Column]:
+    """Column by quantity: time, position, torque, and velocity, reference, segment, supply and enabled if there are.
 
     Args:
         headers: names of the columns in the file.
         named: columns that the user names, by quantity, as in `expression.py`, or `unused` for a quantity to do
             without; the others are found by their names.
+        has_drive: whether a known controller followed the reference: then the reference is needed, and torque only
+            taken where the user names it.
 
     Raises:
         ColumnError: if one is missing, if two fit the same quantity, or if one needs a gain that is not given.
@@ -121,7 +125,7 @@ def find_columns(headers: Sequence[str], named: Mapping[str, str] | None = None)
         candidates = [c for c in fitting if not c.commanded] or fitting
         if quantity in SPARE:
             candidates = candidates[:1]
-        if len(candidates) > 1:
+        if len(candidates) > 1 and not (has_drive and quantity == "torque"):
             names = " and ".join(_shown(c.header) for c in candidates[:3])
             raise ColumnError(
                 f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: {CHOOSE}"
@@ -129,7 +133,10 @@ def find_columns(headers: Sequence[str], named: Mapping[str, str] | None = None)
         if candidates:
             others = tuple(c.header for c in fitting if c not in candidates)
             columns[quantity] = replace(candidates[0], passed_over=others)
-    missing = [quantity for quantity in ("time", "position", "torque") if quantity not in columns]
+    if has_drive and "torque" not in given:
+        columns.pop("torque", None)
+    needed = ("time", "position", "reference" if has_drive else "torque")
+    missing = [quantity for quantity in needed if quantity not in columns]
     if missing:
         hints = [hint for quantity in missing for hint in islice(_raw(quantity, headers), 1)]
         if len(joints := _joints(headers)) > 1:

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.mistake import Mistake
+from pendulum_env.servo.drive import Drive
 from pendulum_env.words import plus_minus
 
-QUANTITIES = ("time", "position", "torque", "velocity", "reference")  # the columns of a recording
+QUANTITIES = ("time", "position", "torque", "velocity", "reference", "supply", "enabled")  # the columns of a recording
 NEWTON_METRE = "N m"
 EXACT, LOOSE = 1e-6, 1e-5  # of a step that a clock may be off: a file's is left as it is, and so is any slice of it
 
@@ -89,9 +90,12 @@ class Recording:
     notes: tuple[str, ...] = ()  # what was changed at reading, e.g. "resampled to 333.3 Hz"
     starts: tuple[int, ...] = (0,)  # index of the first sample of each segment
     reference: Array | None = None  # (N,) [rad], what a position controller was asked to follow, if it was recorded
+    supply: Array | None = None  # (N,) [V], voltage of the bus, if it was recorded
+    enabled: Array | None = None  # (N,), 1 while the motor is powered and 0 while it is open, if it was recorded
     load: Load | None = None  # known load on the joint, None if nothing is known of one
     torque_unit: str = NEWTON_METRE  # or that of a current, `A`, whose gain is to be found
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did
+    drive: Drive | None = None  # the controller that followed the reference, if it is known
 
     def __post_init__(self) -> None:
         for quantity in QUANTITIES:
@@ -176,16 +180,11 @@ class Recording:
         if last - 1 in self.starts:
             last -= 1
         part = slice(first, max(first, last))
-        velocity = None if self.velocity is None else self.velocity[part]
-        reference = None if self.reference is None else self.reference[part]
+        columns = {quantity: getattr(self, quantity) for quantity in QUANTITIES}
         return replace(
             self,
-            time=self.time[part],
-            position=self.position[part],
-            torque=self.torque[part],
-            velocity=velocity,
+            **{quantity: values[part] for quantity, values in columns.items() if values is not None},
             starts=(0, *(begin - first for begin in self.starts if first < begin < last)),
-            reference=reference,
         )
 
     def split(self, fraction: float) -> tuple[Self, Self]:

@@ -217,6 +217,8 @@ def _with_lost(part: dict[str, Array], missing: Index) -> dict[str, Array]:
     known = np.append(0, np.cumsum(missing + 1))  # (N,), places of the samples that there are
     every = np.arange(known[-1] + 1)
     full = {name: np.interp(every, known, part[name]) for name in ("time", "torque")}
+    if "enabled" in part:
+        full["enabled"] = _held(full["time"], time, part["enabled"])
     for name in part.keys() - full.keys():
         full[name] = _interpolated(full["time"], time, part[name])
         full[name][known] = part[name]
@@ -227,7 +229,9 @@ def _resampled(part: dict[str, Array], period: float) -> dict[str, Array]:
     """One segment on a grid of `period` [s] that begins where it does."""
     time = part["time"]
     grid = _grid(time[0], period, int((time[-1] - time[0]) / period + 1 + 1e-6))
-    made = {name: _interpolated(grid, time, part[name]) for name in part if name not in ("time", "torque")}
+    made = {name: _interpolated(grid, time, part[name]) for name in part if name not in ("time", "torque", "enabled")}
+    if "enabled" in part:
+        made["enabled"] = _held(grid, time, part["enabled"])
     return made | {"time": grid, "torque": _mean_held(grid, period, time, part["torque"])}
 
 
@@ -245,6 +249,11 @@ def printed_resolution(time: Array) -> float:
         if (np.abs(scaled - np.round(scaled)) <= 8 * np.spacing(size * 10.0**decimals)).all():
             return max(single, 10.0**-decimals)
     return single
+
+
+def _held(grid: Array, time: Array, values: Array) -> Array:
+    """Values (N,) at time (N,) as they were last on a grid (M,)."""
+    return np.asarray(values[np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)])
 
 
 def _mean_held(grid: Array, period: float, time: Array, torque: Array) -> Array:

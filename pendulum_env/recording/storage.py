@@ -25,6 +25,7 @@ from pendulum_env.recording.record import QUANTITIES, Recording, RecordingError
 from pendulum_env.recording.sampling import cut, long_enough, uniform
 from pendulum_env.recording.table import LARGEST, REMEDY, Find, Table, one_line
 from pendulum_env.recording.text import read_csv, read_excel
+from pendulum_env.servo.drive import Drive
 
 READERS: dict[str, Callable[[Path, Find, float], Table]] = {
     ".csv": read_csv,
@@ -65,9 +66,10 @@ def read_recording(
     *,
     unwrap: bool = False,
     columns: Mapping[str, str] | None = None,
+    drive: Drive | None = None,
     largest: float = LARGEST,
 ) -> Recording:
-    """Read a file with columns time, position, torque and perhaps velocity, reference and segment.
+    """Read a file with columns time, position, torque and perhaps velocity, reference, segment, supply and enabled.
 
     CSV (also .csv.gz, .tsv, .txt), Parquet, NPZ and MATLAB are read as they are; HDF5, MATLAB 7.3, Excel, MCAP and bags
     of ROS need the extra `formats`.
@@ -82,6 +84,8 @@ def read_recording(
             "torque": "current:A*0.091"}`; `unused` leaves out velocity, reference or segment. Units are s, ms, us, ns;
             rad, mrad, deg, rev, counts; rad/s, deg/s, rpm, rev/s, counts/s; Nm, mNm, Ncm, A, mA, V, duty. Counts need
             the counts of a turn (`enc:counts/4096`), and currents a torque constant (`*?` if it is to be found).
+        drive: the controller that followed the reference. Then no torque needs to be logged: it is the one that the
+            controller asked for.
         largest: bytes that the file may hold, unpacked, and that its columns may take; a file of more is refused before
             it fills the memory.
 
@@ -92,7 +96,12 @@ def read_recording(
     path = Path(path)
     try:
         name = path.name if is_bag(path) else path.name[: -len(_suffix(path))]
-        return _recording(name, read_table(path, partial(find_columns, named=columns), largest), unwrap)
+        return _recording(
+            name,
+            read_table(path, partial(find_columns, named=columns, has_drive=drive is not None), largest),
+            unwrap,
+            drive,
+        )
     except RecordingError as error:
         raise type(error)(f"{path}: {error}") from error.__cause__
 
@@ -169,7 +178,7 @@ def read_table(path: Path, find: Find, largest: float = LARGEST) -> Table:
         ) from error
 
 
-def _recording(name: str, table: Table, unwrap: bool) -> Recording:
+def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None = None) -> Recording:
     """Convert to SI, leave out what the logger spoilt, cut at gaps, make time uniform; refuse what cannot be true."""
     notes = [*(note for column in table.columns.values() for note in column.notes), *table.notes]
 
@@ -181,6 +190,9 @@ def _recording(name: str, table: Table, unwrap: bool) -> Recording:
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
             values[quantity] *= column.scale
             values[quantity] += column.offset
+    unit = table.columns["torque"].result_unit if drive is None or "torque" in values else drive.unit
+    if drive is not None and "torque" not in values:
+        values["torque"] = np.zeros_like(values["position"])  # until the motion is known
     checks.refuse_absurd(values)
     checks.refuse_too_few(values["time"])
     values, told = cleaning.aligned(values, checks.FEWEST)
@@ -216,8 +228,13 @@ def _recording(name: str, table: Table, unwrap: bool) -> Recording:
         notes=tuple(notes),
         starts=starts,
         reference=values.get("reference"),
-        torque_unit=table.columns["torque"].result_unit,
+        supply=values.get("supply"),
+        enabled=None if "enabled" not in values else np.asarray(values["enabled"] > 0.5, dtype=float),
+        torque_unit=unit,
+        drive=drive,
     )
+    if drive is not None and "torque" not in table.columns:
+        recording = replace(recording, torque=_asked_for(recording, drive))
     checks.refuse_too_short(recording)
     if recording.velocity is not None:
         checks.refuse_foreign_velocity(recording)
@@ -225,6 +242,18 @@ def _recording(name: str, table: Table, unwrap: bool) -> Recording:
         checks.refuse_too_fast(recording)
         recording = replace(recording, notes=(*recording.notes, *checks.suspect_degrees(recording)))
     return recording
+
+
+def _asked_for(recording: Recording, drive: Drive) -> Array:
+    """Torque that a controller asked for along a recording (N,), in the unit of its output."""
+    parts = []
+    for part in recording.segments:
+        assert part.reference is not None  # there is no drive without one
+        velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
+        supply = np.full(len(part), drive.supply) if part.supply is None else part.supply
+        on = np.ones(len(part)) if part.enabled is None else part.enabled
+        parts.append(drive.torque(part.reference, part.position, velocity, supply, on))
+    return np.concatenate(parts)
 
 
 def _unwrapped(position: Array) -> tuple[Array, tuple[str, ...]]:

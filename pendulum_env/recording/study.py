@@ -4,12 +4,16 @@
 position = "-motor_angle:deg/6"
 torque = "current:A*0.091"
 
+[drive]                          # the controller that followed the goal, see `pendulum_env.servo.drive`
+preset = "xl330"
+
 [[recording]]
 file = "monday.csv"              # beside the study
 role = "fit"                     # or "holdout"
 unwrap = true                    # undo jumps of 2 pi in position
 range = [2.0, 30.0]              # [s] from the first sample
 load = {mass = 0.5, length = 0.2}    # [kg] at [m] from the axis, or inertia [kg m^2] and gravity [N m]
+drive = {kp = 400}               # beside what [drive] says of all
 columns = {torque = "i_q:A*0.091"}   # instead of those above
 """
 
@@ -32,6 +36,7 @@ from pendulum_env.recording.columns import refuse_unknown_quantity
 from pendulum_env.recording.record import Load, Recording, RecordingError
 from pendulum_env.recording.storage import read_recording
 from pendulum_env.recording.table import LARGEST
+from pendulum_env.servo.drive import Drive, DriveError
 
 Role = Literal["fit", "holdout"]
 MOST = 1000  # recordings, each of which is compared with each
@@ -39,8 +44,8 @@ Key = tuple[str | int, ...]  # where something stands: `("recording", 0, "load",
 
 GRAVITY = 9.81  # [m/s^2]
 KEYS = {
-    (): ("columns", "recording"),
-    ("recording",): ("file", "role", "columns", "unwrap", "range", "load"),
+    (): ("columns", "drive", "recording"),
+    ("recording",): ("file", "role", "columns", "unwrap", "range", "load", "drive"),
     ("load",): ("mass", "length", "inertia", "gravity"),
 }
 
@@ -75,6 +80,7 @@ class Source:
     unwrap: bool = False
     range: tuple[float, float] | None = None  # [s] from the first sample; None: all of it
     load: Load | None = None  # what is known to hang on the joint
+    drive: Drive | None = None  # the controller that followed the reference
     largest: float = LARGEST  # bytes that it may take
 
     def read(self, file: Path | None = None) -> Recording:
@@ -83,7 +89,9 @@ class Source:
         Raises:
             RecordingError: if it cannot be read, or holds too little within the range.
         """
-        recording = read_recording(file or self.file, unwrap=self.unwrap, columns=self.columns, largest=self.largest)
+        recording = read_recording(
+            file or self.file, unwrap=self.unwrap, columns=self.columns, drive=self.drive, largest=self.largest
+        )
         return self.within_range(replace(recording, load=self.load))
 
     def within_range(self, recording: Sliced) -> Sliced:
@@ -176,6 +184,12 @@ def write_study(path: str | os.PathLike[str], sources: Sequence[Source]) -> None
             lines.append(
                 f"load = {{inertia = {float(source.load.inertia)!r}, gravity = {float(source.load.gravity)!r}}}"
             )
+        if source.drive is not None:
+            drive = ", ".join(
+                f"{name} = {_text(value) if isinstance(value, str) else repr(value)}"
+                for name, value in source.drive.told().items()
+            )
+            lines.append(f"drive = {{{drive}}}")
         if source.columns and not shared:
             told = ", ".join(f"{name} = {_text(text)}" for name, text in source.columns.items())
             lines.append(f"columns = {{{told}}}")
@@ -227,14 +241,15 @@ class _Reader:
             raise self.error(("recording",), 'names no recordings: write [[recording]] and below it file = "run.csv"')
         if len(recordings) > MOST:
             raise self.error(("recording",), f"names {len(recordings)} recordings, at most {MOST} are read: divide it")
-        sources = tuple(self.source(("recording", k), table, columns) for k, table in enumerate(recordings))
+        drive = self.drive(("drive",), content.get("drive"), {})
+        sources = tuple(self.source(("recording", k), table, columns, drive) for k, table in enumerate(recordings))
         for k, source in enumerate(sources):
             if any(source.overlaps(other) for other in sources[:k]):
                 what = f"{source.file.name} is named twice: give ranges that do not overlap"
                 raise self.error(("recording", k, "file"), what)
         return sources
 
-    def source(self, where: Key, table: Any, shared: Mapping[str, str]) -> Source:
+    def source(self, where: Key, table: Any, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
         if not isinstance(table, dict):
             raise self.error(where, 'a recording is a table: write [[recording]] and below it file = "run.csv"')
         self.refuse_unknown(where, table, KEYS["recording",])
@@ -255,7 +270,26 @@ class _Reader:
             unwrap,
             self.range((*where, "range"), table.get("range")),
             self.load((*where, "load"), table.get("load")),
+            self.made((*where, "drive"), self.drive((*where, "drive"), table.get("drive"), drive)),
         )
+
+    def drive(self, where: Key, table: Any, shared: Mapping[str, Any]) -> dict[str, Any]:
+        """What is said of a drive, beside what is said of all."""
+        if table is None:
+            return dict(shared)
+        if not isinstance(table, dict):
+            raise self.error(
+                where, f'a drive is a table, not {shown(table)}: write [drive] and below it preset = "xl330"'
+            )
+        self.made(where, {**shared, **table})
+        return {**shared, **table}
+
+    def made(self, where: Key, told: Mapping[str, Any]) -> Drive | None:
+        """The drive that is meant; None if nothing is said of any."""
+        try:
+            return Drive.of(told) if told else None
+        except (DriveError, ValueError) as error:
+            raise self.error(where, str(error)) from None
 
     def columns(self, where: Key, table: Any) -> dict[str, str]:
         if not isinstance(table, dict):

@@ -15,7 +15,9 @@ ALIASES = {
     "reference": "reference positionreference referenceposition posref refpos qref refq qr thetaref refangle angleref "
     "setpoint positionsetpoint positioncmd positioncommand commandedposition poscmd qcmd thetacmd desiredposition "
     "positiondesired desiredangle posdes despos qdes thetades goalposition targetposition positiontarget qtarget "
-    "inputpos action",
+    "inputpos action goal",
+    "supply": "supply volts vbus busvoltage supplyvoltage batteryvoltage presentinputvoltage",
+    "enabled": "enabled powered torqueenable torqueenabled",
     "segment": "segment segments episode episodeindex trial",
 }
 MEASURED = ("meas", "measured", "actual", "act")  # before or after an alias
@@ -62,16 +64,26 @@ RAW_NAMES = {  # names that tell of such a unit
 LINEAR = {"position": {"m": 1.0, "mm": 1e-3}, "velocity": {"ms": 1.0, "mms": 1e-3}, "torque": {"n": 1.0, "kn": 1e3}}
 for _of in (RAW, LINEAR):
     _of["reference"] = _of["position"]
-UNITS |= {"reference": UNITS["position"], "segment": {}}
-SI = {"time": "s", "position": "rad", "velocity": "rad/s", "torque": "N m", "reference": "rad", "segment": ""}
+UNITS |= {"reference": UNITS["position"], "segment": {}, "supply": {"v": 1.0, "mv": 1e-3}, "enabled": {}}
+SI = {
+    "time": "s",
+    "position": "rad",
+    "velocity": "rad/s",
+    "torque": "N m",
+    "reference": "rad",
+    "segment": "",
+    "supply": "V",
+    "enabled": "",
+}
 TOLD = {  # of UNITS, what people are told of
     "time": "s, ms, us, ns",
     "position": "rad, mrad, deg, rev, counts",
     "velocity": "rad/s, deg/s, rpm, rev/s, counts/s",
     "torque": "Nm, mNm, Ncm, A, mA, V, duty",
     "reference": "rad, mrad, deg, rev, counts",
+    "supply": "V, mV",
 }
-SPARE = ("reference", "segment")  # quantities of which the first column will do
+SPARE = ("reference", "segment", "supply", "enabled")  # quantities of which the first column will do
 
 
 def _names() -> Iterator[tuple[str, tuple[str, str | None, bool]]]:

@@ -1,0 +1,44 @@
+"""What a diagnosis is told besides the recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.diagnosis.experiment import USUAL, Limits
+from estimators.progress import Progress
+from estimators.selection.criterion import Criterion
+from estimators.selection.data import Evidence
+from estimators.selection.models import Models
+from pendulum_env.physics import Term
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a diagnosis is told besides the recordings.
+
+    Attributes:
+        base: terms of the model to start from.
+        library: effects that may be named, by id.
+        criterion: what they have to achieve.
+        rng: of the bootstrap.
+        progress: told what is being done and the share that is done.
+        limits: of the rig, for the experiment that is suggested.
+        usual: torque that is trusted without limits [N m].
+        by_reference: whether the base model is fitted by instruments.
+    """
+
+    base: Sequence[Term]
+    library: Mapping[str, type[Term]]
+    criterion: Criterion
+    rng: np.random.Generator
+    progress: Progress
+    limits: Limits
+    usual: float = USUAL
+    by_reference: bool = False
+
+    def models(self, evidence: tuple[Evidence, Evidence]) -> Models:
+        """What some data say of models."""
+        return Models(*evidence, self.progress, self.library, self.criterion, self.rng, tuple(self.base))

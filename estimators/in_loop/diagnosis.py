@@ -1,0 +1,132 @@
+"""Diagnosis in the loop: what is missing in the model of a servo, told by simulating it with its controller.
+
+Friction at rest, and how a servo sticks and leaves, shows in how far it stays behind its goal. Torque that is regressed
+on motion says nothing of that, and is a function of the position itself, where a controller made it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+
+from estimators.checks.residual import Region
+from estimators.checks.torque_constant import Calibrated, constant_of
+from estimators.diagnosis.judge import judge
+from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.setting import Setting
+from estimators.in_loop.evidence import InLoop
+from estimators.in_loop.rollouts import Rollouts
+from estimators.selection.data import Evidence
+from estimators.selection.models import Models
+from estimators.selection.moves import ids
+from estimators.selection.search import Selection, select
+from pendulum_env.physics import Model, Term
+from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.potential import GravityTilt
+from pendulum_env.recording import Recording, RecordingError
+
+NEEDED = 0.3  # of what the others leave, that an effect has to explain: a small error makes a servo stick elsewhere
+HELD_OUT = 0.3  # of each recording, from its end, where none is held out
+
+
+def is_driven(recordings: Sequence[Recording]) -> bool:
+    """Whether recordings are of servos whose controller is known.
+
+    Raises:
+        RecordingError: if only some of them are.
+    """
+    known = [recording.drive is not None for recording in recordings]
+    if any(known) and not all(known):
+        without = next(recording.name for recording, told in zip(recordings, known, strict=True) if not told)
+        raise RecordingError(f"{without}: has no drive, but others have one: say its drive, too, or leave it out")
+    return all(known)
+
+
+def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
+    """Find what the model of a servo lacks; see `estimators.diagnose`.
+
+    Raises:
+        IdentificationError: if the recordings hold too little motion to begin with.
+    """
+    setting.progress("reading the motion", 0.0)
+    calibrated = Calibrated.of(recordings, holdout)
+    fitted, unseen = (
+        [_with_gain(recording, calibrated) for recording in part]
+        for part in (calibrated.recordings, calibrated.holdout)
+    )
+    if not unseen:
+        halves = [recording.split(1 - HELD_OUT) for recording in fitted]
+        fitted, unseen = [first for first, _ in halves], [second for _, second in halves]
+    train = InLoop(Rollouts(tuple(fitted)), Evidence.of(fitted))
+    models = Models(
+        cast(Evidence, train),  # all that a search asks of evidence, a rollout has
+        cast(Evidence, InLoop(Rollouts(tuple(unseen)), Evidence.of(unseen), train)),
+        setting.progress,
+        {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"},
+        replace(setting.criterion, needed=NEEDED),
+        setting.rng,
+        base_of(setting.base, fitted),
+        foils=(),
+    )
+    train.screen.settle(models.base)
+    found = select(models)
+    setting.progress("judging", 0.93)
+    candidates, groups = judge(found, found.terms)
+    left = unexplained(found, train)
+    steps = found.steps
+    model = steps[-1].model.biased() if left else steps[-1].model
+    constant = constant_of(model, calibrated.constant)
+    setting.progress("done", 1.0)
+    return Diagnosis(
+        steps=(*steps[:-1], replace(steps[-1], model=model)),
+        candidates=tuple(candidates),
+        ambiguous=tuple(groups),
+        unexplained=tuple(left),
+        noise_floor=models.left.floor,
+        advice=tuple(filter(None, [calibrated.doubt, *_told(model, calibrated.unit)])),
+        torque_unit=calibrated.unit,
+        torque_constant=constant,
+    )
+
+
+def _with_gain(recording: Recording, calibrated: Calibrated) -> Recording:
+    """A recording with the gain of its drive, if known loads tell it."""
+    if calibrated.constant is None or recording.drive is None or recording.drive.gain is not None:
+        return recording
+    return replace(recording, drive=replace(recording.drive, gain=calibrated.constant.value))
+
+
+def base_of(base: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term, ...]:
+    """The model that a search in the loop starts from.
+
+    A horn is put on a servo by hand, so that the angle at which it hangs is fitted along; and where the motor was off
+    for a while, what it brakes while it is on is told from viscous friction.
+    """
+    is_off = any(recording.enabled is not None and not recording.enabled.all() for recording in recordings)
+    more = [GravityTilt(), *([BackEmf()] if is_off else [])]
+    return (*base, *(term for term in more if term.id not in ids(base)))
+
+
+def unexplained(found: Selection, train: InLoop) -> list[Region]:
+    """What the final model leaves of the motion, and where most of it is."""
+    models, last, data = found.models, found.steps[-1], train.data
+    left = train.misses(last.model.terms, np.asarray(last.model.theta))
+    if models.left.is_noise(models.train, left):
+        return []
+    sizes = np.array([np.mean(np.abs(left[data.recording_of == k])) for k in range(len(data.recordings))])
+    worst, fast = int(np.argmax(sizes)), float(np.abs(models.train.samples.velocity).max())
+    error, floor = float(np.mean(np.abs(left))), models.left.floor
+    most = f", most of it in {data.recordings[worst].name} ({sizes[worst]:.2g} rad)" if len(sizes) > 1 else ""
+    times = f"{error / floor:.2g} times the encoder's noise"
+    text = f"simulated from its goal, the servo is off by {error:.2g} rad, {times}{most}"
+    return [Region("velocity", -fast, fast, error, error / floor, text)]
+
+
+def _told(model: Model, unit: str) -> list[str]:
+    """What a controller's motion alone says of a model, and what it does not."""
+    if unit != "N m":
+        return [f"a motion that follows a goal tells parameters per {unit} of the motor: give `gain` or known loads"]
+    return []

@@ -1,0 +1,170 @@
+"""Fits of whole rollouts: parameters moved until simulated motion is as likely as can be (Gauss-Newton).
+
+Errors of a rollout last for seconds, and some of them are large: what counts is their density as Student's t, with a
+scale for each recording, as in the score.
+
+Source: Lange, Little and Taylor, JASA 84(408), 1989, for the weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.in_loop.rollouts import Rollouts
+from estimators.selection.score import NU
+from estimators.simulation.output_error import Point
+from estimators.weak_form.shapes import continuous
+from pendulum_env._typing import Array, Index
+
+TURNS = 20
+DAMPINGS = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of normalised slopes' squares
+DIFFERENCE = 1e-2  # of a parameter, for derivatives
+LEAP = 1.0  # of a parameter, the largest step of any
+POLLS, POLL = 3, (0.1, 0.4)  # times that each parameter is tried by itself, and shares by which it is moved
+ENOUGH = 0.3  # [nat], gain of a turn at which a fit ends,
+ROUGHLY = 0.05  # or share of what it has gained so far, where models are only compared
+SCALES = 20  # turns of the fixed point for a scale
+
+
+def squared_scales(errors: Array, owner: Index, least: float) -> Array:
+    """Squared scale of Student's t of each recording's errors (E, V), from those of V models (R, V)."""
+    starts = np.flatnonzero(np.diff(owner, prepend=-1))
+    number = np.diff(np.append(starts, len(owner)))[:, None]
+    squares = errors**2
+
+    def mean(values: Array) -> Array:
+        return np.maximum(np.add.reduceat(values, starts) / number, least**2)
+
+    square = mean(squares)
+    for _ in range(SCALES):
+        square = mean((NU + 1) * squares / (NU + squares / np.repeat(square, number[:, 0], axis=0)))
+    return square
+
+
+def likelihood(errors: Array, owner: Index, least: float) -> Array:
+    """Log density of errors of V models (R, V) with the scales that fit them, but for a constant (V,) [nat]."""
+    square = squared_scales(errors, owner, least)[owner]
+    return np.asarray(-np.sum(0.5 * np.log(square) + (NU + 1) / 2 * np.log1p(errors**2 / (NU * square)), axis=0))
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Errors of rollouts around a point, to first order.
+
+    Attributes:
+        point: terms and parameters.
+        error: simulated minus measured positions (R,) [rad].
+        slopes: its derivatives by all free parameters, linear ones first (R, P + S).
+        weights: square roots of the weights of the errors (R,).
+    """
+
+    point: Point
+    error: Array
+    slopes: Array
+    weights: Array
+
+
+def sizes(point: Point, typical: Array) -> Array:
+    """Size of each free parameter, against which it is moved (P + S,)."""
+    values = np.abs(point.values)
+    count = len(point.theta)
+    values[:count] = np.maximum(values[:count], typical)
+    return np.maximum(values, 1e-9)
+
+
+def linear(rollouts: Rollouts, point: Point, typical: Array, shapes: bool) -> Linear:
+    """Errors around a point, with slopes by linear parameters, and by shape parameters if they are free."""
+    values, size = point.values, sizes(point, typical)
+    count = len(values) if shapes else len(point.theta)
+    nearby = []
+    for k in range(count):
+        moved = values.copy()
+        moved[k] += DIFFERENCE * size[k]
+        nearby.append(point.at(moved))
+    errors = rollouts.misses([point, *nearby])
+    slopes = (errors[:, 1:] - errors[:, :1]) / (DIFFERENCE * size[:count])
+    square = squared_scales(errors[:, :1], rollouts.recording_of, rollouts.resolution)[rollouts.recording_of, 0]
+    weights = np.sqrt((NU + 1) / (NU * square + errors[:, 0] ** 2))
+    return Linear(point, errors[:, 0], slopes, weights)
+
+
+def _steps(near: Linear, typical: Array) -> list[Array]:
+    """Parameters (P + S,) a Gauss-Newton step away, one for each damping (Levenberg and Marquardt)."""
+    size, count = sizes(near.point, typical), near.slopes.shape[1]
+    values = near.point.values
+    rows = near.weights[:, None] * near.slopes * size[:count]
+    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    rows = rows / scale
+    gram, told = rows.T @ rows, -rows.T @ (near.weights * near.error)
+    low, high = bounds_of(near.point)
+    found = []
+    for damping in DAMPINGS:
+        step, free = np.zeros(len(values)), np.ones(count, dtype=bool)
+        for _ in range(count):  # what would leave its bounds stays where it is
+            own = np.ix_(free, free)
+            step[:count] = 0.0
+            step[:count][free] = np.linalg.solve(gram[own] + damping * np.eye(int(free.sum())), told[free])
+            step[:count] *= size[:count] / scale
+            out = ((values <= low) & (step < 0)) | ((values >= high) & (step > 0))
+            if not out[:count].any():
+                break
+            free &= ~out[:count]
+        found.append(values + step * min(1.0, LEAP / float(np.abs(step / size).max(initial=1e-300))))
+    return found
+
+
+def bounds_of(point: Point) -> tuple[Array, Array]:
+    """Least and largest value of each free parameter (P + S,)."""
+    columns = [column for term in point.terms for column in term.columns]
+    shapes = [shape for term in point.terms for shape in continuous(term)]
+    low = [column.least for column in columns] + [shape.low for shape in shapes]
+    high = [column.most for column in columns] + [shape.high for shape in shapes]
+    return np.array(low), np.array(high)
+
+
+def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, share: float = ROUGHLY) -> Linear:
+    """Errors around the likeliest parameters near a point.
+
+    Args:
+        rollouts: to fit.
+        point: to start from.
+        typical: size of each linear parameter that matters (P,).
+        shapes: whether continuous shape parameters are fitted as well.
+        share: of what it has gained, at which it ends.
+    """
+    near = linear(rollouts, point, typical, shapes)
+    best = first = float(likelihood(near.error[:, None], rollouts.recording_of, rollouts.resolution)[0])
+    polled = 0
+    for _ in range(TURNS):
+        moved, gain = _best(rollouts, [near.point.at(values) for values in _steps(near, typical)])
+        enough = max(ENOUGH, share * (best - first))
+        if gain < best + enough and polled < (0 if share else POLLS):
+            polled += 1
+            other, more = _best(rollouts, [near.point.at(values) for values in _around(near, typical)])
+            moved, gain = (other, more) if more > gain else (moved, gain)
+        if gain <= best:
+            break
+        near, gained, best = linear(rollouts, moved, typical, shapes), gain - best, gain
+        if gained < enough:
+            break
+    return near
+
+
+def _best(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
+    """The likeliest of some points, and its log density [nat]."""
+    told = likelihood(rollouts.misses(points), rollouts.recording_of, rollouts.resolution)
+    return points[int(np.argmax(told))], float(told.max())
+
+
+def _around(near: Linear, typical: Array) -> list[Array]:
+    """Parameters (P + S,) moved one by one, and along what the data tell least: ways on where slopes tell of a kink."""
+    values, size = near.point.values, sizes(near.point, typical)
+    count = near.slopes.shape[1]
+    rows = near.weights[:, None] * near.slopes * size[:count]
+    directions = np.vstack([np.eye(count), np.linalg.eigh(rows.T @ rows)[1].T[: count // 2]])
+    directions /= np.abs(directions).max(axis=1, keepdims=True)
+    nudges = [sign * share * own for own in directions for share in POLL for sign in (1, -1)]
+    return [values + np.pad(nudge * size[:count], (0, len(values) - count)) for nudge in nudges]

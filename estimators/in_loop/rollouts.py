@@ -1,0 +1,190 @@
+"""Recordings of servos as rollouts: whole simulations from the goal alone, to be compared with the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Self
+
+import numpy as np
+
+from estimators.simulation.output_error import Point
+from estimators.weak_form.dataset import Given, Structure
+from pendulum_env._typing import Array, Index
+from pendulum_env.physics import KnownLoad, Samples
+from pendulum_env.recording import Recording
+from pendulum_env.servo.loop import Servos, follow
+
+GRAIN = 0.02  # [s] between the positions that are compared,
+STEPS = 11  # of the integrator
+CLUSTER = 1.5  # [s], errors of a rollout that tell as much as one
+LEAST = 1e-3  # of the motion
+FARTHEST = 2.0  # [rad], error that a larger one counts as
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """Recordings with a goal and a drive, each segment of them a rollout."""
+
+    recordings: tuple[Recording, ...]
+
+    @cached_property
+    def _segments(self) -> list[tuple[int, Recording]]:
+        return [(k, part) for k, recording in enumerate(self.recordings) for part in recording.segments]
+
+    @cached_property
+    def servos(self) -> Servos:
+        """All rollouts side by side, shorter ones padded with a motor that is off."""
+        parts = [part for _, part in self._segments]
+        step = GRAIN / STEPS
+        middles = (np.arange(STEPS * max(len(at) for at in self._times)) + 0.5) * step
+
+        def held(values: Sequence[Array]) -> Array:
+            """What holds from sample to sample (N, B), in the middle of each step."""
+            places = [np.minimum((middles * part.rate).astype(np.intp), len(part) - 1) for part in parts]
+            return np.array([own[at] for own, at in zip(values, places, strict=True)]).T
+
+        def load(quantity: str) -> Array:
+            return np.array([0.0 if part.load is None else getattr(part.load, quantity) for part in parts])
+
+        drives = tuple(part.drive for part in parts if part.drive is not None)
+        goals = [part.reference for part in parts if part.reference is not None]
+        on = held([np.ones(len(part)) if part.enabled is None else part.enabled for part in parts])
+        loads = load("inertia"), load("gravity")
+        return Servos(
+            drives,
+            step,
+            held(goals),
+            held([_supply(part) for part in parts]),
+            on,
+            np.array([part.position[0] for part in parts]),
+            np.array([_velocity_at_start(part) for part in parts]),
+            np.array([part.time[0] for part in parts]),
+            KnownLoad(*loads) if any(np.any(own) for own in loads) else KnownLoad(),
+        )
+
+    @cached_property
+    def _times(self) -> list[Array]:
+        """Times from the start of each rollout at which positions are compared [s]."""
+        lengths = [(part.time[-1] - part.time[0]) / GRAIN for _, part in self._segments]
+        return [GRAIN * np.arange(1.0, int(length + 1e-6) + 1) for length in lengths]
+
+    @cached_property
+    def position(self) -> Array:
+        """Measured positions that are compared (R,) [rad]."""
+        parts = zip(self._times, self._segments, strict=True)
+        return np.concatenate([np.interp(part.time[0] + times, part.time, part.position) for times, (_, part) in parts])
+
+    @cached_property
+    def recording_of(self) -> Index:
+        """Recording that each of them is of (R,)."""
+        return np.repeat([k for k, _ in self._segments], [len(at) for at in self._times])
+
+    @cached_property
+    def resolution(self) -> float:
+        """Standard deviation of the least error that an encoder makes [rad]."""
+        steps = [np.abs(np.diff(recording.position)) for recording in self.recordings]
+        least = min(float(own[own > 0].min(initial=1e-6)) for own in steps)
+        return max(least / np.sqrt(12.0), 1e-6)
+
+    def misses(self, points: Sequence[Point]) -> Array:
+        """Simulated minus measured positions under V models whose terms are of equal classes (R, V) [rad]."""
+        terms = []
+        for variants in zip(*(point.terms for point in points), strict=True):
+            shapes = {name: np.array([v.shape[name] for v in variants]) for name in variants[0].shape}
+            same = {
+                name: values[0] if np.all(values == values[0]) else values[:, None] for name, values in shapes.items()
+            }
+            terms.append(type(variants[0])(**same))
+        paths = follow(terms, np.column_stack([point.theta for point in points]), self.servos, STEPS)
+        told = np.concatenate([paths[1 : len(times) + 1, :, lane] for lane, times in enumerate(self._times)])
+        return np.clip(np.nan_to_num(told, nan=np.inf) - self.position[:, None], -FARTHEST, FARTHEST)
+
+    # what the one engine asks of data of any kind
+    knocks: ClassVar[int] = 0
+    given: ClassVar[Mapping[str, Given]] = {}
+    watched: ClassVar[Mapping[str, Sequence[Samples]]] = {}
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints: a servo has one, without a name."""
+        return ("",)
+
+    def part(self, at: str) -> Self:
+        """The data of a joint."""
+        return self
+
+    def where(self, at: str) -> slice:
+        """Rows of a joint."""
+        return slice(None)
+
+    @cached_property
+    def time(self) -> Array:
+        """Times of the positions that are compared, from the start of each recording (R,) [s]."""
+        parts = zip(self._times, self._segments, strict=True)
+        return np.concatenate([part.time[0] + times - self.recordings[k].time[0] for times, (k, part) in parts])
+
+    @property
+    def weights(self) -> Array:
+        """Of the equations (R,)."""
+        return np.ones(len(self.position))
+
+    @property
+    def recording_of_window(self) -> Index:
+        """Recording that each equation is of (R,)."""
+        return self.recording_of
+
+    @cached_property
+    def clusters(self) -> Index:
+        """Stretch that each equation lies in (R,), for standard errors."""
+        return self.stretches(CLUSTER)[0]
+
+    def stretches(self, length: float) -> tuple[Index, Index, Index]:
+        """Stretch of about `length` seconds and recording of each equation (R,); recording of each stretch (S,)."""
+        pairs = np.column_stack([self.recording_of, (self.time / length).astype(np.intp)])
+        known, stretch = np.unique(pairs, axis=0, return_inverse=True)
+        return stretch.ravel(), self.recording_of, known[:, 0]
+
+    def structure(self, residual: Array, inertia: float) -> Structure:
+        """What is left of a motion [rad]: errors of a rollout last, so that neighbours that share them tell nothing."""
+        size = float(np.sqrt(self.power(residual)))
+        return Structure(size, 0.0, size)
+
+    def power(self, residual: Array) -> float:
+        """Mean square of a residual (R,), that of each recording counting by its ratio to others [rad^2].
+
+        A servo that sticks elsewhere than its model is off for seconds, and one such recording says little of others.
+        """
+        squares = np.bincount(self.recording_of, residual**2) / np.bincount(self.recording_of)
+        return float(np.exp(np.mean(np.log(np.maximum(squares, 1e-300)))))
+
+    def precision(self) -> float:
+        """Error that a simulation leaves, which is not exact either [rad]."""
+        return LEAST * float(np.std(self.position))
+
+    least = precision
+
+    def noise(self, inertia: float) -> float:
+        """Error that encoder and clock alone make [rad]: nobody knows when within a sample a goal took effect."""
+        late = [float(np.std(np.gradient(r.position, r.time))) / r.rate / np.sqrt(12.0) for r in self.recordings]
+        return max(self.precision(), float(np.hypot(self.resolution, np.mean(late))))
+
+    def errors(self, residual: Array) -> dict[str, float]:
+        """Root mean square of a residual (R,) at the joint [rad]."""
+        return {"": float(np.sqrt(np.mean(residual**2)))}
+
+
+def _supply(recording: Recording) -> Array:
+    """Scale of a drive's output along a recording (N,): the voltage of the bus where it is a share of that."""
+    assert recording.drive is not None
+    if recording.drive.output != "duty":
+        return np.ones(len(recording))
+    return np.full(len(recording), float(recording.drive.supply)) if recording.supply is None else recording.supply
+
+
+def _velocity_at_start(recording: Recording) -> float:
+    if recording.velocity is not None:
+        return float(recording.velocity[0])
+    few = min(len(recording), max(4, round(0.05 * recording.rate)))
+    return float(np.polyfit(recording.time[:few], recording.position[:few], 1)[0])

@@ -1,0 +1,286 @@
+"""Trials of models in the loop: what the one engine asks of windowed equations, asked of whole rollouts.
+
+Around the likeliest parameters of a model its simulated positions are as good as linear in them. There its equations
+stand: y = phi theta, with positions on the left and their derivatives on the right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimators.in_loop.fit import ROUGHLY, Linear, fit, likelihood, linear
+from estimators.in_loop.rollouts import Rollouts
+from estimators.regression.least_squares import Balance, Columns
+from estimators.selection.candidates import STARTS, Screen, Trial
+from estimators.selection.score import FOLDS, STRETCH
+from estimators.simulation.output_error import Point
+from estimators.weak_form.shapes import continuous
+from pendulum_env._typing import Array
+from pendulum_env.physics import Term
+
+Terms = tuple[Term, ...]
+TYPICAL = 0.05  # of the torque, a size at which a parameter matters
+HOPELESS = 15.0  # [nat], as far as linear equations foresee it
+MOST = 24  # variants of a grid, from the best of which continuous shape parameters are fitted
+
+
+@dataclass
+class LoopScreen:
+    """Trials of term sets on rollouts; what was fitted once is kept.
+
+    Attributes:
+        data: the rollouts.
+        windows: the same recordings as windowed equations, which tell typical sizes and where to begin.
+        guide: fits that these rollouts have to be predicted by; None where they are fitted themselves.
+    """
+
+    data: Rollouts
+    windows: Screen
+    guide: LoopScreen | None = None
+    _linear: dict[Terms, Linear] = field(default_factory=dict)
+    _ranked: dict[tuple[Terms, str], list[Trial]] = field(default_factory=dict)
+    _variants: dict[tuple[Terms, str], list[Trial]] = field(default_factory=dict)
+    _foretold: dict[Terms, Point] = field(default_factory=dict)  # where a linear fit has the parameters
+    _settled: set[Terms] = field(default_factory=set)
+    _typical: dict[Term, Array] = field(default_factory=dict)
+
+    def at(self, joint: str) -> LoopScreen:
+        """The screen of a joint: a servo has one."""
+        return self
+
+    def near(self, terms: Sequence[Term]) -> Linear:
+        """Errors around the fit of the terms."""
+        key = tuple(terms)
+        if key not in self._linear:
+            if self.guide is not None:
+                self._linear[key] = linear(self.data, self.guide.near(key).point, self.typical(key), False)
+            else:
+                share = 1.0 if self._is_hopeless(key) else ROUGHLY
+                self._keep(key, fit(self.data, self._begin(key), self.typical(key), share=share))
+        return self._linear[key]
+
+    def _is_hopeless(self, terms: Terms) -> bool:
+        """Whether the last of the terms promises nothing beside the others: then a single turn says enough of it."""
+        others, last = terms[:-1], terms[-1]
+        if others not in self._linear or (others, last.id) not in self._ranked:
+            return False
+        best = self._ranked[others, last.id][0].fitted_rms
+        gain = len(self.data.position) * np.log(self.trial(others).fitted_rms / best)
+        return bool(gain < HOPELESS)
+
+    def _keep(self, terms: Terms, found: Linear) -> None:
+        """Know a fit by the terms that it was asked for, and by those that it has: some shapes follow parameters."""
+        self._linear[terms] = self._linear[found.point.terms] = found
+
+    def as_fitted(self, terms: Sequence[Term]) -> Terms:
+        """The terms with shape parameters that follow others as these were fitted."""
+        return self.near(terms).point.terms
+
+    def settle(self, terms: Sequence[Term]) -> Terms:
+        """The terms fitted as closely as can be, with shape parameters that follow others."""
+        key = tuple(terms)
+        if self.guide is None and key not in self._settled:
+            self._keep(key, fit(self.data, self.near(key).point, self.typical(key), share=0.0))
+            self._settled |= {key, self.near(key).point.terms}
+        return self.near(key).point.terms
+
+    def typical(self, terms: Sequence[Term]) -> Array:
+        """Size of each linear parameter that matters (P,)."""
+        return np.concatenate([np.empty(0), *(self._typical_of(term) for term in terms)])
+
+    def _typical_of(self, term: Term) -> Array:
+        if term not in self._typical:
+            rms = np.sqrt(np.mean(self.windows.data.torque() ** 2))
+            own = np.sqrt(np.mean(self.windows.data.columns([term])[0][0] ** 2, axis=0))
+            self._typical[term] = TYPICAL * rms / np.maximum(own, 1e-9)
+        return self._typical[term]
+
+    def _begin(self, terms: Terms) -> Point:
+        """Where a fit begins: the likeliest of what is known of models that are nearly the same."""
+        known = {term.id for term in terms}
+        parents = sorted(
+            self._linear, key=lambda other: (len(known ^ {term.id for term in other}), -len(set(other) & set(terms)))
+        )
+        if not parents:
+            return Point(terms, self.windows.solve(terms))
+        parent = self._linear[parents[0]].point
+        values = dict(zip((c.name for term in parent.terms for c in term.columns), parent.theta, strict=True))
+        typical = self.typical(terms)
+        names = [column.name for term in terms for column in term.columns]
+        starts = [self._foretold[terms]] if terms in self._foretold else []
+        for share in (0.0, 1.0, 3.0):
+            theta = np.array([values.get(name, share * size) for name, size in zip(names, typical, strict=True)])
+            starts.append(Point(terms, theta).at(Point(terms, theta).values))
+        if all(name in values for name in names):
+            return starts[-1]
+        told = likelihood(self.data.misses(starts), self.data.recording_of, self.data.resolution)
+        return starts[int(np.argmax(told))]
+
+    def balance(self, terms: Sequence[Term]) -> Balance:
+        """Equations of some terms, weighted by how far off each error is."""
+        near = self.near(terms)
+        theta = near.point.theta
+        columns = [column for term in terms for column in term.columns]
+        phi = near.slopes[:, : len(theta)]
+        least, most = (np.array([getattr(column, name) for column in columns]) for name in ("least", "most"))
+        return Balance(phi, phi @ theta - near.error, np.zeros_like(phi), least, most, near.weights)
+
+    equations = balance
+
+    def weights(self, terms: Sequence[Term]) -> Array:
+        """Weight of each equation (R,)."""
+        return self.near(terms).weights
+
+    def solve(self, terms: Sequence[Term]) -> Array:
+        """Linear parameters (P,) of the likeliest fit."""
+        return self.near(terms).point.theta
+
+    def solve_without(self, terms: Sequence[Term]) -> Array:
+        """Linear parameters of the terms without each fold of stretches (FOLDS, P)."""
+        return self.balance(terms).solve_without(self.data.stretches(STRETCH)[0] % FOLDS, FOLDS)
+
+    def residual(self, terms: Sequence[Term]) -> Array:
+        """Measured minus simulated positions of the fit (R,) [rad]."""
+        return -self.near(terms).error
+
+    def hidden_noise(self, terms: Sequence[Term]) -> list[tuple[slice, float]]:
+        """What terms take out of the noise: nothing, where positions are compared."""
+        return []
+
+    def trial(self, terms: Sequence[Term]) -> Trial:
+        """One set of terms, with the scale of its errors [rad]."""
+        return self._trial(tuple(terms), self.near(terms).error)
+
+    def _trial(self, terms: Terms, error: Array) -> Trial:
+        return Trial(terms, self._scale(error[:, None])[0])
+
+    def _scale(self, errors: Array) -> list[float]:
+        told = likelihood(errors, self.data.recording_of, self.data.resolution)
+        return np.exp(-told / len(errors)).tolist()
+
+    def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
+        """Variants of an effect beside the terms, from which a search starts."""
+        variants = self.windows.grid(tuple(terms), effect)
+        coarse = any(not shape.integer for shape in effect.shapes) and len(variants) > MOST
+        return variants[:: -(-len(variants) // MOST)] if coarse else variants
+
+    def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
+        """Number of variants among which `grid` chose."""
+        return self.windows.looked_at(tuple(terms), effect)
+
+    def ranked(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
+        """The terms with each variant of the grid of an effect, the smallest error as foreseen first."""
+        key = tuple(terms), effect.id
+        if key not in self._ranked:
+            variants = self.grid(terms, effect)
+            found = [self._trial((*key[0], variant), error) for variant, error in self._foreseen(key[0], variants)]
+            self._ranked[key] = sorted(found, key=lambda trial: trial.fitted_rms)
+        return self._ranked[key]
+
+    def _foreseen(self, terms: Terms, variants: Sequence[Term]) -> list[tuple[Term, Array]]:
+        """Each variant with the errors that a linear fit beside the terms foresees (R,)."""
+        if not variants:
+            return []
+        near, columns = self.near(terms), self.columns(variants, terms)
+        found = []
+        for variant, own in zip(variants, columns, strict=True):
+            phi = np.column_stack([near.slopes[:, : len(near.point.theta)], own.linear])
+            left = near.error + own.fixed
+            least, most = ([getattr(c, name) for c in variant.columns] for name in ("least", "most"))
+            free = len(near.point.theta)
+            balance = Balance(
+                phi,
+                -left,
+                np.zeros_like(phi),
+                np.r_[np.full(free, -np.inf), least],
+                np.r_[np.full(free, np.inf), most],
+                near.weights,
+            )
+            step = balance.solve()
+            point = Point((*near.point.terms, variant), np.r_[near.point.theta + step[:free], step[free:]])
+            self._foretold[*terms, variant] = point.at(point.values)
+            found.append((variant, left + phi @ step))
+        return found
+
+    def columns(self, variants: Sequence[Term], terms: Terms | None = None) -> list[Columns]:
+        """What each of several variants of one effect does to the positions beside the fit of some terms.
+
+        Without terms: beside the first model that was fitted.
+        """
+        point = self.near(next(iter(self._linear)) if terms is None else terms).point
+        others = [term.id for term in point.terms]
+        if variants[0].id in others:
+            point = Point(
+                tuple(term for term in point.terms if term.id != variants[0].id),
+                self._without(point, others.index(variants[0].id)),
+            )
+        points = [point]
+        slices = []
+        for variant in variants:
+            size = self._typical_of(variant)
+            shifts = np.diag(size) if len(size) else np.zeros((1, 0))
+            if variant.fixed and len(size):
+                shifts = np.vstack([np.zeros(len(size)), shifts])
+            slices.append((len(points), len(points) + len(shifts)))
+            points += [Point((*point.terms, variant), np.r_[point.theta, shift]) for shift in shifts]
+        base = self.data.misses(points[:1])
+        errors = np.column_stack([base, self.data.misses(points[1:])])
+        found = []
+        for variant, (first, last) in zip(variants, slices, strict=True):
+            own, size = errors[:, first:last], self._typical_of(variant)
+            fixed = own[:, :1] - base if variant.fixed else np.zeros_like(base)
+            linear = own[:, len(own[0]) - len(size) :] - base - fixed if len(size) else np.empty((len(own), 0))
+            found.append(Columns(linear / size, fixed[:, 0], np.zeros((len(own), len(size)))))
+        return found
+
+    @staticmethod
+    def _without(point: Point, place: int) -> Array:
+        first = sum(len(term.columns) for term in point.terms[:place])
+        return np.delete(point.theta, np.s_[first : first + len(point.terms[place].columns)])
+
+    def variants(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
+        """Best variants of an effect beside the terms, one for each set of shape parameters that are told."""
+        key = tuple(terms), effect.id
+        if key not in self._variants:
+            ranked = self.ranked(*key[:1], effect)
+            if all(shape.integer for shape in effect.shapes):
+                found = ranked[:1]
+            else:
+                sets = dict.fromkeys(trial.terms[-1].free for trial in ranked)
+                starts = [[trial for trial in ranked if trial.terms[-1].free == free][:STARTS] for free in sets]
+                ends = [min((self.refine(t, effect.id) for t in few), key=lambda one: one.fitted_rms) for few in starts]
+                found = sorted(ends, key=lambda trial: (len(trial.terms[-1].free), trial.fitted_rms))
+            self._variants[key] = found
+        return self._variants[key]
+
+    def refine(self, trial: Trial, id: str) -> Trial:
+        """Fit all continuous shape parameters of a trial from where they are."""
+        point = self.near(trial.terms).point
+        if len(point.values) == len(point.theta):
+            return self.trial(point.terms)
+        found = fit(self.data, point, self.typical(trial.terms), shapes=True)
+        self._keep(found.point.terms, found)
+        return self.trial(found.point.terms)
+
+    def shape_jacobian(self, terms: Sequence[Term], theta: Array) -> tuple[Array, list[str]]:
+        """Derivatives (R, S) of the positions with respect to continuous shape parameters, and their names."""
+        point = self.near(terms).point
+        names = [term.full(shape.name) for term in terms for shape in continuous(term)]
+        slopes = (
+            linear(self.data, point, self.typical(terms), True).slopes
+            if names
+            else np.empty((len(self.data.position), 0))
+        )
+        return slopes[:, len(slopes[0]) - len(names) :], names
+
+    def placed(self, terms: Sequence[Term], parts: Sequence[Array]) -> Array:
+        """Columns of some terms side by side (R, P)."""
+        return np.column_stack(parts)
+
+    def frame(self, terms: Sequence[Term]) -> Array:
+        """Orthonormal columns (R, P) that span what the terms can do to the weighted errors."""
+        near = self.near(terms)
+        return np.linalg.qr(near.slopes[:, : len(near.point.theta)] * near.weights[:, None])[0]

@@ -1,0 +1,1 @@
+"""Servos: the drive between a goal and a joint, and both simulated together."""

@@ -1,0 +1,144 @@
+"""The drive of a servo: what its controller and motor do to the joint, from a goal and from the joint's own motion.
+
+    u = kp (goal - q) - kd q' + ki int (goal - q) dt        position control
+    u = kp (goal - q') + ki int (goal - q') dt              velocity control
+
+held between its turns, within a limit, late by a delay, and off while the motor is open. Out of u, which is a share of
+the supply, a voltage, a current or a torque, comes the motor's torque: in SI if its gain is known, and per volt or
+ampere otherwise, as parameters are then.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, Self
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake
+from pendulum_env.reading import shown
+
+Control = Literal["position", "velocity"]
+Output = Literal["duty", "voltage", "current", "torque"]
+LONGEST = 0.1  # [s], of a delay
+UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what the motor's torque is in, unless known
+
+
+class DriveError(Mistake):
+    """A drive cannot be as it is said to be; the message is one sentence with what is wrong and what to do."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A controller with the motor behind it.
+
+    Attributes:
+        control: what the goal is of, an angle [rad] or a speed [rad/s].
+        output: what the controller's law gives.
+        kp: gain by the error [output/rad, or output s/rad].
+        ki: gain by the integral of the error [output/(rad s), or output/rad].
+        kd: gain by the speed, under position control [output s/rad].
+        limit: largest output; 1 for a share of the supply.
+        supply: voltage of the bus where the recording has none, of which a duty is a share [V].
+        gain: torque per volt or ampere, gear included [N m/V or N m/A]; None where it is not known.
+        rate: turns of the controller in a second [Hz]; None: all the time.
+        delay: from measuring to acting [s].
+    """
+
+    control: Control = "position"
+    output: Output = "duty"
+    kp: float = 1.0
+    ki: float = 0.0
+    kd: float = 0.0
+    limit: float = math.inf
+    supply: float = 1.0
+    gain: float | None = None
+    rate: float | None = None
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, known in (("control", Control), ("output", Output)):
+            if getattr(self, name) not in known.__args__:  # type: ignore[attr-defined]
+                told = " or ".join(known.__args__)  # type: ignore[attr-defined]
+                raise DriveError(f"{name} is {shown(getattr(self, name))}: it should be {told}")
+        for name in ("kp", "ki", "kd", "delay"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
+                raise DriveError(f"{name} is {getattr(self, name):g}: it should be 0 or a positive number")
+        for name in ("limit", "supply", "gain", "rate"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise DriveError(f"{name} is {value:g}: it should be a positive number")
+        if self.kp == self.ki == 0:
+            raise DriveError("kp and ki are both 0: such a controller does not follow its goal, say its gain")
+        if self.delay > LONGEST:
+            raise DriveError(f"delay is {self.delay:g} s: no controller is later than {LONGEST:g} s")
+
+    @property
+    def unit(self) -> str:
+        """Of the motor's torque: `N m`, or that of what it is proportional to."""
+        return "N m" if self.gain is not None else UNIT[self.output]
+
+    @property
+    def most(self) -> float:
+        """Largest output."""
+        return min(self.limit, 1.0) if self.output == "duty" else self.limit
+
+    def torque(self, goal: Array, position: Array, velocity: Array, supply: Array, on: Array) -> Array:
+        """Torque that was asked for along a measured motion, in its `unit` (N,); the integral is left out."""
+        error = goal - (velocity if self.acts_on_speed else position)
+        output = self.kp * error - (0.0 if self.acts_on_speed else self.kd * velocity)
+        scale = (supply if self.output == "duty" else 1.0) * (1.0 if self.gain is None else self.gain)
+        return np.asarray(on * scale * np.clip(output, -self.most, self.most))
+
+    @property
+    def acts_on_speed(self) -> bool:
+        """Whether it controls the speed."""
+        return self.control == "velocity"
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> Self:
+        """A drive as a study says it: a preset, in whose units gains are, or plain numbers.
+
+        Raises:
+            DriveError: if the preset is unknown, or numbers are out of their range.
+        """
+        known = PRESETS[""]
+        if "preset" in told:
+            known = find("preset", str(told["preset"]), PRESETS)
+        values: dict[str, Any] = dict(known.base)
+        for name, value in told.items():
+            if name in ("control", "output"):
+                values[name] = value
+            elif find("key of a drive", name, KEYS) and name != "preset":
+                if isinstance(value, bool) or not isinstance(value, int | float):
+                    raise DriveError(f"{name} is {shown(value)}: it should be a number")
+                values[name] = float(value) * known.units.get(name, 1.0)
+        return cls(**values)
+
+    def told(self) -> dict[str, str | float]:
+        """What is not as usual, from which `of` makes the same drive."""
+        return {name: getattr(self, name) for name, usual in vars(Drive()).items() if getattr(self, name) != usual}
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A family of servos: what is the same of all, and what one unit of its registers is."""
+
+    base: Mapping[str, Any]
+    units: Mapping[str, float]
+    source: str
+
+
+PRESETS = {
+    "": Preset({}, {}, "plain numbers in SI"),
+    "xl330": Preset(
+        {"control": "position", "output": "duty", "supply": 7.3},
+        {"kp": 4096 / math.tau / (256 * 885)},
+        "Dynamixel XL330 as github.com/Rhoban/bam measured it: duty = kp (goal - position) [counts] / (256 x 885)",
+    ),
+}
+KEYS = dict.fromkeys(("preset", *vars(Drive())), True)

@@ -1,0 +1,219 @@
+"""Servos simulated with their controller in the loop: from the goal alone, whole recordings at once.
+
+A closed loop does not run away, so that nothing has to start anew from what was measured. In each step of the
+integrator the controller looks at the simulated motion, and what it asks for is held until it looks again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.physics import KnownLoad, Samples, Term
+from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.simulation import Balance, in_symbols, step
+from pendulum_env.physics.symbols import name
+from pendulum_env.physics.term import upper, written
+from pendulum_env.servo.drive import Drive
+
+GAINS = ("kp", "ki", "kd", "most", "scale")  # of each servo
+
+
+@dataclass(frozen=True)
+class Servos:
+    """B servos that are told where to go, over N steps of the integrator.
+
+    Attributes:
+        drives: of each.
+        step: of the integrator [s].
+        goal: held over each step (N, B) [rad, or rad/s].
+        supply: voltage of the bus over each step (N, B) [V].
+        on: whether the motor is powered (N, B).
+        position, velocity: at the start (B,) [rad, rad/s].
+        start: time of the first sample (B,) [s].
+        load: what is known to hang on each (B,).
+    """
+
+    drives: tuple[Drive, ...]
+    step: float
+    goal: Array
+    supply: Array
+    on: Array
+    position: Array
+    velocity: Array
+    start: Array
+    load: KnownLoad
+
+
+class State(NamedTuple):
+    """What a controller remembers: the output that it holds, what it asked for before that, and its integral."""
+
+    held: Any
+    before: tuple[Any, ...]
+    integral: Any
+
+
+class Given(NamedTuple):
+    """What a servo is given over a step: goal, scale of its output, whether it is on, and due to look again."""
+
+    goal: Any
+    supply: Any
+    on: Any
+    due: Any
+
+
+def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) -> Array:
+    """Simulate B servos from their goals under V models.
+
+    Args:
+        terms: of the models, whose shape parameters are numbers, or (V, 1) arrays of those of each.
+        theta: linear parameters (P, V).
+        servos: with their goals.
+        every: steps between positions that are returned.
+
+    Returns:
+        Positions at the start and after every so many steps (N / every + 1, V, B) [rad].
+    """
+    h = np.full(len(servos.drives), servos.step)
+    variants, lanes = theta.shape[1], len(h)
+    taps = _taps(terms, servos, h, variants)
+    speed = servos.drives[0].acts_on_speed
+    if any(drive.acts_on_speed != speed for drive in servos.drives):
+        raise ValueError("servos under position and under velocity control cannot be simulated at once")
+    loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
+    gains = np.array([[d.kp, d.ki, d.kd, d.most, 1.0 if d.gain is None else d.gain] for d in servos.drives]).T
+    given = np.stack([servos.goal, servos.supply, servos.on], axis=1)
+    inputs = np.concatenate([given, _due(servos, h, len(given))[:, None]], axis=1)
+    program = _prepared(terms, speed, len(taps), loaded, integrates, float(h.max()))
+    shape = variants, lanes
+    theta = theta[:, :, None]
+    constants = [*theta, *program.shapes, *gains[:, None], *(servos.load if loaded else ()), *taps, h]
+    own = np.array([np.broadcast_to(value, shape) for value in constants])
+    q, v, t = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity, servos.start))
+    x = Samples(t, q, v, np.zeros(shape), load=servos.load)
+    balance = Balance(terms, theta, loaded)
+    x = replace(x, memory=balance.start(x))
+    state = State(np.zeros(shape), (np.zeros(shape),) * (len(taps) - 1), np.zeros(shape))
+    if program.step is None:  # a law of a user's is no formula
+        return _run(balance, x, state, inputs, dict(zip(GAINS, gains, strict=True)), taps, speed, servos.step, every)
+    states = np.array([np.broadcast_to(row, shape) for row in _flat(x, state, integrates)])
+    return np.asarray(program.step(inputs, own, states, every)[:, 1])
+
+
+def _run(
+    balance: Balance,
+    x: Samples,
+    state: State,
+    inputs: Array,
+    gains: Mapping[str, Array],
+    taps: Array,
+    speed: bool,
+    h: float,
+    every: int,
+) -> Array:
+    """The same step by step in NumPy."""
+    path = [x.position]
+    for k, given in enumerate(inputs):
+        x, state = servo_step(balance, x, state, Given(*given), gains, list(taps), speed, h)
+        if (k + 1) % every == 0:
+            path.append(x.position)
+    return np.array(path)
+
+
+def _flat(x: Samples, state: State, integrates: bool) -> list[Any]:
+    """All that changes from step to step."""
+    own = [one for memory in x.memory.values() for one in memory]
+    held = [state.held, *state.before, *([state.integral] if integrates else [])]
+    return [x.time, x.position, x.velocity, *own, *held]
+
+
+def _taps(terms: Sequence[Term], servos: Servos, h: Array, variants: int) -> Array:
+    """Weights (T, V, B) of the outputs of the last T steps, the newest first: what is late lies between two of them."""
+    late = sum((np.asarray(term.delay, dtype=float) for term in terms), np.zeros(1)).reshape(-1, 1)
+    steps = np.broadcast_to((late + np.array([drive.delay for drive in servos.drives])) / h, (variants, len(h)))
+    whole = np.floor(steps + 1e-9)
+    share = np.maximum(steps - whole, 0.0)
+    count = int(whole.max()) + 1 + bool(share.any())
+    place = np.arange(count)[:, None, None]
+    return np.asarray(np.where(place == whole, 1 - share, 0.0) + np.where(place == whole + 1, share, 0.0))
+
+
+def _due(servos: Servos, h: Array, steps: int) -> Array:
+    """Whether each controller looks again at the start of each step (N, B)."""
+    rate = np.array([np.inf if drive.rate is None else drive.rate for drive in servos.drives])
+    turn = np.floor(np.arange(steps)[:, None] * h * np.minimum(rate, 1.0 / h) + 1e-6)
+    return np.asarray(np.diff(turn, axis=0, prepend=-1.0) > 0, dtype=float)
+
+
+def servo_step(
+    balance: Balance,
+    x: Samples,
+    state: State,
+    given: Given,
+    gains: Mapping[str, Any],
+    taps: Sequence[Any],
+    speed: bool,
+    h: ArrayLike,
+) -> tuple[Samples, State]:
+    """One step of servos and their controllers, in symbols or arrays."""
+    error = given.goal - (x.velocity if speed else x.position)
+    wanted = gains["kp"] * error + gains["ki"] * state.integral - (0.0 if speed else gains["kd"] * x.velocity)
+    output = np.maximum(np.minimum(wanted, gains["most"]), -gains["most"])
+    winds = (np.abs(wanted) > gains["most"]) & (wanted * error > 0)
+    integral = state.integral + np.where(winds, 0.0, h * error)
+    held = np.where(given.due > 0, output * given.supply * gains["scale"], state.held)
+    line = (held, *state.before)
+    torque: Any = given.on * sum(weight * past for weight, past in zip(taps, line, strict=True))
+    memory: Any = {id: (given.on,) if id == BackEmf.id else own for id, own in x.memory.items()}
+    after = step(balance, replace(x, torque=torque, memory=memory), h)
+    return after, State(held, line[: len(state.before)], integral)
+
+
+_known: dict[object, Any] = {}
+
+
+class _Program(NamedTuple):
+    step: Any
+    shapes: Sequence[ArrayLike]
+
+
+def _prepared(
+    terms: Sequence[Term], speed: bool, taps: int, loaded: bool, integrates: bool, longest: float
+) -> _Program:
+    """A step of servos, compiled."""
+    from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
+
+    key = (
+        tuple((type(term), *(shape.name for shape in term.free)) for term in terms),
+        speed,
+        taps,
+        loaded,
+        integrates,
+        upper(longest),
+    )
+    if key in _known:
+        return _Program(_known[key], [value for k, term in enumerate(terms) for value in written(term, k)[1].values()])
+    try:
+        balance, x, shapes = in_symbols(terms, loaded)
+    except Exception:  # a user's law may do anything that NumPy does
+        return _Program(None, [])
+    h: Any = name("h", most=upper(longest))
+    given = Given(*(name(text) for text in Given._fields))
+    gains = {text: name(text) for text in GAINS}
+    weights = [name(f"tap_{k}") for k in range(taps)]
+    before = tuple(name(f"before_{k}") for k in range(taps - 1))
+    integral: Any = name("integral") if integrates else 0.0
+    state = State(name("held"), before, integral)
+    try:
+        after, later = servo_step(balance, x, state, given, gains, weights, speed, h)
+    except Exception:
+        return _Program(None, [])
+
+    constants: Any = [*balance.theta, *map(name, shapes), *gains.values(), *(x.load if loaded else ()), *weights, h]
+    inputs, known, states = ([one.label for one in each] for each in (given, constants, _flat(x, state, integrates)))
+    program = _known[key] = recurrence(inputs, known, states, _flat(after, later, integrates))
+    return _Program(program, list(shapes.values()))
