@@ -11,6 +11,7 @@ from estimators.arguments import Recordings, chosen_recordings, model_that_moves
 from estimators.checks.homogeneity import Disagreement, disagreements_with, misfits
 from estimators.checks.residual import Profile, Region, profiles, stand_out
 from estimators.checks.torque_constant import Calibrated, unit_of
+from estimators.in_loop.comparison import in_loop
 from estimators.regression.equations import IdentificationError
 from estimators.selection.data import Errors, Evidence, noise_floor
 from estimators.simulation.free_running import growth, select
@@ -162,8 +163,13 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     parts = [_evidence(recording, model) for recording in recordings]
     together = joined(parts)
     joint = distance("all", together, model)
+    joint = replace(joint, errors=in_loop(model, recordings, joint.errors))
     maps = profiles(together.samples, together.residual(model.terms, model.theta), joint.noise_floor)
     distances = [distance(recording.name, part, model) for recording, part in zip(recordings, parts, strict=True)]
+    distances = [
+        replace(own, errors=in_loop(model, [recording], own.errors))
+        for own, recording in zip(distances, recordings, strict=True)
+    ]
     odd = (*disagreements_with(model, together.data), *misfits(together.data, model.terms))
     return Comparison(
         model, tuple(distances), joint, tuple(maps), tuple(stand_out(maps)), odd, recordings[0].torque_constant

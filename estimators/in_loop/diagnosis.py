@@ -18,11 +18,13 @@ from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.in_loop.evidence import InLoop
-from estimators.in_loop.rollouts import Rollouts
-from estimators.selection.data import Evidence
+from estimators.in_loop.fit import likelihood
+from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.selection.data import Evidence, Step, fit_terms
 from estimators.selection.models import Models
 from estimators.selection.moves import ids
 from estimators.selection.search import Selection, select
+from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.potential import GravityTilt
@@ -60,23 +62,24 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     if not unseen:
         halves = [recording.split(1 - HELD_OUT) for recording in fitted]
         fitted, unseen = [first for first, _ in halves], [second for _, second in halves]
-    train = InLoop(Rollouts(tuple(fitted)), Evidence.of(fitted))
+    base, windows = base_of(setting.base, fitted), Evidence.of(fitted)
+    train = likelier([InLoop(Rollouts(tuple(fitted), is_held=held), windows) for held in (True, False)], base)
+    check = InLoop(Rollouts(tuple(unseen), is_held=train.data.is_held), Evidence.of(unseen), train)
     models = Models(
         cast(Evidence, train),  # all that a search asks of evidence, a rollout has
-        cast(Evidence, InLoop(Rollouts(tuple(unseen)), Evidence.of(unseen), train)),
+        cast(Evidence, check),
         setting.progress,
         {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"},
-        replace(setting.criterion, needed=NEEDED),
+        replace(setting.criterion, share=NEEDED, needed=NEEDED),
         setting.rng,
-        base_of(setting.base, fitted),
+        base,
         foils=(),
     )
-    train.screen.settle(models.base)
     found = select(models)
     setting.progress("judging", 0.93)
     candidates, groups = judge(found, found.terms)
-    left = unexplained(found, train)
-    steps = found.steps
+    steps = [sharpened(step, train, check) for step in found.steps]
+    left = unexplained(replace(found, steps=steps), train)
     model = steps[-1].model.biased() if left else steps[-1].model
     constant = constant_of(model, calibrated.constant)
     setting.progress("done", 1.0)
@@ -90,6 +93,25 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         torque_unit=calibrated.unit,
         torque_constant=constant,
     )
+
+
+def likelier(ways: Sequence[InLoop], base: Sequence[Term]) -> InLoop:
+    """That of several ways to look at recordings under which a model of some terms is the likeliest."""
+
+    def of(one: InLoop) -> float:
+        one.screen.settle(base)
+        error = one.screen.near(base).error[:, None]
+        return float(likelihood(error, one.data.recording_of, one.data.resolution)[0])
+
+    return max(ways, key=of)
+
+
+def sharpened(step: Step, train: InLoop, holdout: InLoop) -> Step:
+    """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
+    fine, unseen = (replace(part, data=replace(part.data, steps=FINE)) for part in (train, holdout))
+    fine.screen.begin_at(Point(step.model.terms, np.asarray(step.model.theta)))
+    model = fit_terms(cast(Evidence, fine), step.model.terms)[0]
+    return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})
 
 
 def _with_gain(recording: Recording, calibrated: Calibrated) -> Recording:

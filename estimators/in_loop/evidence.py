@@ -74,4 +74,5 @@ class InLoop:
     def errors(self, model: Model) -> Errors:
         """Errors of a model in the loop."""
         missed = self.misses(model.terms, np.asarray(model.theta))
-        return Errors(np.nan, np.nan, in_loop=float(np.mean(np.abs(missed))))
+        mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))
+        return Errors(np.nan, np.nan, in_loop=mean, in_loop_rms=rms)

@@ -19,11 +19,11 @@ from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array, Index
 
-TURNS = 20
+TURNS = 30
 DAMPINGS = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of normalised slopes' squares
 DIFFERENCE = 1e-2  # of a parameter, for derivatives
 LEAP = 1.0  # of a parameter, the largest step of any
-POLLS, POLL = 3, (0.1, 0.4)  # times that each parameter is tried by itself, and shares by which it is moved
+POLLS, POLL = 5, (0.1, 0.4)  # times that each parameter is tried by itself, and shares by which it is moved
 ENOUGH = 0.3  # [nat], gain of a turn at which a fit ends,
 ROUGHLY = 0.05  # or share of what it has gained so far, where models are only compared
 SCALES = 20  # turns of the fixed point for a scale

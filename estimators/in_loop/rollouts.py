@@ -17,17 +17,28 @@ from pendulum_env.recording import Recording
 from pendulum_env.servo.loop import Servos, follow
 
 GRAIN = 0.02  # [s] between the positions that are compared,
-STEPS = 11  # of the integrator
+STEPS, FINE = 11, 20  # of the integrator while models are searched for, and in the end
 CLUSTER = 1.5  # [s], errors of a rollout that tell as much as one
-LEAST = 1e-3  # of the motion
+LEAST = 1e-4  # of the motion
+BEGINNING = 0.08  # [s], that tells the speed at the start
+FINEST = 1e-6  # [rad], below which a step of an encoder is a number's rounding
+JITTER = 0.03  # of a sample, by which a clock is off
 FARTHEST = 2.0  # [rad], error that a larger one counts as
 
 
 @dataclass(frozen=True)
 class Rollouts:
-    """Recordings with a goal and a drive, each segment of them a rollout."""
+    """Recordings with a goal and a drive, each segment of them a rollout.
+
+    Attributes:
+        recordings: of servos.
+        steps: of the integrator from one position that is compared to the next.
+        is_held: whether goals stay from sample to sample, or run on between them, faster than they are logged.
+    """
 
     recordings: tuple[Recording, ...]
+    steps: int = STEPS
+    is_held: bool = True
 
     @cached_property
     def _segments(self) -> list[tuple[int, Recording]]:
@@ -37,13 +48,18 @@ class Rollouts:
     def servos(self) -> Servos:
         """All rollouts side by side, shorter ones padded with a motor that is off."""
         parts = [part for _, part in self._segments]
-        step = GRAIN / STEPS
-        middles = (np.arange(STEPS * max(len(at) for at in self._times)) + 0.5) * step
+        step = GRAIN / self.steps
+        middles = (np.arange(self.steps * max(len(at) for at in self._times)) + 0.5) * step
 
         def held(values: Sequence[Array]) -> Array:
             """What holds from sample to sample (N, B), in the middle of each step."""
             places = [np.minimum((middles * part.rate).astype(np.intp), len(part) - 1) for part in parts]
             return np.array([own[at] for own, at in zip(values, places, strict=True)]).T
+
+        def between(values: Sequence[Array]) -> Array:
+            """What runs on from sample to sample (N, B), in the middle of each step."""
+            pairs = zip(values, parts, strict=True)
+            return np.array([np.interp(middles, np.arange(len(part)) / part.rate, own) for own, part in pairs]).T
 
         def load(quantity: str) -> Array:
             return np.array([0.0 if part.load is None else getattr(part.load, quantity) for part in parts])
@@ -55,7 +71,7 @@ class Rollouts:
         return Servos(
             drives,
             step,
-            held(goals),
+            held(goals) if self.is_held else between(goals),
             held([_supply(part) for part in parts]),
             on,
             np.array([part.position[0] for part in parts]),
@@ -85,8 +101,8 @@ class Rollouts:
     def resolution(self) -> float:
         """Standard deviation of the least error that an encoder makes [rad]."""
         steps = [np.abs(np.diff(recording.position)) for recording in self.recordings]
-        least = min(float(own[own > 0].min(initial=1e-6)) for own in steps)
-        return max(least / np.sqrt(12.0), 1e-6)
+        least = min(float(own[own > FINEST].min(initial=np.inf)) for own in steps)
+        return least / np.sqrt(12.0) if np.isfinite(least) else FINEST
 
     def misses(self, points: Sequence[Point]) -> Array:
         """Simulated minus measured positions under V models whose terms are of equal classes (R, V) [rad]."""
@@ -97,7 +113,7 @@ class Rollouts:
                 name: values[0] if np.all(values == values[0]) else values[:, None] for name, values in shapes.items()
             }
             terms.append(type(variants[0])(**same))
-        paths = follow(terms, np.column_stack([point.theta for point in points]), self.servos, STEPS)
+        paths = follow(terms, np.column_stack([point.theta for point in points]), self.servos, self.steps)
         told = np.concatenate([paths[1 : len(times) + 1, :, lane] for lane, times in enumerate(self._times)])
         return np.clip(np.nan_to_num(told, nan=np.inf) - self.position[:, None], -FARTHEST, FARTHEST)
 
@@ -166,8 +182,8 @@ class Rollouts:
     least = precision
 
     def noise(self, inertia: float) -> float:
-        """Error that encoder and clock alone make [rad]: nobody knows when within a sample a goal took effect."""
-        late = [float(np.std(np.gradient(r.position, r.time))) / r.rate / np.sqrt(12.0) for r in self.recordings]
+        """Error that encoder and clock alone make [rad]."""
+        late = [JITTER * float(np.std(np.gradient(r.position, r.time))) / r.rate for r in self.recordings]
         return max(self.precision(), float(np.hypot(self.resolution, np.mean(late))))
 
     def errors(self, residual: Array) -> dict[str, float]:
@@ -186,5 +202,6 @@ def _supply(recording: Recording) -> Array:
 def _velocity_at_start(recording: Recording) -> float:
     if recording.velocity is not None:
         return float(recording.velocity[0])
-    few = min(len(recording), max(4, round(0.05 * recording.rate)))
-    return float(np.polyfit(recording.time[:few], recording.position[:few], 1)[0])
+    few = min(len(recording), max(6, round(BEGINNING * recording.rate)))
+    time = recording.time[:few] - recording.time[0]
+    return float(np.polyfit(time, recording.position[:few], min(3, few - 1))[-2])

@@ -6,7 +6,7 @@ stand: y = phi theta, with positions on the left and their derivatives on the ri
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -75,6 +75,10 @@ class LoopScreen:
         """Know a fit by the terms that it was asked for, and by those that it has: some shapes follow parameters."""
         self._linear[terms] = self._linear[found.point.terms] = found
 
+    def begin_at(self, point: Point) -> None:
+        """Where the fit of a model begins."""
+        self._foretold[point.terms] = point
+
     def as_fitted(self, terms: Sequence[Term]) -> Terms:
         """The terms with shape parameters that follow others as these were fitted."""
         return self.near(terms).point.terms
@@ -105,7 +109,7 @@ class LoopScreen:
             self._linear, key=lambda other: (len(known ^ {term.id for term in other}), -len(set(other) & set(terms)))
         )
         if not parents:
-            return Point(terms, self.windows.solve(terms))
+            return self._foretold.get(terms) or self._likeliest([*self._first(terms)])
         parent = self._linear[parents[0]].point
         values = dict(zip((c.name for term in parent.terms for c in term.columns), parent.theta, strict=True))
         typical = self.typical(terms)
@@ -116,8 +120,18 @@ class LoopScreen:
             starts.append(Point(terms, theta).at(Point(terms, theta).values))
         if all(name in values for name in names):
             return starts[-1]
-        told = likelihood(self.data.misses(starts), self.data.recording_of, self.data.resolution)
-        return starts[int(np.argmax(told))]
+        return self._likeliest(starts)
+
+    def _first(self, terms: Terms) -> Iterator[Point]:
+        """Where the first fit may begin: where torque has the parameters, or with what a joint has at least."""
+        theta, typical = self.windows.solve(terms), self.typical(terms)
+        for share in (0.0, 1.0, 5.0):
+            values = np.maximum(np.abs(theta), share * typical) if share else theta
+            yield Point(terms, values).at(Point(terms, values).values)
+
+    def _likeliest(self, points: Sequence[Point]) -> Point:
+        told = likelihood(self.data.misses(points), self.data.recording_of, self.data.resolution)
+        return points[int(np.argmax(told))]
 
     def balance(self, terms: Sequence[Term]) -> Balance:
         """Equations of some terms, weighted by how far off each error is."""

@@ -35,6 +35,7 @@ class Errors:
         position_fit: the same of position in free run, relative to the deviation in each one-second window [%].
         joints: torque errors of the joints by name [N m].
         in_loop: mean absolute error of whole recordings that are simulated with their controller in the loop [rad].
+        in_loop_rms: root mean square of the same [rad].
 
     What cannot be simulated has NaN for a position error.
     """
@@ -45,6 +46,7 @@ class Errors:
     position_fit: float = np.nan
     joints: Mapping[str, float] = field(default_factory=dict)
     in_loop: float = np.nan
+    in_loop_rms: float = np.nan
 
     def at(self, joint: str) -> float:
         """Torque error at a joint [N m], or error in the loop [rad]."""
@@ -54,7 +56,7 @@ class Errors:
         """Plain dictionary for JSON."""
         told = {
             name: getattr(self, name)
-            for name in ("torque_rms", "position_rms", "torque_fit", "position_fit", "in_loop")
+            for name in ("torque_rms", "position_rms", "torque_fit", "position_fit", "in_loop", "in_loop_rms")
         }
         return {name: value for name, value in told.items() if np.isfinite(value)}
 

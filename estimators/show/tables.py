@@ -16,6 +16,8 @@ from pendulum_env.physics import Estimate, Model
 from pendulum_env.words import Table, bar, listing
 
 RUNNERS_UP = 5  # rejected candidates that are shown
+_DISTANCES = ("recording", "torque [N m]", "fit [%]", "noise floor [N m]", "free-running position [rad]", "fit [%]")
+_IN_LOOP = ("in the loop, mean [rad]", "RMS [rad]")
 
 
 def errors_table(steps: Sequence[Step]) -> Table:
@@ -128,7 +130,7 @@ def distances_table(found: Comparison) -> Table:
     """Errors of a model on every recording, and on all together if there are several."""
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
     return Table(
-        ("recording", "torque [N m]", "fit [%]", "noise floor [N m]", "free-running position [rad]", "fit [%]"),
+        (*_DISTANCES, *(_IN_LOOP if np.isfinite(found.joint.errors.in_loop) else ())),
         [
             (
                 item.name,
@@ -137,6 +139,7 @@ def distances_table(found: Comparison) -> Table:
                 f"{item.noise_floor:.4g}",
                 f"{item.errors.position_rms:.4g}",
                 f"{item.errors.position_fit:.4g}",
+                *(f"{error:.4g}" for error in (item.errors.in_loop, item.errors.in_loop_rms) if np.isfinite(error)),
             )
             for item in distances
         ],

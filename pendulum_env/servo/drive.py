@@ -46,6 +46,7 @@ class Drive:
         supply: voltage of the bus where the recording has none, of which a duty is a share [V].
         gain: torque per volt or ampere, gear included [N m/V or N m/A]; None where it is not known.
         rate: turns of the controller in a second [Hz]; None: all the time.
+        cutoff: of the low-pass filter that the controller sees the speed through [Hz]; None: there is none.
         delay: from measuring to acting [s].
     """
 
@@ -58,6 +59,7 @@ class Drive:
     supply: float = 1.0
     gain: float | None = None
     rate: float | None = None
+    cutoff: float | None = None
     delay: float = 0.0
 
     def __post_init__(self) -> None:
@@ -68,7 +70,7 @@ class Drive:
         for name in ("kp", "ki", "kd", "delay"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise DriveError(f"{name} is {getattr(self, name):g}: it should be 0 or a positive number")
-        for name in ("limit", "supply", "gain", "rate"):
+        for name in ("limit", "supply", "gain", "rate", "cutoff"):
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise DriveError(f"{name} is {value:g}: it should be a positive number")

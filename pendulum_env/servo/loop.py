@@ -6,6 +6,7 @@ integrator the controller looks at the simulated motion, and what it asks for is
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -20,7 +21,7 @@ from pendulum_env.physics.symbols import name
 from pendulum_env.physics.term import upper, written
 from pendulum_env.servo.drive import Drive
 
-GAINS = ("kp", "ki", "kd", "most", "scale")  # of each servo
+GAINS = ("kp", "ki", "kd", "most", "scale", "seen")  # of each servo
 
 
 @dataclass(frozen=True)
@@ -50,11 +51,12 @@ class Servos:
 
 
 class State(NamedTuple):
-    """What a controller remembers: the output that it holds, what it asked for before that, and its integral."""
+    """What a controller remembers: the output it holds, those before, its integral, and the speed it sees."""
 
     held: Any
     before: tuple[Any, ...]
     integral: Any
+    speed: Any
 
 
 class Given(NamedTuple):
@@ -85,7 +87,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     if any(drive.acts_on_speed != speed for drive in servos.drives):
         raise ValueError("servos under position and under velocity control cannot be simulated at once")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
-    gains = np.array([[d.kp, d.ki, d.kd, d.most, 1.0 if d.gain is None else d.gain] for d in servos.drives]).T
+    gains = np.array([_gains(drive, servos.step) for drive in servos.drives]).T
     given = np.stack([servos.goal, servos.supply, servos.on], axis=1)
     inputs = np.concatenate([given, _due(servos, h, len(given))[:, None]], axis=1)
     program = _prepared(terms, speed, len(taps), loaded, integrates, float(h.max()))
@@ -97,11 +99,17 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     x = Samples(t, q, v, np.zeros(shape), load=servos.load)
     balance = Balance(terms, theta, loaded)
     x = replace(x, memory=balance.start(x))
-    state = State(np.zeros(shape), (np.zeros(shape),) * (len(taps) - 1), np.zeros(shape))
+    state = State(np.zeros(shape), (np.zeros(shape),) * (len(taps) - 1), np.zeros(shape), v)
     if program.step is None:  # a law of a user's is no formula
         return _run(balance, x, state, inputs, dict(zip(GAINS, gains, strict=True)), taps, speed, servos.step, every)
     states = np.array([np.broadcast_to(row, shape) for row in _flat(x, state, integrates)])
     return np.asarray(program.step(inputs, own, states, every)[:, 1])
+
+
+def _gains(drive: Drive, step: float) -> tuple[float, ...]:
+    """Gains of a servo, and the share of a new speed that its filter takes over in a step [s]."""
+    seen = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * step)
+    return drive.kp, drive.ki, drive.kd, drive.most, 1.0 if drive.gain is None else drive.gain, seen
 
 
 def _run(
@@ -127,7 +135,7 @@ def _run(
 def _flat(x: Samples, state: State, integrates: bool) -> list[Any]:
     """All that changes from step to step."""
     own = [one for memory in x.memory.values() for one in memory]
-    held = [state.held, *state.before, *([state.integral] if integrates else [])]
+    held = [state.held, *state.before, state.speed, *([state.integral] if integrates else [])]
     return [x.time, x.position, x.velocity, *own, *held]
 
 
@@ -160,8 +168,9 @@ def servo_step(
     h: ArrayLike,
 ) -> tuple[Samples, State]:
     """One step of servos and their controllers, in symbols or arrays."""
-    error = given.goal - (x.velocity if speed else x.position)
-    wanted = gains["kp"] * error + gains["ki"] * state.integral - (0.0 if speed else gains["kd"] * x.velocity)
+    seen = state.speed + gains["seen"] * (x.velocity - state.speed)
+    error = given.goal - (seen if speed else x.position)
+    wanted = gains["kp"] * error + gains["ki"] * state.integral - (0.0 if speed else gains["kd"] * seen)
     output = np.maximum(np.minimum(wanted, gains["most"]), -gains["most"])
     winds = (np.abs(wanted) > gains["most"]) & (wanted * error > 0)
     integral = state.integral + np.where(winds, 0.0, h * error)
@@ -170,7 +179,7 @@ def servo_step(
     torque: Any = given.on * sum(weight * past for weight, past in zip(taps, line, strict=True))
     memory: Any = {id: (given.on,) if id == BackEmf.id else own for id, own in x.memory.items()}
     after = step(balance, replace(x, torque=torque, memory=memory), h)
-    return after, State(held, line[: len(state.before)], integral)
+    return after, State(held, line[: len(state.before)], integral, seen)
 
 
 _known: dict[object, Any] = {}
@@ -207,7 +216,7 @@ def _prepared(
     weights = [name(f"tap_{k}") for k in range(taps)]
     before = tuple(name(f"before_{k}") for k in range(taps - 1))
     integral: Any = name("integral") if integrates else 0.0
-    state = State(name("held"), before, integral)
+    state = State(name("held"), before, integral, name("speed"))
     try:
         after, later = servo_step(balance, x, state, given, gains, weights, speed, h)
     except Exception:

@@ -6,6 +6,7 @@ import argparse
 import json
 
 from estimators.comparison import compare, in_units_of
+from estimators.in_loop.diagnosis import is_driven
 from estimators.show.tables import distances_table, profile_table
 from pendulum_env.files import write_whole
 from workbench.inputs import (
@@ -21,6 +22,7 @@ from workbench.inputs import (
     take_robot,
     wrote,
 )
+from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
@@ -34,6 +36,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     take_align(parser)
     parser.add_argument(
         "--report", type=argument(page), metavar="FILE.html", help="write a report with plots, one file to share"
+    )
+    parser.add_argument(
+        "--loop",
+        action="store_true",
+        help="whole recordings simulated from their goals alone, which needs --drive or a study with [drive]; where a "
+        "drive is known, these errors stand beside the others anyway",
     )
     take_robot(parser)
     parser.add_argument("--json", metavar="FILE", help="write errors, profiles and regions")
@@ -51,6 +59,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs(outputs, [arguments.model, *asked.files])
     model = read_model(arguments.model)
     recordings = read_recordings((*asked.fitted, *asked.held_out), terminal)
+    if arguments.loop and not is_driven(recordings):
+        raise InputError(
+            f"{recordings[0].name}: nobody knows its controller: say it with --drive, or [drive] in a study"
+        )
     recordings = list(in_units_of(model, recordings))
     if recordings[0].torque_constant is not None:
         terminal.say(recordings[0].torque_constant.text)

@@ -106,9 +106,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
     if arguments.report is not None:
-        fitted = Aligned.by(found.alignments, recordings, holdout).recordings
         with terminal.progress("writing the report"):
-            schemes = six_schemes(fitted, found.model.terms)
+            schemes = None
+            if not found.is_in_loop:
+                fitted = Aligned.by(found.alignments, recordings, holdout).recordings
+                schemes = six_schemes(fitted, found.model.terms)
             write_report(arguments.report, recordings, holdout, found, schemes)
     tell(found, terminal, arguments.all)
     if arguments.experiment is not None and found.suggestion is None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from estimators.arguments import Recordings, chosen_recordings
 from estimators.comparison import Comparison, in_units_of, joined
 from estimators.diagnosis.result import Diagnosis
@@ -15,6 +17,7 @@ from workbench.report.page import assemble
 from workbench.report.section import Section
 from workbench.report.sections.comparison import comparison
 from workbench.report.sections.failures import failures
+from workbench.report.sections.loop import loop
 from workbench.report.sections.parameters import parameters
 
 
@@ -36,8 +39,17 @@ def render(compared: Comparison, recordings: Recordings) -> str:
     """HTML of the report; see `write_comparison_report`."""
     case = _case(compared, recordings)
     sections = [distances(compared), comparison(case), failures(case), parameters(case)]
+    if np.isfinite(compared.joint.errors.in_loop):
+        own = in_units_of(compared.model, chosen_recordings(recordings))
+        sections.insert(1, loop(in_words(compared), [("model", compared.model)], own))
     page = assemble(sections, f"comparison with {words.listing([recording.name for recording in case.train])}")
     return words.per(page.replace("base model", "model"), compared.torque_unit)  # nothing is added to it here
+
+
+def in_words(compared: Comparison) -> str:
+    """Errors in the loop, in a sentence."""
+    errors = compared.joint.errors
+    return f"simulated from its goals alone, the model is off by {errors.in_loop:.3g} rad on average"
 
 
 def distances(compared: Comparison) -> Section:

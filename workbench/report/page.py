@@ -20,6 +20,9 @@ from workbench.report import words
 from workbench.report.case import Case
 from workbench.report.section import Section
 from workbench.report.sections import SECTIONS
+from workbench.report.sections.candidates import candidates
+from workbench.report.sections.loop import of_diagnosis
+from workbench.report.sections.parameters import parameters
 
 
 @cache
@@ -58,8 +61,12 @@ def render(
     identification: Identification | None = None,
 ) -> str:
     """HTML of the report; see `write_report`."""
-    case = Case.of(chosen_recordings(recordings), chosen_recordings(holdout, empty=True), diagnosis, identification)
-    sections = [section for make in SECTIONS if (section := make(case)) is not None]
+    fitted, unseen = chosen_recordings(recordings), chosen_recordings(holdout, empty=True)
+    case = Case.of(fitted, unseen, diagnosis, identification)
+    if diagnosis.is_in_loop:
+        sections = [of_diagnosis(diagnosis, [*unseen, *fitted]), candidates(case), parameters(case)]
+    else:
+        sections = [section for make in SECTIONS if (section := make(case)) is not None]
     page = assemble(sections, f"diagnosis of {words.listing([recording.name for recording in case.train])}")
     return words.per(page, diagnosis.torque_unit)
 

@@ -1,0 +1,39 @@
+"""A model of a servo against whole recordings, simulated from their goals alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.selection.data import Errors
+from estimators.simulation.output_error import Point
+from pendulum_env._typing import Array
+from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
+
+
+def with_gain(recording: Recording) -> Recording:
+    """A recording with the gain of its drive, if its torque was made with a known one."""
+    known, drive = recording.torque_constant, recording.drive
+    if known is None or drive is None or drive.gain is not None:
+        return recording
+    return replace(recording, drive=replace(drive, gain=known.value))
+
+
+def followed(model: Model, recording: Recording) -> tuple[Array, Array, Array]:
+    """Times (R,) [s], simulated and measured positions (R,) [rad] of a recording with a drive."""
+    rollouts = Rollouts((with_gain(recording),), FINE)
+    missed = rollouts.misses([Point(model.terms, np.asarray(model.theta))])[:, 0]
+    return rollouts.time, rollouts.position + missed, rollouts.position
+
+
+def in_loop(model: Model, recordings: Sequence[Recording], errors: Errors) -> Errors:
+    """Errors of a model with those in the loop, if the recordings have drives."""
+    if not recordings or any(recording.drive is None for recording in recordings):
+        return errors
+    rollouts = Rollouts(tuple(with_gain(recording) for recording in recordings), FINE)
+    missed = rollouts.misses([Point(model.terms, np.asarray(model.theta))])[:, 0]
+    return replace(errors, in_loop=float(np.mean(np.abs(missed))), in_loop_rms=float(np.sqrt(np.mean(missed**2))))

@@ -1,0 +1,68 @@
+"""Whole recordings of servos beside simulations that know nothing but the goal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.diagnosis.result import Diagnosis
+from estimators.in_loop.comparison import followed
+from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
+from workbench.report.figure import Figure, axis, line
+from workbench.report.section import Section
+from workbench.report.words import opening
+
+MOST = 8  # recordings that are drawn
+COLORS = ("--base", "--final")
+
+
+def loop(
+    headline: str, models: Sequence[tuple[str, Model]], recordings: Sequence[Recording], left: Sequence[str] = ()
+) -> Section:
+    """Errors of one or two models on every recording, and their motion beside the measured one."""
+    rows, figures = [], []
+    for number, recording in enumerate(recordings):
+        errors, curves = [], []
+        for (label, model), color in zip(models, COLORS[-len(models) :], strict=True):
+            time, simulated, measured = followed(model, recording)
+            errors.append(float(np.mean(np.abs(simulated - measured))))
+            curves.append(line(time, simulated, label, color, "rad"))
+        rows.append((recording.name, errors))
+        if number >= MOST or recording.reference is None:
+            continue
+        start = recording.time - recording.time[0]
+        lines = [line(time, measured, "measured", "--measured", "rad"), *curves]
+        if recording.drive is not None and not recording.drive.acts_on_speed:
+            lines.insert(
+                0,
+                line(
+                    start,
+                    recording.reference,
+                    "goal",
+                    "--muted",
+                    "rad",
+                    line={"color": "--muted", "dash": "dot", "width": 1},
+                ),
+            )
+        layout = {"title": {"text": recording.name}, "xaxis": axis("time [s]"), "yaxis": axis("position [rad]")}
+        figures.append(
+            Figure(f"loop-{number}", f"{recording.name}: goal, measured and simulated position", lines, layout)
+        )
+    content = {
+        "headline": opening(headline),
+        "labels": [label for label, _ in models],
+        "rows": rows,
+        "figures": figures,
+        "left": list(left),
+    }
+    return Section("loop", "In the loop", opening(headline), content)
+
+
+def of_diagnosis(found: Diagnosis, recordings: Sequence[Recording]) -> Section:
+    """The same of the first and the last model of a diagnosis."""
+    models = [("base model", found.steps[0].model)]
+    if len(found.steps) > 1:
+        models.append(("with what was found", found.model))
+    return loop(found.headline, models, recordings, [region.text for region in found.unexplained])
