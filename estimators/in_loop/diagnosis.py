@@ -77,9 +77,10 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
     )
     found = select(models)
     setting.progress("judging", 0.93)
-    candidates, groups = judge(found, found.terms)
     steps = [sharpened(step, train, check) for step in found.steps]
-    left = unexplained(replace(found, steps=steps), train)
+    final = replace(found, steps=steps)
+    candidates, groups = judge(final, found.terms)
+    left = unexplained(final, train)
     model = steps[-1].model.biased() if left else steps[-1].model
     constant = constant_of(model, calibrated.constant)
     setting.progress("done", 1.0)
@@ -88,7 +89,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=tuple(left),
-        noise_floor=models.left.floor,
+        noise_floor=min(models.left.floor, *(error.in_loop for error in steps[-1].errors.values())),
         advice=tuple(filter(None, [calibrated.doubt, *_told(model, calibrated.unit)])),
         torque_unit=calibrated.unit,
         torque_constant=constant,

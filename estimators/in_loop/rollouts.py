@@ -192,10 +192,8 @@ class Rollouts:
 
 
 def _supply(recording: Recording) -> Array:
-    """Scale of a drive's output along a recording (N,): the voltage of the bus where it is a share of that."""
+    """Voltage of the bus along a recording (N,) [V]."""
     assert recording.drive is not None
-    if recording.drive.output != "duty":
-        return np.ones(len(recording))
     return np.full(len(recording), float(recording.drive.supply)) if recording.supply is None else recording.supply
 
 

@@ -32,7 +32,7 @@ class Servos:
         drives: of each.
         step: of the integrator [s].
         goal: held over each step (N, B) [rad, or rad/s].
-        supply: voltage of the bus over each step (N, B) [V].
+        supply: voltage of the bus over each step (N, B) [V], of which a duty is a share.
         on: whether the motor is powered (N, B).
         position, velocity: at the start (B,) [rad, rad/s].
         start: time of the first sample (B,) [s].
@@ -88,7 +88,8 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
         raise ValueError("servos under position and under velocity control cannot be simulated at once")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
     gains = np.array([_gains(drive, servos.step) for drive in servos.drives]).T
-    given = np.stack([servos.goal, servos.supply, servos.on], axis=1)
+    scale = np.where([drive.output == "duty" for drive in servos.drives], servos.supply, 1.0)
+    given = np.stack([servos.goal, scale, servos.on], axis=1)
     inputs = np.concatenate([given, _due(servos, h, len(given))[:, None]], axis=1)
     program = _prepared(terms, speed, len(taps), loaded, integrates, float(h.max()))
     shape = variants, lanes

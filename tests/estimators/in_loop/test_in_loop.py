@@ -1,0 +1,159 @@
+"""Servos fitted and diagnosed in the loop: parameters of an independent plant come back, and what hides in it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import compare, diagnose
+from estimators.in_loop.diagnosis import is_driven
+from estimators.in_loop.fit import fit, likelihood, linear
+from estimators.in_loop.rollouts import Rollouts
+from estimators.simulation.output_error import Point
+from pendulum_env.physics import BASE, Model, effects
+from pendulum_env.physics.potential import GravityTilt
+from pendulum_env.recording import Recording, RecordingError, read_recording, read_study, write_recording
+from pendulum_env.servo.drive import Drive
+from workbench.cli import main
+
+TRUE = {"inertia": 0.012, "gravity": 0.9, "viscous": 0.05, "coulomb": 0.08}
+FEW = [id for id in effects() if id in ("stribeck", "load_dependent_friction", "cogging", "viscous_asymmetry")]
+TYPICAL = np.array([1e-3, 0.05, 5e-3, 0.01, 0.01])
+
+
+def recorded(hidden: dict[str, dict[str, float]], gains: tuple[float, ...] = (2.5, 5.0, 8.0)) -> list[Recording]:
+    """Goals and positions of a servo whose controller looks a thousand times a second, logged at 125 Hz."""
+    plant = Plant(*TRUE.values(), hidden)
+    cases = [
+        (
+            plant,
+            Experiment(
+                1000.0, 8.0, "pd_loop", 0.5, 7 + k, counts=4096, gains=(g, 0.0), torque_limit=6.0, control="servo"
+            ),
+        )
+        for k, g in enumerate(gains)
+    ]
+    found = []
+    for k, (run, gain) in enumerate(zip(simulate(cases), gains, strict=True)):
+        drive = Drive(output="torque", kp=gain, limit=6.0, rate=1000.0)
+        time, position, goal = run.time[::8], run.position[::8], run.goal[::8]
+        ones = np.ones(len(time))
+        torque = drive.torque(goal, position, 0 * ones, ones, ones)
+        found.append(Recording(f"gain-{k}", time, position, torque, reference=goal, drive=drive))
+    return found
+
+
+@pytest.fixture(scope="module")
+def plain() -> list[Recording]:
+    return recorded({})
+
+
+@pytest.fixture(scope="module")
+def pressed() -> list[Recording]:
+    return recorded({"load_dependent_friction": {"load_mu": 0.0, "load_w": 0.0, "load_out": 0.3}})
+
+
+def test_parameters_come_back_from_goals_and_positions(plain):
+    found = diagnose(plain[:2], plain[2:], only=FEW)
+    assert found.headline == "Nothing is missing" and found.is_in_loop
+    for name, value in TRUE.items():
+        assert found.model.estimates[name].value == pytest.approx(value, rel=0.05)
+    assert found.steps[-1].errors["holdout"].in_loop < 2e-3  # the encoder has 1.5e-3 rad a count
+
+
+def test_friction_that_grows_with_the_load_is_named_and_the_error_falls(pressed):
+    found = diagnose(pressed[:2], pressed[2:], only=FEW)
+    assert found.selected == ("load_dependent_friction",)
+    first, last = found.steps[0].errors["holdout"], found.steps[-1].errors["holdout"]
+    assert last.in_loop < 0.3 * first.in_loop and np.isnan(last.torque_rms)
+    own = found.model.estimates["load_dependent_friction.output"].value * found.model.estimates["gravity"].value
+    assert own == pytest.approx(0.3, rel=0.25)
+    told = json.dumps(found.json())
+    assert "NaN" not in told and "in_loop" in told
+
+
+def test_errors_of_a_comparison_are_those_of_whole_recordings(plain):
+    true = Model.build(BASE, list(TRUE.values()))
+    wrong = Model.build(BASE, [0.012, 0.6, 0.05, 0.08])
+    right, off = (compare(model, plain).joint.errors for model in (true, wrong))
+    assert right.in_loop < 2e-3 < 0.02 < off.in_loop
+    assert right.in_loop <= right.in_loop_rms
+
+
+def test_slopes_are_those_of_smaller_and_larger_parameters(plain):
+    rollouts = Rollouts(tuple(plain[:2]), is_held=False)
+    terms = (*BASE, GravityTilt())
+    theta = np.array([*TRUE.values(), 0.0])
+    near = linear(rollouts, Point(terms, theta), TYPICAL, False)
+    for k, step in enumerate(TYPICAL / 20):
+        shift = step * np.eye(5)[k]
+        more, less = (rollouts.misses([Point(terms, theta + s)])[:, 0] for s in (shift, -shift))
+        slope = (more - less) / (2 * step)
+        assert np.linalg.norm(near.slopes[:, k] - slope) < 0.1 * np.linalg.norm(slope)
+
+
+def test_fit_finds_the_likeliest_parameters_from_far_away(plain):
+    rollouts, terms = Rollouts(tuple(plain[:2]), is_held=False), (*BASE, GravityTilt())
+    far = Point(terms, np.array([0.03, 0.4, 0.2, 0.2, 0.1]))
+    found = fit(rollouts, far, TYPICAL, share=0.0)
+    true = rollouts.misses([Point(terms, np.array([*TRUE.values(), 0.0]))])
+    told = [likelihood(e, rollouts.recording_of, rollouts.resolution)[0] for e in (found.error[:, None], true)]
+    assert told[0] >= told[1]
+    assert found.point.theta[:4] == pytest.approx(list(TRUE.values()), rel=0.05)
+
+
+def test_recordings_of_which_only_some_have_a_drive_are_refused(plain):
+    with pytest.raises(RecordingError, match="has no drive, but others have one"):
+        is_driven([plain[0], replace(plain[1], drive=None)])
+
+
+def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):
+    path = tmp_path / "servo.csv"
+    rows = np.column_stack([plain[0].time, plain[0].position, plain[0].reference])
+    np.savetxt(path, rows, delimiter=",", header="time,position,goal", comments="")
+    own = read_recording(path, drive=plain[0].drive)
+    assert own.torque == pytest.approx(plain[0].torque, abs=1e-6)
+    with pytest.raises(RecordingError, match="no column for torque"):
+        read_recording(path)
+    np.savetxt(path, rows[:, :2], delimiter=",", header="time,position", comments="")
+    with pytest.raises(RecordingError, match="no column for reference"):
+        read_recording(path, drive=plain[0].drive)
+
+
+def test_study_says_the_drive_of_all_and_of_each(plain, tmp_path):
+    for recording in plain[:2]:
+        write_recording(recording, tmp_path / f"{recording.name}.csv")
+    study = tmp_path / "study.toml"
+    study.write_text(
+        '[drive]\noutput = "torque"\nlimit = 6.0\n'
+        '[[recording]]\nfile = "gain-0.csv"\ndrive = {kp = 2.5}\n'
+        '[[recording]]\nfile = "gain-1.csv"\ndrive = {kp = 5.0}\n'
+    )
+    drives = [recording.drive for recording in read_study(study).recordings]
+    assert [(drive.kp, drive.limit, drive.output) for drive in drives] == [(2.5, 6.0, "torque"), (5.0, 6.0, "torque")]
+    study.write_text('[drive]\noutput = "torque"\nkq = 3\n[[recording]]\nfile = "gain-0.csv"\n')
+    with pytest.raises(RecordingError, match=r"line 1: unknown key of a drive 'kq'"):
+        read_study(study)
+
+
+def test_command_line_diagnoses_compares_and_reports_in_the_loop(pressed, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for recording in pressed:
+        write_recording(recording, f"{recording.name}.csv")
+    lines = ['[drive]\noutput = "torque"\nlimit = 6.0\n']
+    for recording, role in zip(pressed, ("fit", "fit", "holdout"), strict=True):
+        told = f'file = "{recording.name}.csv"\nrole = "{role}"\ndrive = {{kp = {recording.drive.kp}}}'
+        lines.append(f"[[recording]]\n{told}\n")
+    (tmp_path / "study.toml").write_text("\n".join(lines))
+    only = ["--only", "stribeck,load_dependent_friction"]
+    assert main(["diagnose", "study.toml", *only, "-o", "m.json", "--report", "r.html"]) == 0
+    shown = capsys.readouterr().out
+    assert "- load_dependent_friction" in shown and "in the loop, held out [rad]" in shown and "nan" not in shown
+    page = (tmp_path / "r.html").read_text()
+    assert "Whole recordings are simulated" in page and ">nan" not in page.lower()
+    assert main(["compare", "m.json", "study.toml", "--loop", "--report", "c.html"]) == 0
+    assert "in the loop, mean [rad]" in capsys.readouterr().out
+    assert main(["compare", "m.json", "gain-0.csv", "--loop"]) == 2
+    assert "nobody knows its controller" in capsys.readouterr().err

@@ -1,0 +1,193 @@
+"""Servos with their controller in the loop: against an independent integrator, closed forms, and step for step."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from pendulum_env.physics import BASE, KnownLoad, Samples, effect
+from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.servo.drive import Drive, DriveError
+from pendulum_env.servo.loop import Servos, follow
+
+INERTIA, GRAVITY, VISCOUS = 0.02, 0.8, 0.1
+SMOOTH = np.array([INERTIA, GRAVITY, VISCOUS, 0.0])  # without dry friction, which DOP853 does not know
+STEP = 1e-4  # [s]
+
+
+def servo(drive: Drive, goal: np.ndarray, **more: object) -> Servos:
+    """One servo that hangs at rest, its goal given at every step."""
+    column = np.asarray(goal, dtype=float)[:, None]
+    usual = Servos(
+        (drive,),
+        STEP,
+        column,
+        np.full_like(column, 10.0),
+        np.ones_like(column),
+        np.zeros(1),
+        np.zeros(1),
+        np.zeros(1),
+        KnownLoad(),
+    )
+    return replace(usual, **more)
+
+
+def path(drive: Drive, goal: np.ndarray, terms: tuple = BASE, theta: np.ndarray = SMOOTH, **more: object) -> np.ndarray:
+    return follow(terms, np.asarray(theta)[:, None], servo(drive, goal, **more))[:, 0, 0]
+
+
+def wave(seconds: float = 2.0) -> np.ndarray:
+    time = STEP * (np.arange(round(seconds / STEP)) + 0.5)
+    return np.sin(3 * time) * np.minimum(time, 1.0)
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        Drive(kp=0.5, kd=0.02, gain=0.4),
+        Drive(kp=0.6, ki=0.8, gain=0.4),
+        Drive(kp=3.0, limit=0.2, gain=0.4),
+        Drive("velocity", kp=0.2, ki=1.0, gain=0.4),
+        Drive(output="torque", kp=2.0, kd=0.1),
+    ],
+)
+def test_motion_is_that_of_an_independent_integrator(drive):
+    goal = wave()
+    scale = (10.0 if drive.output == "duty" else 1.0) * (drive.gain or 1.0)
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        q, v, integral = y
+        wanted = np.sin(3 * t) * min(t, 1.0)
+        error = wanted - (v if drive.acts_on_speed else q)
+        asked = drive.kp * error + drive.ki * integral - (0.0 if drive.acts_on_speed else drive.kd * v)
+        torque = scale * np.clip(asked, -drive.most, drive.most)
+        winds = abs(asked) > drive.most and asked * error > 0
+        return [v, (torque - GRAVITY * np.sin(q) - VISCOUS * v) / INERTIA, 0.0 if winds else error]
+
+    times = STEP * np.arange(len(goal) + 1)
+    exact = solve_ivp(rate, (0, times[-1]), [0, 0, 0], "DOP853", times, rtol=1e-9, atol=1e-11, max_step=1e-3).y[0]
+    assert np.abs(path(drive, goal) - exact).max() < 2e-4 * np.ptp(exact)
+
+
+def test_servo_that_cannot_move_its_load_stays_where_it_is():
+    theta = np.array([INERTIA, 0.0, VISCOUS, 1.0])  # dry friction of 1 N m
+    held = path(Drive(kp=0.2, gain=0.4), np.full(5000, 1.0), theta=theta)  # asks for 0.8 N m
+    assert np.abs(held).max() == 0.0
+
+
+def test_servo_comes_to_rest_where_its_law_balances_the_load():
+    drive = Drive(kp=0.5, gain=0.4)
+    at = path(drive, np.full(60_000, 0.7))[-1]
+    assert 0.5 * 10.0 * 0.4 * (0.7 - at) == pytest.approx(GRAVITY * np.sin(at), abs=1e-6)
+
+
+@pytest.mark.parametrize("steps", [1, 7, 40])
+def test_delay_is_exact_to_a_step(steps):
+    goal = np.full(400, 1.0)
+    drive = Drive(kp=0.5, gain=0.4)
+    late = path(replace(drive, delay=steps * STEP), goal)
+    assert np.all(late[: steps + 1] == 0.0) and late[steps + 1] > 0.0
+    # until the controller sees that the joint has moved, it is the same motion, later
+    assert late[steps : 2 * steps + 1] == pytest.approx(path(drive, goal * 1.0)[: steps + 1], rel=0.05, abs=1e-9)
+
+
+def test_controller_holds_its_output_between_its_turns():
+    goal = np.zeros(200)
+    goal[15:] = 1.0  # between two turns of a controller that looks every 10 steps
+    moved = path(Drive(kp=0.5, gain=0.4, rate=1 / (10 * STEP)), goal)
+    assert np.all(moved[:21] == 0.0) and moved[21] > 0.0
+
+
+def test_dead_time_of_the_model_and_delay_of_the_drive_are_one():
+    late = effect("dead_time")(dead_time=12 * STEP)
+    drive = Drive(kp=0.5, gain=0.4)
+    own = path(drive, wave(), (*BASE, late))
+    assert own == pytest.approx(path(replace(drive, delay=12 * STEP), wave()), abs=1e-12)
+
+
+def test_open_motor_neither_drives_nor_brakes():
+    off = np.zeros((3000, 1))
+    start = {"position": np.array([1.0])}
+    plain = path(Drive(kp=5.0, gain=0.4), np.zeros(3000), **start, on=off)
+    with_emf = path(Drive(kp=5.0, gain=0.4), np.zeros(3000), (*BASE, BackEmf()), np.r_[SMOOTH, 0.5], **start, on=off)
+    assert with_emf == pytest.approx(plain, abs=1e-12)
+    assert plain[-1] != pytest.approx(1.0, abs=0.1)  # it swings
+
+
+def test_back_emf_is_viscous_friction_while_the_motor_is_on():
+    drive = Drive(kp=0.5, gain=0.4)
+    braked = path(drive, wave(), (*BASE, BackEmf()), np.r_[SMOOTH, 0.2])
+    assert braked == pytest.approx(path(drive, wave(), theta=SMOOTH + np.array([0.0, 0.0, 0.2, 0.0])), abs=1e-12)
+
+
+def test_variants_and_servos_do_not_know_of_each_other():
+    goals = np.column_stack([wave(), 0.5 * wave()])
+    two = (Drive(kp=0.5, gain=0.4), Drive(kp=0.9, kd=0.05, gain=0.4))
+    ones = np.ones_like(goals)
+    both = Servos(two, STEP, goals, 10 * ones, ones, np.zeros(2), np.zeros(2), np.zeros(2), KnownLoad())
+    other = SMOOTH * [1.5, 0.7, 1.2, 1.0]
+    paths = follow(BASE, np.column_stack([SMOOTH, other]), both)
+    assert paths[:, 1, 1] == pytest.approx(path(two[1], goals[:, 1], theta=other), abs=1e-12)
+    assert paths[:, 0, 0] == pytest.approx(path(two[0], goals[:, 0]), abs=1e-12)
+
+
+def test_law_that_is_no_formula_is_simulated_all_the_same():
+    from pendulum_env.physics import Column, Term
+
+    class Table(Term):
+        id, law, kind = "table", "f(q)", "potential"
+
+        @property
+        def columns(self):
+            return (Column("table", "N m", force=lambda x: np.interp(x.position, [-9.0, 9.0], [-9.0, 9.0])),)
+
+    spring = effect("spring")()
+    drive, goal = Drive(kp=0.5, gain=0.4), wave(0.2)
+    tabled = path(drive, goal, (*BASE, Table()), np.r_[SMOOTH, 0.3])
+    sprung = path(drive, goal, (*BASE, spring), np.r_[SMOOTH, 0.3, np.zeros(len(spring.columns) - 1)])
+    assert tabled == pytest.approx(sprung, abs=1e-12)
+
+
+@given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-20, 20), st.floats(0.1, 3), st.floats(0, 1), st.floats(0.1, 1.5))
+def test_torque_that_was_asked_for_is_bounded_and_odd(goal, position, velocity, kp, kd, limit):
+    drive = Drive(kp=kp, kd=kd, limit=limit, gain=0.4)
+    ones = np.ones(1)
+    told = drive.torque(goal * ones, position * ones, velocity * ones, 12 * ones, ones)
+    turned = drive.torque(-goal * ones, -position * ones, -velocity * ones, 12 * ones, ones)
+    assert np.abs(told) <= 12 * 0.4 * min(limit, 1.0) + 1e-12
+    assert told == pytest.approx(-turned)
+    assert drive.torque(goal * ones, position * ones, velocity * ones, 12 * ones, 0 * ones) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("told", "reason"),
+    [
+        ({"kp": -1}, "0 or a positive"),
+        ({"kp": 0}, "does not follow"),
+        ({"kp": "a"}, "should be a number"),
+        ({"control": "force"}, "position or velocity"),
+        ({"output": "power"}, "duty or voltage or current or torque"),
+        ({"preset": "xl33"}, "xl330"),
+        ({"gains": 1}, "kp"),
+        ({"delay": 3.0}, "no controller is later"),
+        ({"supply": 0}, "positive"),
+    ],
+)
+def test_drive_that_cannot_be_is_refused_with_the_reason(told, reason):
+    with pytest.raises(ValueError, match=reason):
+        Drive.of(told)
+
+
+def test_drive_is_told_as_it_was_said():
+    drive = Drive.of({"preset": "xl330", "kp": 200, "gain": 0.13, "rate": 1000})
+    assert Drive.of(drive.told()) == drive
+    assert drive.kp * 0.1 == pytest.approx(200 * 0.1 * 4096 / (2 * np.pi) / (256 * 885))
+    assert issubclass(DriveError, ValueError)
+
+
+def test_samples_of_a_term_without_state_are_powered():
+    x = Samples(np.zeros(3), np.zeros(3), np.ones(3), np.zeros(3))
+    assert BackEmf().columns[0].force(x) == pytest.approx(1.0)
