@@ -1,67 +1,27 @@
-"""One effect added to a model by choice, and what the errors say of it."""
+"""One effect added to a model by choice: in torque and free runs, or of servos in the loop."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves, within_limits
 from estimators.checks.physical import objection
 from estimators.checks.torque_constant import Calibrated, told
+from estimators.diagnosis.added import CHANCE, Addition
 from estimators.diagnosis.run import gather
+from estimators.diagnosis.setting import Setting
+from estimators.in_loop.diagnosis import add_in_loop, is_driven
 from estimators.progress import Progress, no_progress
 from estimators.selection.data import Evidence, Step, noise_floor, with_knocks
 from estimators.selection.models import Models
 from estimators.selection.motion import sharpen
 from estimators.selection.moves import best, is_hidden, loosened, settle
 from estimators.selection.search import Selection
-from pendulum_env.notebook import shown
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.physics import effect as find_effect
-
-CHANCE = "lowers the held-out errors by no more than chance would"
-
-
-@dataclass(frozen=True, repr=False)
-class Addition:
-    """One effect added to a model.
-
-    Attributes:
-        before: the model refitted without the effect, and its errors.
-        after: the same with the effect.
-        noise_floor: torque error that measurement noise alone gives [N m].
-        objection: what speaks against the effect, None if nothing does.
-        doubt: why the torque constant of a current is not known; None if it is, or torque was logged.
-    """
-
-    before: Step
-    after: Step
-    noise_floor: float
-    objection: str | None = None
-    doubt: str | None = None
-
-    @property
-    def text(self) -> str:
-        """Whether the effect earns its place, in a sentence: only data that it was not fitted to can tell."""
-        if self.objection is not None:
-            return f"{self.after.added} {self.objection}: these recordings give no reason to keep it"
-        old, new = self.before.errors["holdout"], self.after.errors["holdout"]
-        torque, position = new.torque_rms / old.torque_rms, new.position_rms / old.position_rms
-        falls = f"torque to {torque:.1%}, position to {position:.1%} of before"
-        return f"{self.after.added} lowers the held-out errors: {falls}"
-
-    @property
-    def model(self) -> Model:
-        """The model with the effect."""
-        return self.after.model
-
-    def __repr__(self) -> str:
-        return f"<Addition: {self.text}>"
-
-    def _repr_html_(self) -> str:
-        return shown(self)
 
 
 def fit(train: Evidence, holdout: Evidence, terms: Sequence[Term] = BASE) -> Step:
@@ -105,6 +65,8 @@ def add(
     model.add(kind())  # raises if it is there already
     terms, library = within_limits(model.terms, {id: kind}, fixed, bounds)
     model, kind = replace(model, terms=terms), library[id]
+    if is_driven([*recordings, *holdout]):
+        return add_in_loop(kind, recordings, holdout, Setting(model.terms, library, progress=progress))
     progress("reading the motion", 0.0)
     calibrated = Calibrated.of(recordings, holdout)
     recordings, holdout = calibrated.recordings, calibrated.holdout

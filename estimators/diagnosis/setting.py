@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from estimators.diagnosis.experiment import USUAL, Limits
-from estimators.progress import Progress
+from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence
 from estimators.selection.models import Models
@@ -32,10 +32,10 @@ class Setting:
 
     base: Sequence[Term]
     library: Mapping[str, type[Term]]
-    criterion: Criterion
-    rng: np.random.Generator
-    progress: Progress
-    limits: Limits
+    criterion: Criterion = field(default_factory=Criterion)
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    progress: Progress = no_progress
+    limits: Limits = field(default_factory=lambda: Limits(USUAL))
     usual: float = USUAL
     by_reference: bool = False
 

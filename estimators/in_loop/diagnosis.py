@@ -7,25 +7,28 @@ on motion says nothing of that, and is a function of the position itself, where 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
 
+from estimators.checks.physical import objection
 from estimators.checks.residual import Region
 from estimators.checks.torque_constant import Calibrated, constant_of
+from estimators.diagnosis.added import CHANCE, Addition
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
+from estimators.in_loop.comparison import with_gain
 from estimators.in_loop.evidence import InLoop
 from estimators.in_loop.fit import likelihood
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.selection.data import Evidence, Step, fit_terms
 from estimators.selection.models import Models
-from estimators.selection.moves import ids
+from estimators.selection.moves import best, ids, loosened, settle
 from estimators.selection.search import Selection, select
 from estimators.simulation.output_error import Point
-from pendulum_env.physics import Model, Term
+from pendulum_env.physics import Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording, RecordingError
@@ -47,53 +50,111 @@ def is_driven(recordings: Sequence[Recording]) -> bool:
     return all(known)
 
 
+@dataclass(frozen=True)
+class Looped:
+    """Servos ready to be compared with models in the loop.
+
+    Attributes:
+        models: what the recordings say of models.
+        train, check: fitted and held-out recordings.
+        calibrated: the same in the unit of their torque.
+    """
+
+    models: Models
+    train: InLoop
+    check: InLoop
+    calibrated: Calibrated
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Looped:
+        """Prepare recordings; without held-out ones, the end of each is held out.
+
+        Raises:
+            IdentificationError: if the recordings hold too little motion to begin with.
+        """
+        setting.progress("reading the motion", 0.0)
+        calibrated = Calibrated.of(recordings, holdout)
+        fitted, unseen = (
+            [with_gain(recording) for recording in part] for part in (calibrated.recordings, calibrated.holdout)
+        )
+        if not unseen:
+            halves = [recording.split(1 - HELD_OUT) for recording in fitted]
+            fitted, unseen = [first for first, _ in halves], [second for _, second in halves]
+        base, windows = base_of(setting.base, fitted), Evidence.of(fitted)
+        train = likelier([InLoop(Rollouts(tuple(fitted), is_held=held), windows) for held in (True, False)], base)
+        check = InLoop(Rollouts(tuple(unseen), is_held=train.data.is_held), Evidence.of(unseen), train)
+        models = Models(
+            cast(Evidence, train),  # all that a search asks of evidence, a rollout has
+            cast(Evidence, check),
+            setting.progress,
+            {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"},
+            replace(setting.criterion, share=NEEDED, needed=NEEDED),
+            setting.rng,
+            base,
+            foils=(),
+        )
+        return cls(models, train, check, calibrated)
+
+    def sharpened(self, step: Step) -> Step:
+        """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
+        fine, unseen = (replace(part, data=replace(part.data, steps=FINE)) for part in (self.train, self.check))
+        fine.screen.begin_at(Point(step.model.terms, np.asarray(step.model.theta)))
+        model = fit_terms(cast(Evidence, fine), step.model.terms)[0]
+        return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})
+
+    def floor(self, last: Step) -> float:
+        """Error that the encoder alone leaves, which is no more than a model leaves [rad]."""
+        return min(self.models.left.floor, *(error.in_loop for error in last.errors.values()))
+
+
 def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> Diagnosis:
     """Find what the model of a servo lacks; see `estimators.diagnose`.
 
     Raises:
         IdentificationError: if the recordings hold too little motion to begin with.
     """
-    setting.progress("reading the motion", 0.0)
-    calibrated = Calibrated.of(recordings, holdout)
-    fitted, unseen = (
-        [_with_gain(recording, calibrated) for recording in part]
-        for part in (calibrated.recordings, calibrated.holdout)
-    )
-    if not unseen:
-        halves = [recording.split(1 - HELD_OUT) for recording in fitted]
-        fitted, unseen = [first for first, _ in halves], [second for _, second in halves]
-    base, windows = base_of(setting.base, fitted), Evidence.of(fitted)
-    train = likelier([InLoop(Rollouts(tuple(fitted), is_held=held), windows) for held in (True, False)], base)
-    check = InLoop(Rollouts(tuple(unseen), is_held=train.data.is_held), Evidence.of(unseen), train)
-    models = Models(
-        cast(Evidence, train),  # all that a search asks of evidence, a rollout has
-        cast(Evidence, check),
-        setting.progress,
-        {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"},
-        replace(setting.criterion, share=NEEDED, needed=NEEDED),
-        setting.rng,
-        base,
-        foils=(),
-    )
+    servos = Looped.of(recordings, holdout, setting)
+    models, calibrated = servos.models, servos.calibrated
     found = select(models)
     setting.progress("judging", 0.93)
-    steps = [sharpened(step, train, check) for step in found.steps]
-    final = replace(found, steps=steps)
-    candidates, groups = judge(final, found.terms)
-    left = unexplained(final, train)
-    model = steps[-1].model.biased() if left else steps[-1].model
-    constant = constant_of(model, calibrated.constant)
+    found = replace(found, steps=[servos.sharpened(step) for step in found.steps])
+    candidates, groups = judge(found, found.terms)
+    *others, last = found.steps
+    left = unexplained(found, servos.train)
+    model = last.model.biased() if left else last.model
     setting.progress("done", 1.0)
     return Diagnosis(
-        steps=(*steps[:-1], replace(steps[-1], model=model)),
+        steps=(*others, replace(last, model=model)),
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=tuple(left),
-        noise_floor=min(models.left.floor, *(error.in_loop for error in steps[-1].errors.values())),
-        advice=tuple(filter(None, [calibrated.doubt, *_told(model, calibrated.unit)])),
+        noise_floor=servos.floor(last),
+        advice=tuple(filter(None, [calibrated.doubt])),
         torque_unit=calibrated.unit,
-        torque_constant=constant,
+        torque_constant=constant_of(model, calibrated.constant),
     )
+
+
+def add_in_loop(
+    kind: type[Term], recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting
+) -> Addition:
+    """Fit the base of a setting in the loop, then with an effect; see `estimators.add`.
+
+    Raises:
+        IdentificationError: if the recordings hold too little motion to begin with.
+    """
+    servos = Looped.of(recordings, holdout, setting)
+    models, progress = servos.models, setting.progress
+    before = models.report(None, settle(models, models.base))
+    progress(f"searching {kind.id}", 0.3)
+    trial = best(models, before.model.terms, kind)
+    progress(f"fitting with {kind.id}", 0.8)
+    terms = settle(models, loosened(models, trial.terms)) if trial else (*before.model.terms, kind())
+    shown, after = servos.sharpened(before), servos.sharpened(models.report(kind.id, terms))
+    against = objection(after, shown, models.train.motions)
+    if against is None and trial is not None and not models.is_sure(terms, before.model.terms):
+        against = CHANCE
+    return Addition(shown, after, servos.floor(after), against, servos.calibrated.doubt)
 
 
 def likelier(ways: Sequence[InLoop], base: Sequence[Term]) -> InLoop:
@@ -105,21 +166,6 @@ def likelier(ways: Sequence[InLoop], base: Sequence[Term]) -> InLoop:
         return float(likelihood(error, one.data.recording_of, one.data.resolution)[0])
 
     return max(ways, key=of)
-
-
-def sharpened(step: Step, train: InLoop, holdout: InLoop) -> Step:
-    """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
-    fine, unseen = (replace(part, data=replace(part.data, steps=FINE)) for part in (train, holdout))
-    fine.screen.begin_at(Point(step.model.terms, np.asarray(step.model.theta)))
-    model = fit_terms(cast(Evidence, fine), step.model.terms)[0]
-    return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})
-
-
-def _with_gain(recording: Recording, calibrated: Calibrated) -> Recording:
-    """A recording with the gain of its drive, if known loads tell it."""
-    if calibrated.constant is None or recording.drive is None or recording.drive.gain is not None:
-        return recording
-    return replace(recording, drive=replace(recording.drive, gain=calibrated.constant.value))
 
 
 def base_of(base: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term, ...]:
@@ -146,10 +192,3 @@ def unexplained(found: Selection, train: InLoop) -> list[Region]:
     times = f"{error / floor:.2g} times the encoder's noise"
     text = f"simulated from its goal, the servo is off by {error:.2g} rad, {times}{most}"
     return [Region("velocity", -fast, fast, error, error / floor, text)]
-
-
-def _told(model: Model, unit: str) -> list[str]:
-    """What a controller's motion alone says of a model, and what it does not."""
-    if unit != "N m":
-        return [f"a motion that follows a goal tells parameters per {unit} of the motor: give `gain` or known loads"]
-    return []

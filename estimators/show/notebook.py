@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.comparison import Comparison
-from estimators.diagnosis.addition import Addition
+from estimators.diagnosis.added import Addition
 from estimators.diagnosis.result import Diagnosis
 from estimators.schemes.identification import Identification, Identified
 from estimators.show.tables import candidates_table, distances_table, errors_table, kin, noise_text, schemes_table

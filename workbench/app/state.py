@@ -15,7 +15,8 @@ from estimators.checks.homogeneity import Disagreement, disagreements
 from estimators.checks.identifiability import Doubt, identifiability
 from estimators.checks.residual import Region, profiles, stand_out
 from estimators.checks.torque_constant import Calibrated, told
-from estimators.diagnosis.addition import Addition, fit
+from estimators.diagnosis.added import Addition
+from estimators.diagnosis.addition import fit
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import gather
 from estimators.regression.equations import IdentificationError

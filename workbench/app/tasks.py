@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from estimators.diagnosis.addition import Addition, add
+from estimators.diagnosis.added import Addition
+from estimators.diagnosis.addition import add
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
 from pendulum_env.physics import effect

@@ -63,10 +63,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terminal.heading("Errors, the model refitted without and with the effect")
     terminal.table(*errors_table((before, after)))
     terminal.say(added.text)
-    left = after.errors["holdout"].torque_rms / added.noise_floor
-    if left > FAR_ABOVE:
+    if added.left > FAR_ABOVE:
         terminal.say(
-            f"what is left is {left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
+            f"what is left is {added.left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
         )
     if added.doubt is not None:
         terminal.say(f"warning: {added.doubt}", style="yellow")

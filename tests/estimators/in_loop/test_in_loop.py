@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import compare, diagnose
+from estimators import add, compare, diagnose
 from estimators.in_loop.diagnosis import is_driven
 from estimators.in_loop.fit import fit, likelihood, linear
 from estimators.in_loop.rollouts import Rollouts
@@ -72,6 +72,14 @@ def test_friction_that_grows_with_the_load_is_named_and_the_error_falls(pressed)
     assert own == pytest.approx(0.3, rel=0.25)
     told = json.dumps(found.json())
     assert "NaN" not in told and "in_loop" in told
+
+
+def test_error_falls_where_what_hides_is_added_and_not_where_nothing_does(pressed, plain):
+    base = Model.build(BASE, list(TRUE.values()))
+    right, wrong = (add(base, "load_dependent_friction", own[:2], own[2:]) for own in (pressed, plain))
+    assert right.objection is None and wrong.objection is not None
+    first, last = (step.errors["holdout"].in_loop for step in (right.before, right.after))
+    assert last < 0.3 * first and "in the loop" in right.text and right.left < 3
 
 
 def test_errors_of_a_comparison_are_those_of_whole_recordings(plain):
