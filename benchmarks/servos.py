@@ -135,7 +135,7 @@ SHOWN: dict[str, Callable[[Draw, float, float], dict[str, float]]] = {  # by gra
     "position_dependent_friction": lambda rng, g, c: {"pos_c": rng.uniform(0.5, 0.8) * c},
     "cogging": lambda rng, g, c: {"cog_n": float(rng.integers(5, 14)), "cog_s": rng.uniform(0.15, 0.3) * g},
     "spring": lambda rng, g, c: {"spring_k": rng.uniform(0.3, 0.8) * g},
-    "dead_time": lambda rng, g, c: {"dead_n": float(rng.integers(15, 40))},
+    "dead_time": lambda rng, g, c: {"dead_n": float(rng.integers(5, 16))},
     "torque_saturation": lambda rng, g, c: {"sat": rng.uniform(0.9, 1.2) * (g + c)},
 }
 CONTROLS = ("servo", "damped", "speed")
@@ -146,8 +146,8 @@ def goal(seed: int) -> Case:
     rng = np.random.default_rng([seed, 3])
     hidden = "" if seed % 5 == 4 else list(SHOWN)[(seed - seed // 5) % len(SHOWN)]
     control = CONTROLS[seed % len(CONTROLS)]
-    if hidden == "spring" and control == "speed":
-        control = "servo"  # no spring lets a joint turn on and on
+    if hidden in ("spring", "stribeck") and control == "speed":
+        control = "servo"  # no spring lets a joint turn on and on, and slow motion is what shows Stribeck friction
     gravity, inertia = float(rng.uniform(0.3, 2.0)), float(rng.uniform(0.003, 0.02))
     coulomb, constant = float(rng.uniform(0.05, 0.15)) * gravity, float(rng.uniform(0.2, 0.6))
     effects = {hidden: SHOWN[hidden](rng, gravity, coulomb)} if hidden else {}

@@ -13,7 +13,8 @@ from estimators.checks.torque_constant import Calibrated, told
 from estimators.diagnosis.added import CHANCE, Addition
 from estimators.diagnosis.run import gather
 from estimators.diagnosis.setting import Setting
-from estimators.in_loop.diagnosis import add_in_loop, is_driven
+from estimators.in_loop.diagnosis import add_in_loop
+from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, no_progress
 from estimators.selection.data import Evidence, Step, noise_floor, with_knocks
 from estimators.selection.models import Models
@@ -65,7 +66,7 @@ def add(
     model.add(kind())  # raises if it is there already
     terms, library = within_limits(model.terms, {id: kind}, fixed, bounds)
     model, kind = replace(model, terms=terms), library[id]
-    if is_driven([*recordings, *holdout]):
+    if are_driven([*recordings, *holdout]):
         return add_in_loop(kind, recordings, holdout, Setting(model.terms, library, progress=progress))
     progress("reading the motion", 0.0)
     calibrated = Calibrated.of(recordings, holdout)

@@ -20,7 +20,8 @@ from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.sensitivity import in_words
 from estimators.diagnosis.setting import Setting
-from estimators.in_loop.diagnosis import diagnose_in_loop, is_driven
+from estimators.in_loop.diagnosis import diagnose_in_loop
+from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, forward, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
@@ -156,7 +157,7 @@ def diagnose(
         Limits(max_torque or USUAL, max_angle, max_speed),
         by_reference=by_reference,
     )
-    if is_driven([*fitted, *unseen]):
+    if are_driven([*fitted, *unseen]):
         return diagnose_in_loop(fitted, unseen, setting)
     given = Prepared.of(fitted, unseen, progress)
     usual = given.usual_torque

@@ -7,18 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.in_loop.fit import likelihood
+from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.selection.data import Errors
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
+from pendulum_env.servo.drive import UNIT
 
 
 def with_gain(recording: Recording) -> Recording:
     """A recording with the gain of its drive, if its torque was made with a known one."""
     known, drive = recording.torque_constant, recording.drive
-    if known is None or drive is None or drive.gain is not None:
+    if known is None or drive is None or drive.gain is not None or known.of != UNIT[drive.output]:
         return recording
     return replace(recording, drive=replace(drive, gain=known.value))
 
@@ -27,8 +29,9 @@ def likelier(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, A
     """Rollouts whose goals are held, or run on, as the model has it likelier; and what it misses them by (R,) [rad]."""
     point = Point(model.terms, np.asarray(model.theta))
     known = tuple(with_gain(recording) for recording in recordings)
-    ways = [(one, one.misses([point])[:, 0]) for one in (Rollouts(known, FINE, held) for held in (True, False))]
-    return min(ways, key=lambda way: float(np.mean(np.abs(way[1]))))
+    ways = [(one, one.misses([point])) for one in (Rollouts(known, FINE, held) for held in (True, False))]
+    rollouts, missed = max(ways, key=lambda way: float(likelihood(way[1], way[0].recording_of, way[0].resolution)[0]))
+    return rollouts, missed[:, 0]
 
 
 def followed(model: Model, recording: Recording) -> tuple[Array, Array, Array]:
@@ -39,7 +42,7 @@ def followed(model: Model, recording: Recording) -> tuple[Array, Array, Array]:
 
 def in_loop(model: Model, recordings: Sequence[Recording], errors: Errors) -> Errors:
     """Errors of a model with those in the loop, if the recordings have drives."""
-    if not recordings or any(recording.drive is None for recording in recordings):
+    if not are_driven([with_gain(recording) for recording in recordings]):
         return errors
     missed = likelier(model, recordings)[1]
     mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))

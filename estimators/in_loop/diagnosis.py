@@ -28,26 +28,15 @@ from estimators.selection.models import Models
 from estimators.selection.moves import best, ids, loosened, settle
 from estimators.selection.search import Selection, select
 from estimators.simulation.output_error import Point
-from pendulum_env.physics import Term
+from estimators.weak_form.windows import WHOLE
+from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.potential import GravityTilt
-from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.recording import Recording
+from pendulum_env.recording.record import NEWTON_METRE
 
 NEEDED = 0.3  # of what the others leave, that an effect has to explain: a small error makes a servo stick elsewhere
 HELD_OUT = 0.3  # of each recording, from its end, where none is held out
-
-
-def is_driven(recordings: Sequence[Recording]) -> bool:
-    """Whether recordings are of servos whose controller is known.
-
-    Raises:
-        RecordingError: if only some of them are.
-    """
-    known = [recording.drive is not None for recording in recordings]
-    if any(known) and not all(known):
-        without = next(recording.name for recording, told in zip(recordings, known, strict=True) if not told)
-        raise RecordingError(f"{without}: has no drive, but others have one: say its drive, too, or leave it out")
-    return all(known)
 
 
 @dataclass(frozen=True)
@@ -73,16 +62,17 @@ class Looped:
             IdentificationError: if the recordings hold too little motion to begin with.
         """
         setting.progress("reading the motion", 0.0)
-        calibrated = Calibrated.of(recordings, holdout)
+        calibrated = _calibrated(recordings, holdout)
         fitted, unseen = (
-            [with_gain(recording) for recording in part] for part in (calibrated.recordings, calibrated.holdout)
+            tuple(with_gain(recording) for recording in part) for part in (calibrated.recordings, calibrated.holdout)
         )
-        if not unseen:
-            halves = [recording.split(1 - HELD_OUT) for recording in fitted]
-            fitted, unseen = [first for first, _ in halves], [second for _, second in halves]
-        base, windows = base_of(setting.base, fitted), Evidence.of(fitted)
-        train = likelier([InLoop(Rollouts(tuple(fitted), is_held=held), windows) for held in (True, False)], base)
-        check = InLoop(Rollouts(tuple(unseen), is_held=train.data.is_held), Evidence.of(unseen), train)
+        first, last = (WHOLE, WHOLE) if unseen else ((0.0, 1 - HELD_OUT), (1 - HELD_OUT, 1.0))
+        unseen = unseen or fitted
+        base, windows = base_of(setting.base, fitted), Evidence.of(fitted, part=first)
+        ways = [InLoop(Rollouts(fitted, is_held=held, shares=first), windows) for held in (True, False)]
+        train = likelier(ways, base)
+        rest = Rollouts(unseen, is_held=train.data.is_held, shares=last)
+        check = InLoop(rest, Evidence.of(unseen, part=last), train)
         models = Models(
             cast(Evidence, train),  # all that a search asks of evidence, a rollout has
             cast(Evidence, check),
@@ -99,8 +89,23 @@ class Looped:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
         fine, unseen = (replace(part, data=replace(part.data, steps=FINE)) for part in (self.train, self.check))
         fine.screen.begin_at(Point(step.model.terms, np.asarray(step.model.theta)))
-        model = fit_terms(cast(Evidence, fine), step.model.terms)[0]
+        model = self._in_unit(fit_terms(cast(Evidence, fine), step.model.terms)[0])
         return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})
+
+    def _in_unit(self, model: Model) -> Model:
+        """A model in the unit of the torque, with its constant, by whose error all parameters may be off alike."""
+        constant = self.calibrated.constant
+        if constant is None:
+            return model.per(self.calibrated.unit)
+        off = constant.std / constant.value
+
+        def scaled(own: Estimate) -> Estimate:
+            is_torque = own.unit.startswith(("N m", "kg"))
+            return replace(own, std=float(np.hypot(own.std, off * own.value))) if is_torque else own
+
+        estimates = {name: scaled(own) for name, own in model.estimates.items()}
+        known = Estimate(constant.value, constant.std, constant.unit)
+        return replace(model, estimates=estimates, torque_constant=known)
 
     def floor(self, last: Step) -> float:
         """Error that the encoder alone leaves, which is no more than a model leaves [rad]."""
@@ -157,6 +162,19 @@ def add_in_loop(
     return Addition(shown, after, servos.floor(after), against, servos.calibrated.doubt)
 
 
+def _calibrated(recordings: Sequence[Recording], holdout: Sequence[Recording]) -> Calibrated:
+    """Recordings in N m, if known loads tell the gain; not of a controller whose integral is no part of the torque."""
+    every = (*recordings, *holdout)
+    if any(own.drive is not None and own.drive.ki and own.torque_unit != NEWTON_METRE for own in every):
+        unit = recordings[0].torque_unit
+        doubt = (
+            f"every parameter is per {unit}: what a controller with an integral asked for is not known well enough to "
+            "find its gain from known loads; give the drive a gain"
+        )
+        return Calibrated(tuple(recordings), tuple(holdout), doubt)
+    return Calibrated.of(recordings, holdout)
+
+
 def likelier(ways: Sequence[InLoop], base: Sequence[Term]) -> InLoop:
     """That of several ways to look at recordings under which a model of some terms is the likeliest."""
 
@@ -174,7 +192,11 @@ def base_of(base: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term
     A horn is put on a servo by hand, so that the angle at which it hangs is fitted along; and where the motor was off
     for a while, what it brakes while it is on is told from viscous friction.
     """
-    is_off = any(recording.enabled is not None and not recording.enabled.all() for recording in recordings)
+    is_off = any(
+        recording.enabled is not None and not recording.enabled.all()
+        for recording in recordings
+        if recording.drive is not None and recording.drive.output in ("duty", "voltage")
+    )
     more = [GravityTilt(), *([BackEmf()] if is_off else [])]
     return (*base, *(term for term in more if term.id not in ids(base)))
 

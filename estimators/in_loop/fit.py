@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.in_loop.rollouts import Rollouts
+from estimators.selection.candidates import bounds
 from estimators.selection.score import NU
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
@@ -79,13 +80,15 @@ def linear(rollouts: Rollouts, point: Point, typical: Array, shapes: bool) -> Li
     """Errors around a point, with slopes by linear parameters, and by shape parameters if they are free."""
     values, size = point.values, sizes(point, typical)
     count = len(values) if shapes else len(point.theta)
-    nearby = []
-    for k in range(count):
-        moved = values.copy()
-        moved[k] += DIFFERENCE * size[k]
-        nearby.append(point.at(moved))
+    low, high = bounds_of(point)
+    steps = DIFFERENCE * size[:count]
+    steps = np.where(values[:count] + steps > high[:count], -steps, steps)  # what is at its bound has a slope, too
+    steps = np.where(low[:count] == high[:count], np.inf, steps)  # what is known has none
+    nearby = [
+        point.at(values + np.where(np.isfinite(steps[k]), steps[k], 0.0) * np.eye(len(values))[k]) for k in range(count)
+    ]
     errors = rollouts.misses([point, *nearby])
-    slopes = (errors[:, 1:] - errors[:, :1]) / (DIFFERENCE * size[:count])
+    slopes = (errors[:, 1:] - errors[:, :1]) / steps
     square = squared_scales(errors[:, :1], rollouts.recording_of, rollouts.resolution)[rollouts.recording_of, 0]
     weights = np.sqrt((NU + 1) / (NU * square + errors[:, 0] ** 2))
     return Linear(point, errors[:, 0], slopes, weights)
@@ -118,11 +121,9 @@ def _steps(near: Linear, typical: Array) -> list[Array]:
 
 def bounds_of(point: Point) -> tuple[Array, Array]:
     """Least and largest value of each free parameter (P + S,)."""
-    columns = [column for term in point.terms for column in term.columns]
     shapes = [shape for term in point.terms for shape in continuous(term)]
-    low = [column.least for column in columns] + [shape.low for shape in shapes]
-    high = [column.most for column in columns] + [shape.high for shape in shapes]
-    return np.array(low), np.array(high)
+    least, most = bounds(point.terms)
+    return np.r_[least, [shape.low for shape in shapes]], np.r_[most, [shape.high for shape in shapes]]
 
 
 def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, share: float = ROUGHLY) -> Linear:

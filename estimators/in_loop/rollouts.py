@@ -11,9 +11,11 @@ import numpy as np
 
 from estimators.simulation.output_error import Point
 from estimators.weak_form.dataset import Given, Structure
-from pendulum_env._typing import Array, Index
+from estimators.weak_form.windows import known_load
+from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, Samples
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.servo.loop import Servos, follow
 
 GRAIN = 0.02  # [s] between the positions that are compared,
@@ -33,12 +35,14 @@ class Rollouts:
     Attributes:
         recordings: of servos.
         steps: of the integrator from one position that is compared to the next.
+        shares: of each recording from which on, and up to which, positions are compared; all of it is simulated.
         is_held: whether goals stay from sample to sample, or run on between them, faster than they are logged.
     """
 
     recordings: tuple[Recording, ...]
     steps: int = STEPS
     is_held: bool = True
+    shares: tuple[float, float] = (0.0, 1.0)
 
     @cached_property
     def _segments(self) -> list[tuple[int, Recording]]:
@@ -46,23 +50,23 @@ class Rollouts:
 
     @cached_property
     def servos(self) -> Servos:
-        """All rollouts side by side, shorter ones padded with a motor that is off."""
+        """All rollouts side by side, shorter ones with their last sample to the end."""
         parts = [part for _, part in self._segments]
         step = GRAIN / self.steps
-        middles = (np.arange(self.steps * max(len(at) for at in self._times)) + 0.5) * step
+        begins = np.arange(self.steps * max(len(at) for at in self._times)) * step + FINEST
 
         def held(values: Sequence[Array]) -> Array:
-            """What holds from sample to sample (N, B), in the middle of each step."""
-            places = [np.minimum((middles * part.rate).astype(np.intp), len(part) - 1) for part in parts]
+            """What holds from sample to sample (N, B), as each step begins."""
+            places = [np.minimum((begins * part.rate).astype(np.intp), len(part) - 1) for part in parts]
             return np.array([own[at] for own, at in zip(values, places, strict=True)]).T
 
         def between(values: Sequence[Array]) -> Array:
-            """What runs on from sample to sample (N, B), in the middle of each step."""
+            """What runs on from sample to sample (N, B), as each step begins."""
             pairs = zip(values, parts, strict=True)
-            return np.array([np.interp(middles, np.arange(len(part)) / part.rate, own) for own, part in pairs]).T
+            return np.array([np.interp(begins, np.arange(len(part)) / part.rate, own) for own, part in pairs]).T
 
         def load(quantity: str) -> Array:
-            return np.array([0.0 if part.load is None else getattr(part.load, quantity) for part in parts])
+            return np.array([getattr(known_load(part), quantity) for part in parts], dtype=float)
 
         drives = tuple(part.drive for part in parts if part.drive is not None)
         goals = [part.reference for part in parts if part.reference is not None]
@@ -87,15 +91,27 @@ class Rollouts:
         return [GRAIN * np.arange(1.0, int(length + 1e-6) + 1) for length in lengths]
 
     @cached_property
+    def _compared(self) -> list[Mask]:
+        """Which of these times are compared."""
+        found = []
+        for times, (k, part) in zip(self._times, self._segments, strict=True):
+            whole = self.recordings[k]
+            share = (part.time[0] - whole.time[0] + times) / (whole.time[-1] - whole.time[0] + GRAIN)
+            found.append((share >= self.shares[0]) & (share < self.shares[1]))
+        return found
+
+    @cached_property
     def position(self) -> Array:
         """Measured positions that are compared (R,) [rad]."""
-        parts = zip(self._times, self._segments, strict=True)
-        return np.concatenate([np.interp(part.time[0] + times, part.time, part.position) for times, (_, part) in parts])
+        parts = zip(self._times, self._compared, self._segments, strict=True)
+        return np.concatenate(
+            [np.interp(part.time[0] + times[own], part.time, part.position) for times, own, (_, part) in parts]
+        )
 
     @cached_property
     def recording_of(self) -> Index:
         """Recording that each of them is of (R,)."""
-        return np.repeat([k for k, _ in self._segments], [len(at) for at in self._times])
+        return np.repeat([k for k, _ in self._segments], [int(own.sum()) for own in self._compared])
 
     @cached_property
     def resolution(self) -> float:
@@ -114,7 +130,7 @@ class Rollouts:
             }
             terms.append(type(variants[0])(**same))
         paths = follow(terms, np.column_stack([point.theta for point in points]), self.servos, self.steps)
-        told = np.concatenate([paths[1 : len(times) + 1, :, lane] for lane, times in enumerate(self._times)])
+        told = np.concatenate([paths[1 : len(own) + 1, :, lane][own] for lane, own in enumerate(self._compared)])
         return np.clip(np.nan_to_num(told, nan=np.inf) - self.position[:, None], -FARTHEST, FARTHEST)
 
     # what the one engine asks of data of any kind
@@ -138,8 +154,10 @@ class Rollouts:
     @cached_property
     def time(self) -> Array:
         """Times of the positions that are compared, from the start of each recording (R,) [s]."""
-        parts = zip(self._times, self._segments, strict=True)
-        return np.concatenate([part.time[0] + times - self.recordings[k].time[0] for times, (k, part) in parts])
+        parts = zip(self._times, self._compared, self._segments, strict=True)
+        return np.concatenate(
+            [part.time[0] + times[own] - self.recordings[k].time[0] for times, own, (k, part) in parts]
+        )
 
     @property
     def weights(self) -> Array:
@@ -191,10 +209,35 @@ class Rollouts:
         return {"": float(np.sqrt(np.mean(residual**2)))}
 
 
+def are_driven(recordings: Sequence[Recording]) -> bool:
+    """Whether recordings are of servos whose controller is known.
+
+    Raises:
+        RecordingError: if only some of them are, or they cannot be simulated at once.
+    """
+    known = [recording.drive for recording in recordings if recording.drive is not None]
+    for recording in recordings:
+        drive = recording.drive
+        if known and drive is None:
+            raise RecordingError(f"{recording.name}: has no drive, but others have one: say its drive, or leave it out")
+        if drive is not None and drive.acts_on_speed != known[0].acts_on_speed:
+            raise RecordingError(f"{recording.name}: controls another quantity than the others: take those apart")
+        if drive is not None and drive.gain is not None and recording.torque_unit != NEWTON_METRE:
+            raise RecordingError(
+                f"{recording.name}: has a drive with a gain, but no torque in N m: give one or the other"
+            )
+        if drive is not None and drive.gain is None and recording.torque_unit != drive.unit:
+            raise RecordingError(
+                f"{recording.name}: has torque in {recording.torque_unit}, but a drive that gives {drive.unit}: give "
+                f"the drive a gain [N m/{drive.unit}]"
+            )
+    return bool(known)
+
+
 def _supply(recording: Recording) -> Array:
     """Voltage of the bus along a recording (N,) [V]."""
     assert recording.drive is not None
-    return np.full(len(recording), float(recording.drive.supply)) if recording.supply is None else recording.supply
+    return np.full(len(recording), recording.drive.supply or 1.0) if recording.supply is None else recording.supply
 
 
 def _velocity_at_start(recording: Recording) -> float:

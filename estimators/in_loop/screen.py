@@ -14,7 +14,7 @@ import numpy as np
 from estimators.in_loop.fit import ROUGHLY, Linear, fit, likelihood, linear
 from estimators.in_loop.rollouts import Rollouts
 from estimators.regression.least_squares import Balance, Columns
-from estimators.selection.candidates import STARTS, Screen, Trial
+from estimators.selection.candidates import STARTS, Screen, Trial, bounds
 from estimators.selection.score import FOLDS, STRETCH
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
@@ -114,13 +114,13 @@ class LoopScreen:
         values = dict(zip((c.name for term in parent.terms for c in term.columns), parent.theta, strict=True))
         typical = self.typical(terms)
         names = [column.name for term in terms for column in term.columns]
-        starts = [self._foretold[terms]] if terms in self._foretold else []
+        starts = []
         for share in (0.0, 1.0, 3.0):
             theta = np.array([values.get(name, share * size) for name, size in zip(names, typical, strict=True)])
             starts.append(Point(terms, theta).at(Point(terms, theta).values))
         if all(name in values for name in names):
-            return starts[-1]
-        return self._likeliest(starts)
+            return starts[0]
+        return self._likeliest([*starts, *([self._foretold[terms]] if terms in self._foretold else [])])
 
     def _first(self, terms: Terms) -> Iterator[Point]:
         """Where the first fit may begin: where torque has the parameters, or with what a joint has at least."""
@@ -137,10 +137,8 @@ class LoopScreen:
         """Equations of some terms, weighted by how far off each error is."""
         near = self.near(terms)
         theta = near.point.theta
-        columns = [column for term in terms for column in term.columns]
         phi = near.slopes[:, : len(theta)]
-        least, most = (np.array([getattr(column, name) for column in columns]) for name in ("least", "most"))
-        return Balance(phi, phi @ theta - near.error, np.zeros_like(phi), least, most, near.weights)
+        return Balance(phi, phi @ theta - near.error, np.zeros_like(phi), *bounds(terms), near.weights)
 
     equations = balance
 
@@ -203,7 +201,7 @@ class LoopScreen:
         for variant, own in zip(variants, columns, strict=True):
             phi = np.column_stack([near.slopes[:, : len(near.point.theta)], own.linear])
             left = near.error + own.fixed
-            least, most = ([getattr(c, name) for c in variant.columns] for name in ("least", "most"))
+            least, most = bounds([variant])
             free = len(near.point.theta)
             balance = Balance(
                 phi,

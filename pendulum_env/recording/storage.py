@@ -1,6 +1,7 @@
 """Reading recordings from files, with every doubt raised at once, and writing them so that they read back exactly."""
 
 import gzip
+import math
 import os
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
@@ -190,6 +191,10 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None = None
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
             values[quantity] *= column.scale
             values[quantity] += column.offset
+    if drive is not None and drive.output == "duty" and drive.supply is None and "supply" not in values:
+        raise RecordingError(
+            "a duty is a share of the supply: name its column (supply=...), or give the drive a supply [V]"
+        )
     unit = table.columns["torque"].result_unit if drive is None or "torque" in values else drive.unit
     if drive is not None and "torque" not in values:
         values["torque"] = np.zeros_like(values["position"])  # until the motion is known
@@ -214,6 +219,11 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None = None
     turned: tuple[str, ...] = ()
     if unwrap:
         values["position"], turned = _unwrapped(values["position"])
+        if "reference" in values and not (
+            drive is not None and drive.acts_on_speed
+        ):  # on the turn that the joint is on
+            whole = np.round((values["position"] - values["reference"]) / math.tau)
+            values["reference"] = values["reference"] + math.tau * whole
         noted(turned)
     values, starts, told = long_enough(values, starts)
     noted(told)
@@ -234,7 +244,8 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None = None
         drive=drive,
     )
     if drive is not None and "torque" not in table.columns:
-        recording = replace(recording, torque=_asked_for(recording, drive))
+        asked = "torque is not taken from the log: it is what the drive asked for"
+        recording = replace(recording, torque=_asked_for(recording, drive), notes=(*recording.notes, asked))
     checks.refuse_too_short(recording)
     if recording.velocity is not None:
         checks.refuse_foreign_velocity(recording)
@@ -250,7 +261,7 @@ def _asked_for(recording: Recording, drive: Drive) -> Array:
     for part in recording.segments:
         assert part.reference is not None  # there is no drive without one
         velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
-        supply = np.full(len(part), drive.supply) if part.supply is None else part.supply
+        supply = np.full(len(part), drive.supply or 1.0) if part.supply is None else part.supply
         on = np.ones(len(part)) if part.enabled is None else part.enabled
         parts.append(drive.torque(part.reference, part.position, velocity, supply, on))
     return np.concatenate(parts)

@@ -281,7 +281,7 @@ class _Reader:
             raise self.error(
                 where, f'a drive is a table, not {shown(table)}: write [drive] and below it preset = "xl330"'
             )
-        self.made(where, {**shared, **table})
+        self.made(where, {"kp": 1.0, **shared, **table})
         return {**shared, **table}
 
     def made(self, where: Key, told: Mapping[str, Any]) -> Drive | None:

@@ -64,7 +64,12 @@ RAW_NAMES = {  # names that tell of such a unit
 LINEAR = {"position": {"m": 1.0, "mm": 1e-3}, "velocity": {"ms": 1.0, "mms": 1e-3}, "torque": {"n": 1.0, "kn": 1e3}}
 for _of in (RAW, LINEAR):
     _of["reference"] = _of["position"]
-UNITS |= {"reference": UNITS["position"], "segment": {}, "supply": {"v": 1.0, "mv": 1e-3}, "enabled": {}}
+UNITS |= {
+    "reference": UNITS["position"] | UNITS["velocity"],
+    "segment": {},
+    "supply": {"v": 1.0, "mv": 1e-3},
+    "enabled": {},
+}
 SI = {
     "time": "s",
     "position": "rad",
@@ -80,7 +85,7 @@ TOLD = {  # of UNITS, what people are told of
     "position": "rad, mrad, deg, rev, counts",
     "velocity": "rad/s, deg/s, rpm, rev/s, counts/s",
     "torque": "Nm, mNm, Ncm, A, mA, V, duty",
-    "reference": "rad, mrad, deg, rev, counts",
+    "reference": "rad, mrad, deg, rev, counts; of a speed rad/s, deg/s, rpm, rev/s",
     "supply": "V, mV",
 }
 SPARE = ("reference", "segment", "supply", "enabled")  # quantities of which the first column will do

@@ -56,7 +56,7 @@ class Drive:
     ki: float = 0.0
     kd: float = 0.0
     limit: float = math.inf
-    supply: float = 1.0
+    supply: float | None = None
     gain: float | None = None
     rate: float | None = None
     cutoff: float | None = None
@@ -119,11 +119,15 @@ class Drive:
                 if isinstance(value, bool) or not isinstance(value, int | float):
                     raise DriveError(f"{name} is {shown(value)}: it should be a number")
                 values[name] = float(value) * known.units.get(name, 1.0)
+        if not values.keys() & {"kp", "ki"}:
+            raise DriveError("nobody says the controller's gain: give kp (or ki)")
         return cls(**values)
 
     def told(self) -> dict[str, str | float]:
         """What is not as usual, from which `of` makes the same drive."""
-        return {name: getattr(self, name) for name, usual in vars(Drive()).items() if getattr(self, name) != usual}
+        usual = vars(Drive())
+        values = {name: getattr(self, name) for name in usual if name == "kp" or getattr(self, name) != usual[name]}
+        return {name: value if isinstance(value, str) else float(value) for name, value in values.items()}
 
 
 @dataclass(frozen=True)

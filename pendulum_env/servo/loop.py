@@ -21,7 +21,7 @@ from pendulum_env.physics.symbols import name
 from pendulum_env.physics.term import upper, written
 from pendulum_env.servo.drive import Drive
 
-GAINS = ("kp", "ki", "kd", "most", "scale", "seen")  # of each servo
+GAINS = ("kp", "ki", "kd", "most", "scale", "seen", "turn")  # of each servo
 
 
 @dataclass(frozen=True)
@@ -108,9 +108,10 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
 
 
 def _gains(drive: Drive, step: float) -> tuple[float, ...]:
-    """Gains of a servo, and the share of a new speed that its filter takes over in a step [s]."""
-    seen = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * step)
-    return drive.kp, drive.ki, drive.kd, drive.most, 1.0 if drive.gain is None else drive.gain, seen
+    """Gains of a servo, the share of a new speed that its filter takes over in a turn, and the time of a turn [s]."""
+    turn = step if drive.rate is None else max(step, 1.0 / drive.rate)
+    seen = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * turn)
+    return drive.kp, drive.ki, drive.kd, drive.most, 1.0 if drive.gain is None else drive.gain, seen, turn
 
 
 def _run(
@@ -146,7 +147,7 @@ def _taps(terms: Sequence[Term], servos: Servos, h: Array, variants: int) -> Arr
     steps = np.broadcast_to((late + np.array([drive.delay for drive in servos.drives])) / h, (variants, len(h)))
     whole = np.floor(steps + 1e-9)
     share = np.maximum(steps - whole, 0.0)
-    count = int(whole.max()) + 1 + bool(share.any())
+    count = 2 ** math.ceil(math.log2(int(whole.max()) + 1 + bool(share.any())))  # few programs for many delays
     place = np.arange(count)[:, None, None]
     return np.asarray(np.where(place == whole, 1 - share, 0.0) + np.where(place == whole + 1, share, 0.0))
 
@@ -169,13 +170,15 @@ def servo_step(
     h: ArrayLike,
 ) -> tuple[Samples, State]:
     """One step of servos and their controllers, in symbols or arrays."""
-    seen = state.speed + gains["seen"] * (x.velocity - state.speed)
+    looks = given.due > 0
+    seen = np.where(looks, state.speed + gains["seen"] * (x.velocity - state.speed), state.speed)
     error = given.goal - (seen if speed else x.position)
     wanted = gains["kp"] * error + gains["ki"] * state.integral - (0.0 if speed else gains["kd"] * seen)
     output = np.maximum(np.minimum(wanted, gains["most"]), -gains["most"])
     winds = (np.abs(wanted) > gains["most"]) & (wanted * error > 0)
-    integral = state.integral + np.where(winds, 0.0, h * error)
-    held = np.where(given.due > 0, output * given.supply * gains["scale"], state.held)
+    integral = state.integral + np.where(looks, np.where(winds, 0.0, gains["turn"] * error), 0.0)
+    integral = np.where(given.on > 0, integral, 0.0)  # begins anew with power
+    held = np.where(looks, output * given.supply * gains["scale"], state.held)
     line = (held, *state.before)
     torque: Any = given.on * sum(weight * past for weight, past in zip(taps, line, strict=True))
     memory: Any = {id: (given.on,) if id == BackEmf.id else own for id, own in x.memory.items()}
@@ -195,7 +198,7 @@ def _prepared(
     terms: Sequence[Term], speed: bool, taps: int, loaded: bool, integrates: bool, longest: float
 ) -> _Program:
     """A step of servos, compiled."""
-    from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
+    from pendulum_env.physics.compiled import KEPT, recurrence  # here, as it takes long to load
 
     key = (
         tuple((type(term), *(shape.name for shape in term.free)) for term in terms),
@@ -225,5 +228,7 @@ def _prepared(
 
     constants: Any = [*balance.theta, *map(name, shapes), *gains.values(), *(x.load if loaded else ()), *weights, h]
     inputs, known, states = ([one.label for one in each] for each in (given, constants, _flat(x, state, integrates)))
+    if len(_known) >= KEPT:
+        _known.clear()
     program = _known[key] = recurrence(inputs, known, states, _flat(after, later, integrates))
     return _Program(program, list(shapes.values()))

@@ -6,7 +6,7 @@ import argparse
 import json
 
 from estimators.comparison import compare, in_units_of
-from estimators.in_loop.diagnosis import is_driven
+from estimators.in_loop.rollouts import are_driven
 from estimators.show.tables import distances_table, profile_table
 from pendulum_env.files import write_whole
 from workbench.inputs import (
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs(outputs, [arguments.model, *asked.files])
     model = read_model(arguments.model)
     recordings = read_recordings((*asked.fitted, *asked.held_out), terminal)
-    if arguments.loop and not is_driven(recordings):
+    if arguments.loop and not are_driven(recordings):
         raise InputError(
             f"{recordings[0].name}: nobody knows its controller: say it with --drive, or [drive] in a study"
         )

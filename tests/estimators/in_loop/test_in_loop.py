@@ -8,13 +8,21 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import add, compare, diagnose
-from estimators.in_loop.diagnosis import is_driven
+from estimators.arguments import within_limits
 from estimators.in_loop.fit import fit, likelihood, linear
-from estimators.in_loop.rollouts import Rollouts
+from estimators.in_loop.rollouts import Rollouts, are_driven
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.physics.potential import GravityTilt
-from pendulum_env.recording import Recording, RecordingError, read_recording, read_study, write_recording
+from pendulum_env.recording import (
+    Recording,
+    RecordingError,
+    Source,
+    read_recording,
+    read_study,
+    write_recording,
+    write_study,
+)
 from pendulum_env.servo.drive import Drive
 from workbench.cli import main
 
@@ -59,7 +67,9 @@ def test_parameters_come_back_from_goals_and_positions(plain):
     found = diagnose(plain[:2], plain[2:], only=FEW)
     assert found.headline == "Nothing is missing" and found.is_in_loop
     for name, value in TRUE.items():
-        assert found.model.estimates[name].value == pytest.approx(value, rel=0.05)
+        own = found.model.estimates[name]
+        assert own.value == pytest.approx(value, rel=0.02)
+        assert abs(own.value - value) < 5 * own.std + 0.002 * value  # the two simulators differ by a bit
     assert found.steps[-1].errors["holdout"].in_loop < 2e-3  # the encoder has 1.5e-3 rad a count
 
 
@@ -90,6 +100,67 @@ def test_errors_of_a_comparison_are_those_of_whole_recordings(plain):
     assert right.in_loop <= right.in_loop_rms
 
 
+def test_limit_that_is_too_low_is_where_the_parameter_ends(plain):
+    rollouts, terms = Rollouts(tuple(plain[:2]), is_held=False), (*BASE, GravityTilt())
+    limited, _ = within_limits(terms, {}, None, {"viscous": (0.0, 0.04)})
+    start = np.array([*TRUE.values(), 0.0]) * [1.2, 0.8, 0.8, 1.0, 1.0]
+    found = fit(rollouts, Point(tuple(limited), start), TYPICAL, share=0.0)
+    assert found.point.theta[2] == pytest.approx(0.04)
+    assert found.point.theta[1] == pytest.approx(TRUE["gravity"], rel=0.1)
+
+
+def test_end_of_a_recording_is_compared_as_the_whole_has_it(plain):
+    point = Point((*BASE, GravityTilt()), np.array([*TRUE.values(), 0.02]))
+    whole, first, last = (Rollouts(tuple(plain[:2]), shares=own) for own in ((0.0, 1.0), (0.0, 0.7), (0.7, 1.0)))
+    told = [one.misses([point])[:, 0] for one in (whole, first, last)]
+    assert np.sort(np.concatenate(told[1:])) == pytest.approx(np.sort(told[0]), abs=1e-12)
+    assert len(told[2]) == pytest.approx(0.3 * len(told[0]), rel=0.02)
+
+
+def test_parameters_of_an_unknown_gain_are_per_volt_and_compared_so(plain, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    drive = Drive(kp=2.5 / 12.0, limit=0.5, supply=12.0, rate=1000.0)  # 1 N m/V
+    gain_of_one = [replace(one, drive=replace(drive, kp=one.drive.kp / 12.0), torque_unit="V") for one in plain]
+    found = diagnose(gain_of_one[:2], gain_of_one[2:], only=FEW)
+    assert found.torque_unit == found.model.torque_unit == "V"
+    assert found.model.estimates["gravity"].value == pytest.approx(TRUE["gravity"], rel=0.02)
+    read = Model.from_json(found.model.json())
+    assert compare(read, gain_of_one).joint.errors.in_loop < 2e-3
+
+
+def test_drive_and_torque_of_different_units_are_refused(plain):
+    with pytest.raises(RecordingError, match="give the drive a gain"):
+        are_driven([replace(plain[0], drive=Drive(kp=1.0, supply=12.0))])
+
+
+def test_servos_that_control_different_quantities_are_refused(plain):
+    other = replace(plain[1], drive=Drive("velocity", "torque", kp=1.0))
+    with pytest.raises(RecordingError, match="controls another quantity"):
+        are_driven([plain[0], other])
+
+
+def test_study_with_drives_reads_back(plain, tmp_path):
+    write_recording(plain[0], tmp_path / "a.csv")
+    drives = [Drive(kp=np.float64(2.5), output="torque"), Drive("velocity", "torque", kp=1.0, ki=0.5, rate=500.0)]
+    for drive in drives:
+        source = Source(tmp_path / "a.csv", drive=drive)
+        write_study(tmp_path / "s.toml", [source])
+        assert read_study(tmp_path / "s.toml").sources[0].drive == drive
+
+
+def test_goal_of_a_speed_has_its_units_and_that_of_an_angle_its_turn(plain, tmp_path):
+    time = plain[0].time
+    position = 8.0 * np.sin(time)
+    wrapped = (position + np.pi) % (2 * np.pi) - np.pi
+    rows = np.column_stack([time, wrapped, wrapped + 0.01, np.full(len(time), 30.0)])
+    np.savetxt(tmp_path / "w.csv", rows, delimiter=",", header="time,position,goal,rpm", comments="")
+    angle = read_recording(tmp_path / "w.csv", unwrap=True, drive=Drive(kp=1.0, output="torque"))
+    assert np.abs(angle.reference - angle.position).max() < 0.02
+    columns = {"reference": "rpm:rpm"}
+    speed = read_recording(tmp_path / "w.csv", unwrap=True, columns=columns, drive=Drive("velocity", "torque", kp=1.0))
+    assert speed.reference == pytest.approx(np.pi)
+
+
 def test_slopes_are_those_of_smaller_and_larger_parameters(plain):
     rollouts = Rollouts(tuple(plain[:2]), is_held=False)
     terms = (*BASE, GravityTilt())
@@ -114,7 +185,7 @@ def test_fit_finds_the_likeliest_parameters_from_far_away(plain):
 
 def test_recordings_of_which_only_some_have_a_drive_are_refused(plain):
     with pytest.raises(RecordingError, match="has no drive, but others have one"):
-        is_driven([plain[0], replace(plain[1], drive=None)])
+        are_driven([plain[0], replace(plain[1], drive=None)])
 
 
 def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):
