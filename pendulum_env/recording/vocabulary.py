@@ -85,7 +85,7 @@ TOLD = {  # of UNITS, what people are told of
     "position": "rad, mrad, deg, rev, counts",
     "velocity": "rad/s, deg/s, rpm, rev/s, counts/s",
     "torque": "Nm, mNm, Ncm, A, mA, V, duty",
-    "reference": "rad, mrad, deg, rev, counts; of a speed rad/s, deg/s, rpm, rev/s",
+    "reference": "rad, mrad, deg, rev, counts, rad/s, deg/s, rpm, rev/s",
     "supply": "V, mV",
 }
 SPARE = ("reference", "segment", "supply", "enabled")  # quantities of which the first column will do

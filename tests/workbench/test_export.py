@@ -47,8 +47,8 @@ def in_python(text: str, monkeypatch, torque=TORQUE) -> np.ndarray:
     exec(text, module.__dict__)
     state = module.start(0.2)
     path = [state.position]
-    for value in torque.tolist():
-        state = module.step(state, value)
+    for k, value in enumerate(torque):  # Python's own numbers and NumPy's
+        state = module.step(state, value if k % 2 else float(value))
         path.append(state.position)
     return np.array(path)
 

@@ -26,7 +26,7 @@ DIALECT = Dialect(
 SIGN = """
 
 def _sign(x: float) -> float:
-    return (x > 0) - (x < 0)
+    return float(x > 0) - float(x < 0)  # of NumPy's numbers, too
 """
 
 
