@@ -21,7 +21,6 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.in_loop.comparison import with_gain
 from estimators.in_loop.evidence import InLoop
-from estimators.in_loop.fit import likelihood
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.selection.data import Evidence, Step, fit_terms
 from estimators.selection.models import Models
@@ -180,8 +179,7 @@ def likelier(ways: Sequence[InLoop], base: Sequence[Term]) -> InLoop:
 
     def of(one: InLoop) -> float:
         one.screen.settle(base)
-        error = one.screen.near(base).error[:, None]
-        return float(likelihood(error, one.data.recording_of, one.data.resolution)[0])
+        return one.screen.likelihood(base)
 
     return max(ways, key=of)
 

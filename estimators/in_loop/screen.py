@@ -129,6 +129,11 @@ class LoopScreen:
             values = np.maximum(np.abs(theta), share * typical) if share else theta
             yield Point(terms, values).at(Point(terms, values).values)
 
+    def likelihood(self, terms: Sequence[Term]) -> float:
+        """Log density of the errors of the likeliest fit of some terms, but for a constant [nat]."""
+        error = self.near(terms).error[:, None]
+        return float(likelihood(error, self.data.recording_of, self.data.resolution)[0])
+
     def _likeliest(self, points: Sequence[Point]) -> Point:
         told = likelihood(self.data.misses(points), self.data.recording_of, self.data.resolution)
         return points[int(np.argmax(told))]

@@ -138,6 +138,11 @@ def find_columns(
     needed = ("time", "position", "reference" if has_drive else "torque")
     missing = [quantity for quantity in needed if quantity not in columns]
     if missing:
+        if missing == ["reference"]:
+            raise ColumnError(
+                f"no column for the goal (goal, reference) among {_listed(headers)}: say which with --columns "
+                "reference=NAME (columns=...)"
+            )
         hints = [hint for quantity in missing for hint in islice(_raw(quantity, headers), 1)]
         if len(joints := _joints(headers)) > 1:
             hints = [f"there are some for {_listed(joints)}: {LINKS}for one joint {CHOOSE}"]

@@ -108,9 +108,7 @@ class Drive:
         Raises:
             DriveError: if the preset is unknown, or numbers are out of their range.
         """
-        known = PRESETS[""]
-        if "preset" in told:
-            known = find("preset", str(told["preset"]), PRESETS)
+        known = find("preset", str(told["preset"]), PRESETS) if "preset" in told else PLAIN
         values: dict[str, Any] = dict(known.base)
         for name, value in told.items():
             if name in ("control", "output"):
@@ -139,8 +137,8 @@ class Preset:
     source: str
 
 
+PLAIN = Preset({}, {}, "plain numbers in SI")
 PRESETS = {
-    "": Preset({}, {}, "plain numbers in SI"),
     "xl330": Preset(
         {"control": "position", "output": "duty", "supply": 7.3},
         {"kp": 4096 / math.tau / (256 * 885)},

@@ -64,7 +64,7 @@ def render(
     fitted, unseen = chosen_recordings(recordings), chosen_recordings(holdout, empty=True)
     case = Case.of(fitted, unseen, diagnosis, identification)
     if diagnosis.is_in_loop:
-        sections = [of_diagnosis(diagnosis, [*unseen, *fitted]), candidates(case), parameters(case)]
+        sections = [of_diagnosis(diagnosis, fitted, unseen), candidates(case), parameters(case)]
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
     page = assemble(sections, f"diagnosis of {words.listing([recording.name for recording in case.train])}")

@@ -256,7 +256,10 @@ def test_a_column_that_is_named_leaves_the_others_to_their_names(write: Write, c
 @pytest.mark.parametrize(
     ("named", "match"),
     [
-        ({"angle": "q"}, "columns are named for time, position, velocity, torque, reference, supply, enabled, segment, not for 'angle'"),
+        (
+            {"angle": "q"},
+            "columns are named for time, position, velocity, torque, reference, supply, enabled, segment, not for 'ang",
+        ),
         ({"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau', 'x', 'x'"),
         ({"position": "x"}, "2 columns are named 'x'"),
         ({"position": "q:grad"}, "unit 'grad' of position is not known: use one of rad, mrad, deg, rev"),

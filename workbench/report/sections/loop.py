@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -60,8 +61,9 @@ def loop(
     return Section("loop", "In the loop", opening(headline), content)
 
 
-def of_diagnosis(found: Diagnosis, recordings: Sequence[Recording]) -> Section:
-    """The same of the first and the last model of a diagnosis."""
+def of_diagnosis(found: Diagnosis, fitted: Sequence[Recording], held_out: Sequence[Recording]) -> Section:
+    """The same of the first and the last model of a diagnosis, what was held out first."""
+    recordings = [*(replace(recording, name=f"{recording.name} (held out)") for recording in held_out), *fitted]
     models = [("base model", found.steps[0].model)]
     if len(found.steps) > 1:
         models.append(("with what was found", found.model))
