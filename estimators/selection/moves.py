@@ -173,7 +173,7 @@ def settle(models: Models, terms: Terms) -> Terms:
     for term in terms:
         if any(not shape.integer for shape in term.free) and term.id not in models.train.data.watched:
             trial = models.screen.refine(trial, term.id)
-    return trial.terms
+    return models.screen.settle(trial.terms)
 
 
 def named(terms: Terms) -> Terms:
