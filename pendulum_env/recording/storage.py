@@ -261,10 +261,9 @@ def _asked_for(recording: Recording, drive: Drive) -> Array:
     for part in recording.segments:
         assert part.reference is not None  # there is no drive without one
         velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
-        position = part.position + 0.5 * np.diff(part.position, append=part.position[-1])  # half-way to the next sample
         supply = np.full(len(part), drive.supply or 1.0) if part.supply is None else part.supply
         on = np.ones(len(part)) if part.enabled is None else part.enabled
-        parts.append(drive.torque(part.reference, position, velocity, supply, on))
+        parts.append(drive.torque(part.reference, part.position, velocity, supply, on))
     return np.concatenate(parts)
 
 
