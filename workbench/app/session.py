@@ -12,7 +12,7 @@ from threading import RLock
 
 from pendulum_env.reading import amount, read_archive
 from pendulum_env.recording import RecordingError, Source, checks, columns, write_study
-from pendulum_env.recording.record import ColumnError
+from pendulum_env.recording.record import ColumnError, by_torque
 from pendulum_env.recording.study import read_sources
 from workbench.app import saved, uploads
 from workbench.app.asked import NOTHING, Asked
@@ -252,7 +252,7 @@ class Session:
         """
         try:
             try:
-                recording = replace(source, largest=uploads.UNPACKED).read(file)
+                recording = by_torque(replace(source, largest=uploads.UNPACKED).read(file))
                 return [Loaded(file, recording, source.role == "holdout", told=source)]
             except ColumnError as error:
                 try:
@@ -297,7 +297,7 @@ class Session:
         """
         try:
             source = card.asked()
-            recording = source.read(card.file)
+            recording = by_torque(source.read(card.file))
         except MISTAKES as mistake:
             self.cards = (replace(card, why=sentence(mistake)), *self.cards[1:])
             return

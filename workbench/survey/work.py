@@ -25,6 +25,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.physics import BASE, Term, effects, load_plugin
 from pendulum_env.reading import regular_size
 from pendulum_env.recording import Recording
+from pendulum_env.recording.record import by_torque
 from pendulum_env.recording.table import REMEDY
 from workbench.mistakes import MISTAKES, sentence
 from workbench.survey.cases import Case
@@ -119,7 +120,7 @@ def look(case: Case, settings: Settings) -> Findings:
     """
     for path in settings.plugins:
         load_plugin(path)
-    recording = case.source.read()
+    recording = by_torque(case.source.read())
     found = diagnose(
         [recording],
         (),
