@@ -197,7 +197,7 @@ def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):
     with pytest.raises(RecordingError, match="no column for torque"):
         read_recording(path)
     np.savetxt(path, rows[:, :2], delimiter=",", header="time,position", comments="")
-    with pytest.raises(RecordingError, match="no column for reference"):
+    with pytest.raises(RecordingError, match="no column for the goal"):
         read_recording(path, drive=plain[0].drive)
 
 
