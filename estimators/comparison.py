@@ -101,6 +101,13 @@ class Comparison:
             f"{position:.3g} rad in free run"
         )
 
+    @property
+    def told_in_loop(self) -> str | None:
+        """Errors in the loop in a sentence; None where nobody knows the controller."""
+        error = self.joint.errors
+        told = f"simulated from its goals alone, the model is off by {error.in_loop:.3g} rad on average"
+        return told if error.is_in_loop else None
+
     def __repr__(self) -> str:
         return f"<Comparison: {self.headline}>"
 

@@ -140,6 +140,13 @@ def take_recordings(parser: argparse.ArgumentParser, *, what: str = "fitted join
             help="confirm on this one (may be repeated); without it, the last 30 %% of each recording are held out",
         )
     take_reading(parser)
+    parser.add_argument(
+        "--drive",
+        type=argument(_drive),
+        metavar="KEY=VALUE,...",
+        help="the controller that followed the reference, as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: "
+        f"{', '.join(KEYS)}; diagnose, add and compare then simulate it along",
+    )
 
 
 def take_reading(parser: argparse.ArgumentParser) -> None:
@@ -153,13 +160,6 @@ def take_reading(parser: argparse.ArgumentParser) -> None:
         f"units: {'; '.join(TOLD[quantity] for quantity in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
     )
     parser.add_argument("--unwrap", action="store_true", help="undo jumps of 2 pi in position")
-    parser.add_argument(
-        "--drive",
-        type=argument(_drive),
-        metavar="KEY=VALUE,...",
-        help="the controller that followed the reference, as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: "
-        f"{', '.join(KEYS)}; the verdict is then found by simulating it along",
-    )
     parser.add_argument(
         "--max-size",
         type=number(1.0, 1e6),
@@ -340,13 +340,12 @@ def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
         InputError: if arguments say what a study says itself.
         StudyError: if a study makes no sense.
     """
-    largest = 1e6 * arguments.max_size
+    largest, drive = 1e6 * arguments.max_size, getattr(arguments, "drive", None)  # not every command takes one
     if not name.lower().endswith(".toml"):
-        drive = getattr(arguments, "drive", None)
         return (
             Source(Path(name), columns=arguments.columns or {}, unwrap=arguments.unwrap, drive=drive, largest=largest),
         )
-    if arguments.columns or arguments.unwrap or getattr(arguments, "drive", None):
+    if arguments.columns or arguments.unwrap or drive:
         raise InputError(f"{name}: says itself how its recordings are read: write columns, unwrap and drive there")
     return tuple(replace(source, largest=largest) for source in read_sources(name))
 

@@ -10,6 +10,7 @@ import numpy as np
 from estimators.arms.identification import JointError, compare_arm
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import Candidate
+from estimators.diagnosis.setting import HELD_OUT
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence
@@ -26,7 +27,6 @@ from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.words import listing
 
 SCHEMA = "pendulum-ident/arm-diagnosis@2"
-HELD_OUT = 0.3  # of each recording, where none is held out
 
 
 @dataclass(frozen=True, eq=False)

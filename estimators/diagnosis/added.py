@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Step
 from pendulum_env.notebook import shown
@@ -49,7 +47,7 @@ class Addition:
     @property
     def is_in_loop(self) -> bool:
         """Whether errors are those of motion that was simulated with the controller in the loop."""
-        return bool(np.isfinite(self.before.errors["holdout"].in_loop))
+        return self.before.errors["holdout"].is_in_loop
 
     @property
     def left(self) -> float:

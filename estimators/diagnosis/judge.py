@@ -134,7 +134,7 @@ def is_excited(models: Models, longer: Terms) -> bool:
 def _falls(before: Step, after: Step, at: str) -> str:
     """How held-out errors fell, in words."""
     old, new = before.errors["holdout"], after.errors["holdout"]
-    if np.isfinite(new.in_loop):
+    if new.is_in_loop:
         return f"lowers the held-out error in the loop: {old.in_loop:.3g} -> {new.in_loop:.3g} rad"
     torque = f"torque {old.at(at):.3g} -> {new.at(at):.3g} N m"
     if np.isnan(new.position_rms):

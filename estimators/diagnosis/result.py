@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
-
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.checks.residual import Region
@@ -112,7 +110,7 @@ class Diagnosis:
     @property
     def is_in_loop(self) -> bool:
         """Whether errors are those of motion that was simulated with the controller in the loop."""
-        return bool(np.isfinite(self.steps[0].errors["holdout"].in_loop))
+        return self.steps[0].errors["holdout"].is_in_loop
 
     @property
     def selected(self) -> tuple[str, ...]:

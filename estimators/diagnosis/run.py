@@ -19,7 +19,7 @@ from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.sensitivity import in_words
-from estimators.diagnosis.setting import Setting
+from estimators.diagnosis.setting import HELD_OUT, Setting
 from estimators.in_loop.diagnosis import diagnose_in_loop
 from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, forward, no_progress
@@ -45,8 +45,7 @@ CLOSER = 0.5  # share of the windows' length at a second look,
 SHORTEST = 0.25  # and the least, where longer windows are too few
 BOLDER = 10.0  # times the largest recorded torque, which a motor is not asked for without a word
 PLENTY = 40  # stretches of motion, below which little can be told
-HOLDOUT_SHARE = 0.3  # end of each recording that is held out when no recording is,
-MOTION = 0.5  # unless less than this share of the motion comes before
+MOTION = 0.5  # of the motion, that has to come before what is held out of the end of recordings
 
 
 def gather(
@@ -80,7 +79,7 @@ def _gather(recordings: Sequence[Recording], holdout: Sequence[Recording], short
     if holdout:
         return Evidence.of(recordings, widths), Evidence.of(holdout, [shorter * choose_half_width(r) for r in holdout])
     motion = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
-    time, moved = 1 - HOLDOUT_SHARE, float(np.quantile(motion, 1 - HOLDOUT_SHARE))
+    time, moved = 1 - HELD_OUT, float(np.quantile(motion, 1 - HELD_OUT))
     if np.mean(motion < time) < MOTION:  # the joint hardly moves before: then the motion is split, not the time
         return _split(recordings, widths, moved)
     try:

@@ -30,7 +30,7 @@ def likelier(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, A
     point = Point(model.terms, np.asarray(model.theta))
     known = tuple(with_gain(recording) for recording in recordings)
     ways = [(one, one.misses([point])) for one in (Rollouts(known, FINE, held) for held in (True, False))]
-    rollouts, missed = max(ways, key=lambda way: float(likelihood(way[1], way[0].recording_of, way[0].resolution)[0]))
+    rollouts, missed = max(ways, key=lambda way: float(likelihood(*way)[0]))
     return rollouts, missed[:, 0]
 
 
@@ -44,6 +44,4 @@ def in_loop(model: Model, recordings: Sequence[Recording], errors: Errors) -> Er
     """Errors of a model with those in the loop, if the recordings have drives."""
     if not are_driven([with_gain(recording) for recording in recordings]):
         return errors
-    missed = likelier(model, recordings)[1]
-    mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))
-    return replace(errors, in_loop=mean, in_loop_rms=rms)
+    return errors.with_loop(likelier(model, recordings)[1])

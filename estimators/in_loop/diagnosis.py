@@ -14,11 +14,11 @@ import numpy as np
 
 from estimators.checks.physical import objection
 from estimators.checks.residual import Region
-from estimators.checks.torque_constant import Calibrated, constant_of
+from estimators.checks.torque_constant import Calibrated, constant_of, widened
 from estimators.diagnosis.added import CHANCE, Addition
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.setting import Setting
+from estimators.diagnosis.setting import HELD_OUT, Setting
 from estimators.in_loop.comparison import with_gain
 from estimators.in_loop.evidence import InLoop
 from estimators.in_loop.rollouts import FINE, Rollouts
@@ -28,14 +28,13 @@ from estimators.selection.moves import best, ids, loosened, settle
 from estimators.selection.search import Selection, select
 from estimators.simulation.output_error import Point
 from estimators.weak_form.windows import WHOLE
-from pendulum_env.physics import Estimate, Model, Term
+from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
 NEEDED = 0.3  # of what the others leave, that an effect has to explain: a small error makes a servo stick elsewhere
-HELD_OUT = 0.3  # of each recording, from its end, where none is held out
 
 
 @dataclass(frozen=True)
@@ -96,15 +95,12 @@ class Looped:
         constant = self.calibrated.constant
         if constant is None:
             return model.per(self.calibrated.unit)
-        off = constant.std / constant.value
-
-        def scaled(own: Estimate) -> Estimate:
-            is_torque = own.unit.startswith(("N m", "kg"))
-            return replace(own, std=float(np.hypot(own.std, off * own.value))) if is_torque else own
-
-        estimates = {name: scaled(own) for name, own in model.estimates.items()}
-        known = Estimate(constant.value, constant.std, constant.unit)
-        return replace(model, estimates=estimates, torque_constant=known)
+        larger = 1.0 + constant.std / constant.value
+        there = {
+            name: replace(own, value=larger * own.value) if own.unit.startswith((NEWTON_METRE, "kg")) else own
+            for name, own in model.estimates.items()
+        }
+        return widened(model, constant, model, replace(model, estimates=there))
 
     def floor(self, last: Step) -> float:
         """Error that the encoder alone leaves, which is no more than a model leaves [rad]."""
@@ -191,7 +187,7 @@ def base_of(base: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term
     for a while, what it brakes while it is on is told from viscous friction.
     """
     is_off = any(
-        recording.enabled is not None and not recording.enabled.all()
+        not recording.powered.all()
         for recording in recordings
         if recording.drive is not None and recording.drive.output in ("duty", "voltage")
     )

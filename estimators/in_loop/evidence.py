@@ -54,14 +54,9 @@ class InLoop:
         """Those of each joint, by its name."""
         return self.windows.motions
 
-    @property
-    def reach(self) -> tuple[float, float]:
-        """Least and largest position that was recorded [rad]."""
-        return self.windows.reach
-
     def reach_of(self, joint: str) -> tuple[float, float]:
-        """The same of a joint."""
-        return self.reach
+        """Least and largest position that was recorded [rad]."""
+        return self.windows.reach_of(joint)
 
     def watching(self, model: Model) -> InLoop:
         """The same: a link moves along in a simulation."""
@@ -73,6 +68,4 @@ class InLoop:
 
     def errors(self, model: Model) -> Errors:
         """Errors of a model in the loop."""
-        missed = self.misses(model.terms, np.asarray(model.theta))
-        mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))
-        return Errors(np.nan, np.nan, in_loop=mean, in_loop_rms=rms)
+        return Errors(np.nan, np.nan).with_loop(self.misses(model.terms, np.asarray(model.theta)))

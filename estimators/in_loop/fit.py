@@ -18,7 +18,7 @@ from estimators.selection.candidates import bounds
 from estimators.selection.score import NU
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array
 
 TURNS = 30
 DAMPINGS = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of normalised slopes' squares
@@ -30,8 +30,9 @@ ROUGHLY = 0.05  # or share of what it has gained so far, where models are only c
 SCALES = 20  # turns of the fixed point for a scale
 
 
-def squared_scales(errors: Array, owner: Index, least: float) -> Array:
-    """Squared scale of Student's t of each recording's errors (E, V), from those of V models (R, V)."""
+def squared_scales(rollouts: Rollouts, errors: Array) -> Array:
+    """Squared scale of Student's t of each error (R, V) of V models: that of its recording's."""
+    owner, least = rollouts.recording_of, rollouts.resolution
     starts = np.flatnonzero(np.diff(owner, prepend=-1))
     number = np.diff(np.append(starts, len(owner)))[:, None]
     squares = errors**2
@@ -42,12 +43,12 @@ def squared_scales(errors: Array, owner: Index, least: float) -> Array:
     square = mean(squares)
     for _ in range(SCALES):
         square = mean((NU + 1) * squares / (NU + squares / np.repeat(square, number[:, 0], axis=0)))
-    return square
+    return np.asarray(square[owner])
 
 
-def likelihood(errors: Array, owner: Index, least: float) -> Array:
+def likelihood(rollouts: Rollouts, errors: Array) -> Array:
     """Log density of errors of V models (R, V) with the scales that fit them, but for a constant (V,) [nat]."""
-    square = squared_scales(errors, owner, least)[owner]
+    square = squared_scales(rollouts, errors)
     return np.asarray(-np.sum(0.5 * np.log(square) + (NU + 1) / 2 * np.log1p(errors**2 / (NU * square)), axis=0))
 
 
@@ -80,16 +81,13 @@ def linear(rollouts: Rollouts, point: Point, typical: Array, shapes: bool) -> Li
     """Errors around a point, with slopes by linear parameters, and by shape parameters if they are free."""
     values, size = point.values, sizes(point, typical)
     count = len(values) if shapes else len(point.theta)
-    low, high = bounds_of(point)
+    _, high = bounds_of(point)
     steps = DIFFERENCE * size[:count]
     steps = np.where(values[:count] + steps > high[:count], -steps, steps)  # what is at its bound has a slope, too
-    steps = np.where(low[:count] == high[:count], np.inf, steps)  # what is known has none
-    nearby = [
-        point.at(values + np.where(np.isfinite(steps[k]), steps[k], 0.0) * np.eye(len(values))[k]) for k in range(count)
-    ]
+    nearby = [point.at(values + own) for own in np.eye(count, len(values)) * steps[:, None]]
     errors = rollouts.misses([point, *nearby])
-    slopes = (errors[:, 1:] - errors[:, :1]) / steps
-    square = squared_scales(errors[:, :1], rollouts.recording_of, rollouts.resolution)[rollouts.recording_of, 0]
+    slopes = (errors[:, 1:] - errors[:, :1]) / steps  # of what is known: `Point.at` keeps it where it is
+    square = squared_scales(rollouts, errors[:, :1])[:, 0]
     weights = np.sqrt((NU + 1) / (NU * square + errors[:, 0] ** 2))
     return Linear(point, errors[:, 0], slopes, weights)
 
@@ -137,14 +135,14 @@ def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, 
         share: of what it has gained, at which it ends.
     """
     near = linear(rollouts, point, typical, shapes)
-    best = first = float(likelihood(near.error[:, None], rollouts.recording_of, rollouts.resolution)[0])
+    best = first = float(likelihood(rollouts, near.error[:, None])[0])
     polled = 0
     for _ in range(TURNS):
-        moved, gain = _best(rollouts, [near.point.at(values) for values in _steps(near, typical)])
+        moved, gain = likeliest(rollouts, [near.point.at(values) for values in _steps(near, typical)])
         enough = max(ENOUGH, share * (best - first))
         if gain < best + enough and polled < (0 if share else POLLS):
             polled += 1
-            other, more = _best(rollouts, [near.point.at(values) for values in _around(near, typical)])
+            other, more = likeliest(rollouts, [near.point.at(values) for values in _around(near, typical)])
             moved, gain = (other, more) if more > gain else (moved, gain)
         if gain <= best:
             break
@@ -154,9 +152,9 @@ def fit(rollouts: Rollouts, point: Point, typical: Array, shapes: bool = False, 
     return near
 
 
-def _best(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
+def likeliest(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
     """The likeliest of some points, and its log density [nat]."""
-    told = likelihood(rollouts.misses(points), rollouts.recording_of, rollouts.resolution)
+    told = likelihood(rollouts, rollouts.misses(points))
     return points[int(np.argmax(told))], float(told.max())
 
 

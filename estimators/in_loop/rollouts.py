@@ -70,14 +70,13 @@ class Rollouts:
 
         drives = tuple(part.drive for part in parts if part.drive is not None)
         goals = [part.reference for part in parts if part.reference is not None]
-        on = held([np.ones(len(part)) if part.enabled is None else part.enabled for part in parts])
         loads = load("inertia"), load("gravity")
         return Servos(
             drives,
             step,
             held(goals) if self.is_held else between(goals),
-            held([_supply(part) for part in parts]),
-            on,
+            held([part.bus for part in parts]),
+            held([part.powered for part in parts]),
             np.array([part.position[0] for part in parts]),
             np.array([_velocity_at_start(part) for part in parts]),
             np.array([part.time[0] for part in parts]),
@@ -164,11 +163,6 @@ class Rollouts:
         """Of the equations (R,)."""
         return np.ones(len(self.position))
 
-    @property
-    def recording_of_window(self) -> Index:
-        """Recording that each equation is of (R,)."""
-        return self.recording_of
-
     @cached_property
     def clusters(self) -> Index:
         """Stretch that each equation lies in (R,), for standard errors."""
@@ -196,8 +190,6 @@ class Rollouts:
     def precision(self) -> float:
         """Error that a simulation leaves, which is not exact either [rad]."""
         return LEAST * float(np.std(self.position))
-
-    least = precision
 
     def noise(self, inertia: float) -> float:
         """Error that encoder and clock alone make [rad]."""
@@ -232,12 +224,6 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
                 f"the drive a gain [N m/{drive.unit}]"
             )
     return bool(known)
-
-
-def _supply(recording: Recording) -> Array:
-    """Voltage of the bus along a recording (N,) [V]."""
-    assert recording.drive is not None
-    return np.full(len(recording), recording.drive.supply or 1.0) if recording.supply is None else recording.supply
 
 
 def _velocity_at_start(recording: Recording) -> float:

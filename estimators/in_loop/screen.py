@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.in_loop.fit import ROUGHLY, Linear, fit, likelihood, linear
+from estimators.in_loop.fit import ROUGHLY, Linear, fit, likeliest, likelihood, linear
 from estimators.in_loop.rollouts import Rollouts
 from estimators.regression.least_squares import Balance, Columns
 from estimators.selection.candidates import STARTS, Screen, Trial, bounds
@@ -109,7 +109,7 @@ class LoopScreen:
             self._linear, key=lambda other: (len(known ^ {term.id for term in other}), -len(set(other) & set(terms)))
         )
         if not parents:
-            return self._foretold.get(terms) or self._likeliest([*self._first(terms)])
+            return self._foretold.get(terms) or likeliest(self.data, [*self._first(terms)])[0]
         parent = self._linear[parents[0]].point
         values = dict(zip((c.name for term in parent.terms for c in term.columns), parent.theta, strict=True))
         typical = self.typical(terms)
@@ -120,7 +120,8 @@ class LoopScreen:
             starts.append(Point(terms, theta).at(Point(terms, theta).values))
         if all(name in values for name in names):
             return starts[0]
-        return self._likeliest([*starts, *([self._foretold[terms]] if terms in self._foretold else [])])
+        foretold = [self._foretold[terms]] if terms in self._foretold else []
+        return likeliest(self.data, [*starts, *foretold])[0]
 
     def _first(self, terms: Terms) -> Iterator[Point]:
         """Where the first fit may begin: where torque has the parameters, or with what a joint has at least."""
@@ -131,12 +132,7 @@ class LoopScreen:
 
     def likelihood(self, terms: Sequence[Term]) -> float:
         """Log density of the errors of the likeliest fit of some terms, but for a constant [nat]."""
-        error = self.near(terms).error[:, None]
-        return float(likelihood(error, self.data.recording_of, self.data.resolution)[0])
-
-    def _likeliest(self, points: Sequence[Point]) -> Point:
-        told = likelihood(self.data.misses(points), self.data.recording_of, self.data.resolution)
-        return points[int(np.argmax(told))]
+        return float(likelihood(self.data, self.near(terms).error[:, None])[0])
 
     def balance(self, terms: Sequence[Term]) -> Balance:
         """Equations of some terms, weighted by how far off each error is."""
@@ -172,11 +168,7 @@ class LoopScreen:
         return self._trial(tuple(terms), self.near(terms).error)
 
     def _trial(self, terms: Terms, error: Array) -> Trial:
-        return Trial(terms, self._scale(error[:, None])[0])
-
-    def _scale(self, errors: Array) -> list[float]:
-        told = likelihood(errors, self.data.recording_of, self.data.resolution)
-        return np.exp(-told / len(errors)).tolist()
+        return Trial(terms, float(np.exp(-likelihood(self.data, error[:, None])[0] / len(error))))
 
     def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
         """Variants of an effect beside the terms, from which a search starts."""

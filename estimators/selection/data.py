@@ -48,9 +48,19 @@ class Errors:
     in_loop: float = np.nan
     in_loop_rms: float = np.nan
 
+    def with_loop(self, missed: Array) -> Errors:
+        """The same with those of positions (R,) [rad] that were simulated with the controller in the loop."""
+        mean, rms = float(np.mean(np.abs(missed))), float(np.sqrt(np.mean(missed**2)))
+        return replace(self, in_loop=mean, in_loop_rms=rms)
+
+    @property
+    def is_in_loop(self) -> bool:
+        """Whether there are errors of motion that was simulated with the controller in the loop."""
+        return bool(np.isfinite(self.in_loop))
+
     def at(self, joint: str) -> float:
         """Torque error at a joint [N m], or error in the loop [rad]."""
-        return self.in_loop if np.isfinite(self.in_loop) else self.joints.get(joint, self.torque_rms)
+        return self.in_loop if self.is_in_loop else self.joints.get(joint, self.torque_rms)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""

@@ -209,8 +209,6 @@ def _stretches(part: Evidence, length: float) -> Stretches:
 def held_out_cost(step: Step) -> float:
     """Product of both held-out errors [N m rad]: a model is better where one falls by more than the other rises."""
     errors = step.errors["holdout"]
-    if not np.isnan(errors.in_loop):
-        return errors.in_loop
     return errors.torque_rms * (1.0 if np.isnan(errors.position_rms) else errors.position_rms)
 
 

@@ -23,7 +23,7 @@ _IN_LOOP = ("in the loop, mean [rad]", "RMS [rad]")
 def errors_table(steps: Sequence[Step]) -> Table:
     """Errors step by step, with a bar that shrinks; ratios are held-out errors over the base's."""
     base = steps[0].errors["holdout"]
-    if np.isfinite(base.in_loop):
+    if base.is_in_loop:
         return _loop_table(steps)
     rows = []
     for step in steps:
@@ -67,7 +67,7 @@ def _loop_table(steps: Sequence[Step]) -> Table:
 
 def fit_text(steps: Sequence[Step]) -> str:
     """How much of held-out torque and motion the first and the last model explain, in a sentence."""
-    if np.isfinite(steps[0].errors["holdout"].in_loop):
+    if steps[0].errors["holdout"].is_in_loop:
         return "mean distance of whole recordings from simulations that know nothing but the goal"
     first, last = (step.errors["holdout"] for step in (steps[0], steps[-1]))
     course = " -> " if len(steps) > 1 else ""
@@ -130,7 +130,7 @@ def distances_table(found: Comparison) -> Table:
     """Errors of a model on every recording, and on all together if there are several."""
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
     return Table(
-        (*_DISTANCES, *(_IN_LOOP if np.isfinite(found.joint.errors.in_loop) else ())),
+        (*_DISTANCES, *(_IN_LOOP if found.joint.errors.is_in_loop else ())),
         [
             (
                 item.name,

@@ -166,6 +166,18 @@ class Recording:
             return (self,)
         return tuple(self.slice(start, stop) for start, stop in pairwise((*self.starts, len(self))))
 
+    @property
+    def bus(self) -> Array:
+        """Voltage of the bus (N,) [V]: as recorded, or else what the drive says."""
+        if self.supply is not None:
+            return self.supply
+        return np.full(len(self), 1.0 if self.drive is None or self.drive.supply is None else self.drive.supply)
+
+    @property
+    def powered(self) -> Array:
+        """1 while the motor is powered and 0 while it is open (N,): as recorded, or else all along."""
+        return np.ones(len(self)) if self.enabled is None else self.enabled
+
     def slice(self, start: int | None, stop: int | None) -> Self:
         """Samples start to stop - 1, indices as in Python slicing; time is not shifted.
 

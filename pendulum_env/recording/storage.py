@@ -219,9 +219,8 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None = None
     turned: tuple[str, ...] = ()
     if unwrap:
         values["position"], turned = _unwrapped(values["position"])
-        if "reference" in values and not (
-            drive is not None and drive.acts_on_speed
-        ):  # on the turn that the joint is on
+        is_angle = drive is None or not drive.acts_on_speed
+        if "reference" in values and is_angle:  # on the turn that the joint is on
             whole = np.round((values["position"] - values["reference"]) / math.tau)
             values["reference"] = values["reference"] + math.tau * whole
         noted(turned)
@@ -261,9 +260,7 @@ def _asked_for(recording: Recording, drive: Drive) -> Array:
     for part in recording.segments:
         assert part.reference is not None  # there is no drive without one
         velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
-        supply = np.full(len(part), drive.supply or 1.0) if part.supply is None else part.supply
-        on = np.ones(len(part)) if part.enabled is None else part.enabled
-        parts.append(drive.torque(part.reference, part.position, velocity, supply, on))
+        parts.append(drive.torque(part.reference, part.position, velocity, part.bus, part.powered))
     return np.concatenate(parts)
 
 

@@ -36,7 +36,7 @@ from pendulum_env.recording.columns import refuse_unknown_quantity
 from pendulum_env.recording.record import Load, Recording, RecordingError
 from pendulum_env.recording.storage import read_recording
 from pendulum_env.recording.table import LARGEST
-from pendulum_env.servo.drive import Drive, DriveError
+from pendulum_env.servo.drive import Drive
 
 Role = Literal["fit", "holdout"]
 MOST = 1000  # recordings, each of which is compared with each
@@ -288,7 +288,7 @@ class _Reader:
         """The drive that is meant; None if nothing is said of any."""
         try:
             return Drive.of(told) if told else None
-        except (DriveError, ValueError) as error:
+        except ValueError as error:
             raise self.error(where, str(error)) from None
 
     def columns(self, where: Key, table: Any) -> dict[str, str]:

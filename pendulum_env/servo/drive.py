@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 
@@ -64,8 +64,8 @@ class Drive:
 
     def __post_init__(self) -> None:
         for name, known in (("control", Control), ("output", Output)):
-            if getattr(self, name) not in known.__args__:  # type: ignore[attr-defined]
-                told = " or ".join(known.__args__)  # type: ignore[attr-defined]
+            if getattr(self, name) not in get_args(known):
+                told = " or ".join(get_args(known))
                 raise DriveError(f"{name} is {shown(getattr(self, name))}: it should be {told}")
         for name in ("kp", "ki", "kd", "delay"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
@@ -93,8 +93,12 @@ class Drive:
         """Torque that was asked for along a measured motion, in its `unit` (N,); the integral is left out."""
         error = goal - (velocity if self.acts_on_speed else position)
         output = self.kp * error - (0.0 if self.acts_on_speed else self.kd * velocity)
-        scale = (supply if self.output == "duty" else 1.0) * (1.0 if self.gain is None else self.gain)
-        return np.asarray(on * scale * np.clip(output, -self.most, self.most))
+        return np.asarray(on * self.scale(supply) * np.clip(output, -self.most, self.most))
+
+    def scale(self, supply: Array) -> Array:
+        """Torque, in its `unit`, that each unit of the output makes under some supply [V]."""
+        volts = supply if self.output == "duty" else np.ones_like(supply)
+        return volts if self.gain is None else volts * self.gain
 
     @property
     def acts_on_speed(self) -> bool:

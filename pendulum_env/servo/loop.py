@@ -16,12 +16,12 @@ import numpy as np
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.physics.simulation import Balance, in_symbols, step
+from pendulum_env.physics.simulation import Balance, Prepared, in_symbols, step
 from pendulum_env.physics.symbols import name
 from pendulum_env.physics.term import upper, written
 from pendulum_env.servo.drive import Drive
 
-GAINS = ("kp", "ki", "kd", "most", "scale", "seen", "turn")  # of each servo
+GAINS = ("kp", "ki", "kd", "most", "seen", "turn")  # of each servo
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Given(NamedTuple):
     """What a servo is given over a step: goal, scale of its output, whether it is on, and due to look again."""
 
     goal: Any
-    supply: Any
+    scale: Any
     on: Any
     due: Any
 
@@ -80,19 +80,16 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     Returns:
         Positions at the start and after every so many steps (N / every + 1, V, B) [rad].
     """
-    h = np.full(len(servos.drives), servos.step)
-    variants, lanes = theta.shape[1], len(h)
-    taps = _taps(terms, servos, h, variants)
+    h, shape = servos.step, (theta.shape[1], len(servos.drives))
+    taps = _taps(terms, servos, shape)
     speed = servos.drives[0].acts_on_speed
     if any(drive.acts_on_speed != speed for drive in servos.drives):
         raise ValueError("servos under position and under velocity control cannot be simulated at once")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
     gains = np.array([_gains(drive, servos.step) for drive in servos.drives]).T
-    scale = np.where([drive.output == "duty" for drive in servos.drives], servos.supply, 1.0)
-    given = np.stack([servos.goal, scale, servos.on], axis=1)
-    inputs = np.concatenate([given, _due(servos, h, len(given))[:, None]], axis=1)
-    program = _prepared(terms, speed, len(taps), loaded, integrates, float(h.max()))
-    shape = variants, lanes
+    scale = np.column_stack([drive.scale(own) for drive, own in zip(servos.drives, servos.supply.T, strict=True)])
+    inputs = np.stack([servos.goal, scale, servos.on, _due(servos)], axis=1)
+    program = _prepared(terms, speed, len(taps), loaded, integrates, h)
     theta = theta[:, :, None]
     constants = [*theta, *program.shapes, *gains[:, None], *(servos.load if loaded else ()), *taps, h]
     own = np.array([np.broadcast_to(value, shape) for value in constants])
@@ -102,7 +99,7 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
     x = replace(x, memory=balance.start(x))
     state = State(np.zeros(shape), (np.zeros(shape),) * (len(taps) - 1), np.zeros(shape), v)
     if program.step is None:  # a law of a user's is no formula
-        return _run(balance, x, state, inputs, dict(zip(GAINS, gains, strict=True)), taps, speed, servos.step, every)
+        return _run(balance, x, state, inputs, dict(zip(GAINS, gains, strict=True)), taps, speed, h, every)
     states = np.array([np.broadcast_to(row, shape) for row in _flat(x, state, integrates)])
     return np.asarray(program.step(inputs, own, states, every)[:, 1])
 
@@ -111,7 +108,7 @@ def _gains(drive: Drive, step: float) -> tuple[float, ...]:
     """Gains of a servo, the share of a new speed that its filter takes over in a turn, and the time of a turn [s]."""
     turn = step if drive.rate is None else max(step, 1.0 / drive.rate)
     seen = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * turn)
-    return drive.kp, drive.ki, drive.kd, drive.most, 1.0 if drive.gain is None else drive.gain, seen, turn
+    return drive.kp, drive.ki, drive.kd, drive.most, seen, turn
 
 
 def _run(
@@ -141,10 +138,10 @@ def _flat(x: Samples, state: State, integrates: bool) -> list[Any]:
     return [x.time, x.position, x.velocity, *own, *held]
 
 
-def _taps(terms: Sequence[Term], servos: Servos, h: Array, variants: int) -> Array:
+def _taps(terms: Sequence[Term], servos: Servos, shape: tuple[int, int]) -> Array:
     """Weights (T, V, B) of the outputs of the last T steps, the newest first: what is late lies between two of them."""
     late = sum((np.asarray(term.delay, dtype=float) for term in terms), np.zeros(1)).reshape(-1, 1)
-    steps = np.broadcast_to((late + np.array([drive.delay for drive in servos.drives])) / h, (variants, len(h)))
+    steps = np.broadcast_to((late + np.array([drive.delay for drive in servos.drives])) / servos.step, shape)
     whole = np.floor(steps + 1e-9)
     share = np.maximum(steps - whole, 0.0)
     count = 2 ** math.ceil(math.log2(int(whole.max()) + 1 + bool(share.any())))  # few programs for many delays
@@ -152,10 +149,11 @@ def _taps(terms: Sequence[Term], servos: Servos, h: Array, variants: int) -> Arr
     return np.asarray(np.where(place == whole, 1 - share, 0.0) + np.where(place == whole + 1, share, 0.0))
 
 
-def _due(servos: Servos, h: Array, steps: int) -> Array:
+def _due(servos: Servos) -> Array:
     """Whether each controller looks again at the start of each step (N, B)."""
     rate = np.array([np.inf if drive.rate is None else drive.rate for drive in servos.drives])
-    turn = np.floor(np.arange(steps)[:, None] * h * np.minimum(rate, 1.0 / h) + 1e-6)
+    time = servos.step * np.arange(len(servos.goal))[:, None]
+    turn = np.floor(time * np.minimum(rate, 1.0 / servos.step) + 1e-6)
     return np.asarray(np.diff(turn, axis=0, prepend=-1.0) > 0, dtype=float)
 
 
@@ -178,7 +176,7 @@ def servo_step(
     winds = (np.abs(wanted) > gains["most"]) & (wanted * error > 0)
     integral = state.integral + np.where(looks, np.where(winds, 0.0, gains["turn"] * error), 0.0)
     integral = np.where(given.on > 0, integral, 0.0)  # begins anew with power
-    held = np.where(looks, output * given.supply * gains["scale"], state.held)
+    held = np.where(looks, output * given.scale, state.held)
     line = (held, *state.before)
     torque: Any = given.on * sum(weight * past for weight, past in zip(taps, line, strict=True))
     memory: Any = {id: (given.on,) if id == BackEmf.id else own for id, own in x.memory.items()}
@@ -189,14 +187,9 @@ def servo_step(
 _known: dict[object, Any] = {}
 
 
-class _Program(NamedTuple):
-    step: Any
-    shapes: Sequence[ArrayLike]
-
-
 def _prepared(
     terms: Sequence[Term], speed: bool, taps: int, loaded: bool, integrates: bool, longest: float
-) -> _Program:
+) -> Prepared:
     """A step of servos, compiled."""
     from pendulum_env.physics.compiled import KEPT, recurrence  # here, as it takes long to load
 
@@ -209,11 +202,11 @@ def _prepared(
         upper(longest),
     )
     if key in _known:
-        return _Program(_known[key], [value for k, term in enumerate(terms) for value in written(term, k)[1].values()])
+        return Prepared(_known[key], [value for k, term in enumerate(terms) for value in written(term, k)[1].values()])
     try:
         balance, x, shapes = in_symbols(terms, loaded)
     except Exception:  # a user's law may do anything that NumPy does
-        return _Program(None, [])
+        return Prepared(None, [])
     h: Any = name("h", most=upper(longest))
     given = Given(*(name(text) for text in Given._fields))
     gains = {text: name(text) for text in GAINS}
@@ -224,11 +217,11 @@ def _prepared(
     try:
         after, later = servo_step(balance, x, state, given, gains, weights, speed, h)
     except Exception:
-        return _Program(None, [])
+        return Prepared(None, [])
 
     constants: Any = [*balance.theta, *map(name, shapes), *gains.values(), *(x.load if loaded else ()), *weights, h]
     inputs, known, states = ([one.label for one in each] for each in (given, constants, _flat(x, state, integrates)))
     if len(_known) >= KEPT:
         _known.clear()
     program = _known[key] = recurrence(inputs, known, states, _flat(after, later, integrates))
-    return _Program(program, list(shapes.values()))
+    return Prepared(program, list(shapes.values()))

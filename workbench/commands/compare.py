@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 
-import numpy as np
-
 from estimators.comparison import compare, in_units_of
 from estimators.in_loop.rollouts import are_driven
 from estimators.show.tables import distances_table, profile_table
@@ -81,12 +79,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             write_comparison_report(arguments.report, found, recordings)
     terminal.heading(f"Errors of the model with {enumerate_words([term.id for term in model.terms])}")
     terminal.table(*distances_table(found))
-    if np.isfinite(found.joint.errors.in_loop):
-        terminal.say(
-            f"simulated from its goals alone, the model is off by {found.joint.errors.in_loop:.3g} rad on average"
-        )
-    if found.caveat is not None:
-        terminal.say(found.caveat)
+    for text in filter(None, (found.told_in_loop, found.caveat)):
+        terminal.say(text)
     if found.disagreements:
         terminal.heading("Recordings that disagree")
         for disagreement in found.disagreements:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from estimators.arguments import Recordings, chosen_recordings
 from estimators.comparison import Comparison, in_units_of, joined
 from estimators.diagnosis.result import Diagnosis
@@ -39,17 +37,11 @@ def render(compared: Comparison, recordings: Recordings) -> str:
     """HTML of the report; see `write_comparison_report`."""
     case = _case(compared, recordings)
     sections = [distances(compared), comparison(case), failures(case), parameters(case)]
-    if np.isfinite(compared.joint.errors.in_loop):
+    if compared.told_in_loop is not None:
         own = in_units_of(compared.model, chosen_recordings(recordings))
-        sections.insert(1, loop(in_words(compared), [("model", compared.model)], own))
+        sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], own))
     page = assemble(sections, f"comparison with {words.listing([recording.name for recording in case.train])}")
     return words.per(page.replace("base model", "model"), compared.torque_unit)  # nothing is added to it here
-
-
-def in_words(compared: Comparison) -> str:
-    """Errors in the loop, in a sentence."""
-    errors = compared.joint.errors
-    return f"simulated from its goals alone, the model is off by {errors.in_loop:.3g} rad on average"
 
 
 def distances(compared: Comparison) -> Section:

@@ -178,7 +178,7 @@ def test_fit_finds_the_likeliest_parameters_from_far_away(plain):
     far = Point(terms, np.array([0.03, 0.4, 0.2, 0.2, 0.1]))
     found = fit(rollouts, far, TYPICAL, share=0.0)
     true = rollouts.misses([Point(terms, np.array([*TRUE.values(), 0.0]))])
-    told = [likelihood(e, rollouts.recording_of, rollouts.resolution)[0] for e in (found.error[:, None], true)]
+    told = [likelihood(rollouts, e)[0] for e in (found.error[:, None], true)]
     assert told[0] >= told[1]
     assert found.point.theta[:4] == pytest.approx(list(TRUE.values()), rel=0.05)
 

@@ -52,7 +52,6 @@ def loop(
             Figure(f"loop-{number}", f"{recording.name}: goal, measured and simulated position", lines, layout)
         )
     content = {
-        "headline": opening(headline),
         "labels": [label for label, _ in models],
         "rows": rows,
         "figures": figures,
