@@ -140,12 +140,16 @@ def take_recordings(parser: argparse.ArgumentParser, *, what: str = "fitted join
             help="confirm on this one (may be repeated); without it, the last 30 %% of each recording are held out",
         )
     take_reading(parser)
+    take_drive(parser, "the controller that followed the reference", "diagnose, add and compare then simulate it along")
+
+
+def take_drive(parser: argparse.ArgumentParser, what: str, meaning: str) -> None:
+    """Declare a drive: what it is, and what is done with it."""
     parser.add_argument(
         "--drive",
         type=argument(_drive),
         metavar="KEY=VALUE,...",
-        help="the controller that followed the reference, as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: "
-        f"{', '.join(KEYS)}; diagnose, add and compare then simulate it along",
+        help=f"{what}, as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}; {meaning}",
     )
 
 

@@ -128,7 +128,10 @@ class Rollouts:
                 name: values[0] if np.all(values == values[0]) else values[:, None] for name, values in shapes.items()
             }
             terms.append(type(variants[0])(**same))
-        paths = follow(terms, np.column_stack([point.theta for point in points]), self.servos, self.steps)
+        return self.missed(follow(terms, np.column_stack([point.theta for point in points]), self.servos, self.steps))
+
+    def missed(self, paths: Array) -> Array:
+        """Positions (N + 1, V, B), simulated a grain apart from the start on, minus measured ones (R, V) [rad]."""
         told = np.concatenate([paths[1 : len(own) + 1, :, lane][own] for lane, own in enumerate(self._compared)])
         return np.clip(np.nan_to_num(told, nan=np.inf) - self.position[:, None], -FARTHEST, FARTHEST)
 

@@ -150,6 +150,8 @@ def _short(op: str, operands: tuple[Operand, ...]) -> Operand:
         return first
     if op == "subtract" and first is second:
         return 0.0
+    if is_number[1] and (op, second) in (("minimum", np.inf), ("maximum", -np.inf)):
+        return first
     if op == "power" and is_number[1] and second == 1:
         return first
     if op == "multiply" and any(flag and x == 0 for flag, x in zip(is_number, operands, strict=True)):

@@ -81,30 +81,30 @@ def follow(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) 
         Positions at the start and after every so many steps (N / every + 1, V, B) [rad].
     """
     h, shape = servos.step, (theta.shape[1], len(servos.drives))
-    taps = _taps(terms, servos, shape)
+    weights = _taps(terms, servos, shape)
     speed = servos.drives[0].acts_on_speed
     if any(drive.acts_on_speed != speed for drive in servos.drives):
         raise ValueError("servos under position and under velocity control cannot be simulated at once")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
-    gains = np.array([_gains(drive, servos.step) for drive in servos.drives]).T
+    gains = np.array([gains_of(drive, servos.step) for drive in servos.drives]).T
     scale = np.column_stack([drive.scale(own) for drive, own in zip(servos.drives, servos.supply.T, strict=True)])
     inputs = np.stack([servos.goal, scale, servos.on, _due(servos)], axis=1)
-    program = _prepared(terms, speed, len(taps), loaded, integrates, h)
+    program = _prepared(terms, speed, len(weights), loaded, integrates, h)
     theta = theta[:, :, None]
-    constants = [*theta, *program.shapes, *gains[:, None], *(servos.load if loaded else ()), *taps, h]
+    constants = [*theta, *program.shapes, *gains[:, None], *(servos.load if loaded else ()), *weights, h]
     own = np.array([np.broadcast_to(value, shape) for value in constants])
     q, v, t = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity, servos.start))
     x = Samples(t, q, v, np.zeros(shape), load=servos.load)
     balance = Balance(terms, theta, loaded)
     x = replace(x, memory=balance.start(x))
-    state = State(np.zeros(shape), (np.zeros(shape),) * (len(taps) - 1), np.zeros(shape), v)
+    state = State(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v)
     if program.step is None:  # a law of a user's is no formula
-        return _run(balance, x, state, inputs, dict(zip(GAINS, gains, strict=True)), taps, speed, h, every)
+        return _run(balance, x, state, inputs, dict(zip(GAINS, gains, strict=True)), weights, speed, h, every)
     states = np.array([np.broadcast_to(row, shape) for row in _flat(x, state, integrates)])
     return np.asarray(program.step(inputs, own, states, every)[:, 1])
 
 
-def _gains(drive: Drive, step: float) -> tuple[float, ...]:
+def gains_of(drive: Drive, step: float) -> tuple[float, ...]:
     """Gains of a servo, the share of a new speed that its filter takes over in a turn, and the time of a turn [s]."""
     turn = step if drive.rate is None else max(step, 1.0 / drive.rate)
     seen = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * turn)
@@ -139,13 +139,18 @@ def _flat(x: Samples, state: State, integrates: bool) -> list[Any]:
 
 
 def _taps(terms: Sequence[Term], servos: Servos, shape: tuple[int, int]) -> Array:
-    """Weights (T, V, B) of the outputs of the last T steps, the newest first: what is late lies between two of them."""
+    """Weights (T, V, B) of the outputs of the last T steps."""
     late = sum((np.asarray(term.delay, dtype=float) for term in terms), np.zeros(1)).reshape(-1, 1)
-    steps = np.broadcast_to((late + np.array([drive.delay for drive in servos.drives])) / servos.step, shape)
+    steps = (late + np.array([drive.delay for drive in servos.drives])) / servos.step
+    return taps(np.broadcast_to(steps, shape))
+
+
+def taps(steps: Array) -> Array:
+    """Weights (T, ...) of the outputs of the last T steps, the newest first: what is late lies between two of them."""
     whole = np.floor(steps + 1e-9)
     share = np.maximum(steps - whole, 0.0)
     count = 2 ** math.ceil(math.log2(int(whole.max()) + 1 + bool(share.any())))  # few programs for many delays
-    place = np.arange(count)[:, None, None]
+    place = np.arange(count).reshape(-1, *(1,) * steps.ndim)
     return np.asarray(np.where(place == whole, 1 - share, 0.0) + np.where(place == whole + 1, share, 0.0))
 
 
@@ -168,6 +173,16 @@ def servo_step(
     h: ArrayLike,
 ) -> tuple[Samples, State]:
     """One step of servos and their controllers, in symbols or arrays."""
+    torque, state = control(x, state, given, gains, taps, speed)
+    memory: Any = {id: (given.on,) if id == BackEmf.id else own for id, own in x.memory.items()}
+    after = step(balance, replace(x, torque=torque, memory=memory), h)
+    return after, state
+
+
+def control(
+    x: Samples, state: State, given: Given, gains: Mapping[str, Any], taps: Sequence[Any], speed: bool
+) -> tuple[Any, State]:
+    """Torque that a motor is asked for over a step, and what its controller remembers; in symbols or arrays."""
     looks = given.due > 0
     seen = np.where(looks, state.speed + gains["seen"] * (x.velocity - state.speed), state.speed)
     error = given.goal - (seen if speed else x.position)
@@ -179,9 +194,7 @@ def servo_step(
     held = np.where(looks, output * given.scale, state.held)
     line = (held, *state.before)
     torque: Any = given.on * sum(weight * past for weight, past in zip(taps, line, strict=True))
-    memory: Any = {id: (given.on,) if id == BackEmf.id else own for id, own in x.memory.items()}
-    after = step(balance, replace(x, torque=torque, memory=memory), h)
-    return after, State(held, line[: len(state.before)], integral, seen)
+    return torque, State(held, line[: len(state.before)], integral, seen)
 
 
 _known: dict[object, Any] = {}

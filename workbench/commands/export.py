@@ -4,12 +4,27 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
+from typing import Literal
 
 from estimators.comparison import in_units_of
+from estimators.in_loop.rollouts import are_driven
 from pendulum_env.files import write_whole
 from pendulum_env.physics import Model
-from workbench.export import BODIES, FORMATS, READABLE, Exported, Request, export
-from workbench.inputs import check_outputs, number, read_model, read_recordings, sources_of, take_reading, wrote
+from pendulum_env.reading import shown
+from pendulum_env.recording import Recording
+from pendulum_env.recording.study import Source
+from workbench.export import ACTUATORS, BODIES, FORMATS, READABLE, Exported, Request, export
+from workbench.inputs import (
+    check_outputs,
+    number,
+    read_model,
+    read_recordings,
+    sources_of,
+    take_drive,
+    take_reading,
+    wrote,
+)
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 
@@ -45,49 +60,116 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="KGM2",
         help="inertia of the rotor about the joint, where it is known: motion tells its sum with the arm's (default 0)",
     )
-    parser.add_argument("--check", metavar="RECORDING", help="run it in MuJoCo against a recording: mjcf and urdf")
+    take_drive(parser, "the controller of a servo, exported with its joint", "it is then told a goal, not a torque")
+    parser.add_argument(
+        "--callback",
+        metavar="FILE",
+        help="with mjcf: a program beside it, in Python (.py) or C (.c), with what MuJoCo does not have: effects such "
+        "as Stribeck and load-dependent friction, rate and delay of the controller",
+    )
+    parser.add_argument(
+        "--check",
+        metavar="RECORDING",
+        help="run it in MuJoCo against a recording or a study, in the loop where a drive is known: mjcf and urdf",
+    )
     take_reading(parser)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Export, perhaps check, and say what the form does not hold."""
-    sources = sources_of(arguments.check, arguments) if arguments.check is not None else ()
-    check_outputs([arguments.output], [arguments.model, *(str(source.file) for source in sources)])
-    if sources and arguments.to not in READABLE:
-        raise InputError(f"--check runs in MuJoCo, which reads {' and '.join(READABLE)}, not {arguments.to}")
-    if arguments.to not in BODIES and (arguments.mass or arguments.armature):
-        raise InputError(
-            f"--mass and --armature are of a rigid body, which {', '.join(BODIES)} have, not {arguments.to}"
-        )
-    model = read_model(arguments.model)
-    exported = export(
-        model, arguments.to, Request(arguments.approximate, arguments.step, arguments.mass, arguments.armature)
+    sources = _checked(arguments)
+    outputs = [arguments.output, arguments.callback]
+    check_outputs(outputs, [arguments.model, *(str(source.file) for source in sources)])
+    _refuse(arguments, bool(sources))
+    language: Literal["python", "c"] | None = None
+    if arguments.callback is not None:
+        language = "c" if arguments.callback.endswith(".c") else "python"
+    request = Request(
+        arguments.approximate, arguments.step, arguments.mass, arguments.armature, arguments.drive, language
     )
+    model = read_model(arguments.model)
+    exported = export(model, arguments.to, request)
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)
         for note in exported.notes:
             terminal.say(f"{note}", style="yellow")
     elif not sources:
         sys.stdout.write(exported.content)
+    if arguments.callback is not None:
+        write_whole(arguments.callback, exported.callback)
     if sources:
-        tell(model, exported, arguments, terminal)
-    wrote([arguments.output], terminal)
+        recordings = in_units_of(model, read_recordings(sources, terminal))
+        tell = _tell_in_loop if arguments.to == "mjcf" and are_driven(recordings) else _tell
+        tell(model, exported, request, recordings, terminal)
+    wrote(outputs, terminal)
 
 
-def tell(model: Model, exported: Exported, arguments: argparse.Namespace, terminal: Terminal) -> None:
+def _checked(arguments: argparse.Namespace) -> tuple[Source, ...]:
+    """What to check with: of a study what is held out, if anything is."""
+    if arguments.check is None:
+        return ()
+    asked = argparse.Namespace(**vars(arguments))
+    if arguments.check.lower().endswith(".toml"):
+        asked.drive = None  # that of the export: a study says its own
+    sources = sources_of(arguments.check, asked)
+    return tuple(source for source in sources if source.role == "holdout") or sources
+
+
+def _refuse(arguments: argparse.Namespace, checks: bool) -> None:
+    """Raise InputError if what is asked for is not of the format."""
+    to = arguments.to
+    if checks and to not in READABLE:
+        raise InputError(f"--check runs in MuJoCo, which reads {' and '.join(READABLE)}, not {to}")
+    if to not in BODIES and arguments.mass:
+        raise InputError(f"--mass is of a rigid body, which {', '.join(BODIES)} have, not {to}")
+    if to not in (*BODIES, *ACTUATORS) and arguments.armature:
+        raise InputError(f"--armature is of a joint, which {', '.join((*BODIES, *ACTUATORS))} have, not {to}")
+    if arguments.callback is not None and to != "mjcf":
+        raise InputError(f"--callback goes with mjcf: {to} has no place for it")
+    if arguments.callback is not None and not arguments.callback.endswith((".py", ".c")):
+        raise InputError(f"--callback {shown(arguments.callback)}: its name should end in .py or .c")
+    if arguments.drive is not None and to in ("urdf", "sdf"):
+        raise InputError(
+            f"--drive is of a servo, which {to} does not hold: export to mjcf, isaaclab, mjlab, python or c"
+        )
+
+
+def _tell(
+    model: Model, exported: Exported, request: Request, recordings: tuple[Recording, ...], terminal: Terminal
+) -> None:
     """Print how far both simulations are from the recording, and from each other."""
     from workbench.export.check import check  # needs the libraries of a comparison
 
-    recordings = in_units_of(model, read_recordings(sources_of(arguments.check, arguments), terminal))
+    if request.drive is not None or request.callback is not None:
+        raise InputError(
+            f"{recordings[0].name}: has no goal: a servo, or a joint with a callback, is checked in the loop alone"
+        )
     with terminal.progress("running in MuJoCo"):
         found = check(model, exported, recordings)
     terminal.heading("Free run over windows of one second, RMS")
     rows = [
-        (what, f"{value:.3g} rad", f"{100 * value / found.motion:.2g} %")
-        for what, value in (
-            ("this project's simulation against the recording", found.own),
-            ("MuJoCo with the exported model against the recording", found.mujoco),
-            ("one against the other", found.between),
-        )
+        ("this project's simulation against the recording", found.own),
+        ("MuJoCo with the exported model against the recording", found.mujoco),
+        ("one against the other", found.between),
     ]
-    terminal.table(("", "error", "of the motion"), rows)
+    _table(rows, found.motion, terminal)
+
+
+def _tell_in_loop(
+    model: Model, exported: Exported, request: Request, recordings: tuple[Recording, ...], terminal: Terminal
+) -> None:
+    """Print how far both simulations are from recordings of which they know nothing but the goal."""
+    from workbench.export.check import check_in_loop
+
+    with terminal.progress("running in MuJoCo"):
+        found = check_in_loop(model, request, recordings)
+    terminal.heading("In the loop, whole recordings from their goals alone, mean error")
+    rows = [("this project's simulation", found.own), ("MuJoCo with what is exported", found.mujoco)]
+    rows += [] if found.alone is None else [("MuJoCo without the callback", found.alone)]
+    _table(rows, found.motion, terminal)
+
+
+def _table(rows: Sequence[tuple[str, float]], motion: float, terminal: Terminal) -> None:
+    """Print errors in rad, and as shares of the motion."""
+    told = [(what, f"{value:.3g} rad", f"{100 * value / motion:.2g} %") for what, value in rows]
+    terminal.table(("", "error", "of the motion"), told)

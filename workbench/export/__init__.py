@@ -1,7 +1,7 @@
 """A model in the forms that simulators and programs read; each form is a module of its name.
 
 `python` and `c` hold the simulator's own step, whatever the effects. `mjcf`, `urdf` and `sdf` describe a body
-on a joint, and name what of a model they cannot hold.
+on a joint, `isaaclab` and `mjlab` the actuator of one, and name what of a model they cannot hold.
 """
 
 from __future__ import annotations
@@ -18,9 +18,12 @@ FORMATS: dict[str, tuple[str, str]] = {  # ending of a file's name, and what it 
     "sdf": (".sdf", "a model for Gazebo"),
     "python": (".py", "a module without dependencies"),
     "c": (".c", "a file of C99"),
+    "isaaclab": (".py", "an actuator of Isaac Lab"),
+    "mjlab": (".py", "an actuator of mjlab"),
 }
 BODIES = ("mjcf", "urdf", "sdf")  # rigid ones, on a joint
 READABLE = ("mjcf", "urdf")  # by MuJoCo
+ACTUATORS = ("isaaclab", "mjlab")  # of servos
 
 
 def export(model: Model, format: str, request: Request | None = None) -> Exported:
@@ -36,4 +39,4 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
     return exported
 
 
-__all__ = ["BODIES", "FORMATS", "READABLE", "ExportError", "Exported", "Request", "export"]
+__all__ = ["ACTUATORS", "BODIES", "FORMATS", "READABLE", "ExportError", "Exported", "Request", "export"]

@@ -25,7 +25,7 @@ FAR = 1e4  # [rad], where a stop is that is none
 THIN = 0.01  # inertia about its length, in that about the axis
 FASTEST = 5.0  # [rad/s], up to which viscous and dry friction approximate another law
 SPEEDS = 100  # at which they do
-EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb")  # terms that every format holds
+EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")  # terms that every format holds
 OF_SPEED = (
     "stribeck",
     "quadratic_drag",
@@ -128,7 +128,7 @@ class Friction:
         missing += [
             f"{term.id} ({term.law}): {INSTEAD.get(term.id, 'it is left out')}" for term in others if term not in folded
         ]
-        viscous, dry = value(model, "viscous"), value(model, "coulomb")
+        viscous, dry = value(model, "viscous") + value(model, "back_emf"), value(model, "coulomb")
         if not folded and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(missing))
         speed = np.linspace(0.0, FASTEST, SPEEDS + 1)[1:]

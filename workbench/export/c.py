@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pendulum_env.physics import Model
 from workbench.export.dynamics import Dynamics, written
-from workbench.export.heading import heading, parameter_note, plain, state_note
+from workbench.export.heading import given_note, heading, parameter_note, state_note
 from workbench.export.request import Exported, Request
 from workbench.export.source import Dialect, Source
 
@@ -28,13 +28,18 @@ SIGN = "static double sign(double x) { return (x > 0) - (x < 0); }"
 
 def export(model: Model, request: Request) -> Exported:
     """The file: parameters by name, `pendulum_state`, `pendulum_start` and `pendulum_step`."""
-    dynamics = written(model, request.step)
-    start, step = Source.of(dynamics.start, DIALECT), Source.of(dynamics.after, DIALECT)
+    return Exported(program(model, written(model, request.step, request.drive), "pendulum"), ())
+
+
+def program(model: Model, dynamics: Dynamics, prefix: str) -> str:
+    """Text of the file, whose names begin with the prefix."""
+    results = list(dynamics.results.values())
+    start, step = Source.of(dynamics.start, DIALECT), Source.of([*dynamics.after, *results], DIALECT)
     needed, waiting = start.names | step.names, dynamics.waiting
-    said = [line.replace("step(state, torque)", "pendulum_step(state, torque)") for line in heading(model, dynamics)]
+    said = [line.replace("step(state", f"{prefix}_step(state") for line in heading(model, dynamics)]
     lines = ["/* " + "\n   ".join(said).replace("\n   \n", "\n\n") + " */", "", "#include <math.h>"]
     lines += ["#include <string.h>"] if waiting else []
-    lines += ["", f"#define PENDULUM_STEP {dynamics.step!r} /* [s] */", ""]
+    lines += ["", f"#define {prefix.upper()}_STEP {dynamics.step!r} /* [s] */", ""]
     lines += [
         f"static const double {p.name} = {DIALECT.number(p.value)}; /* {parameter_note(p)} */"
         for p in dynamics.parameters
@@ -43,26 +48,26 @@ def export(model: Model, request: Request) -> Exported:
     lines += ["", "typedef struct {"]
     lines += [f"    double {name}; /* {state_note(name)} */" for name in dynamics.state]
     lines += [f"    double commands[{waiting + 1}]; /* [N m], newest first */"] if waiting else []
-    lines += ["} pendulum_state;", ""]
+    lines += [f"}} {prefix}_state;", ""]
     lines += [SIGN, ""] if "sign" in start.used | step.used else []
     lines += ["/* State of a joint that has been so for long, without torque. */"]
-    lines += ["void pendulum_start(pendulum_state *state, double position, double velocity) {"]
+    lines += [f"void {prefix}_start({prefix}_state *state, double position, double velocity) {{"]
+    lines += [f"    (void){name};" for name in ("position", "velocity") if name not in start.names]
     lines += [f"    const double {name} = {text};" for name, text in start.lines]
-    results = ["0.0", "position", "velocity", *start.results]
-    lines += [f"    state->{name} = {text};" for name, text in zip(dynamics.state, results, strict=True)]
+    lines += [f"    state->{name} = {text};" for name, text in zip(dynamics.state, start.results, strict=True)]
     lines += ["    memset(state->commands, 0, sizeof state->commands);"] if waiting else []
-    lines += [
-        "}",
-        "",
-        f"/* State one PENDULUM_STEP later, under a torque [{plain(model.torque_unit)}] held meanwhile. */",
-    ]
-    lines += ["void pendulum_step(pendulum_state *state, double torque) {"]
+    lines += ["}", "", f"/* State one {prefix.upper()}_STEP later, given"]
+    lines += [f"   {'; '.join(given_note(quantity) for quantity in dynamics.given)}. */"]
+    given = [*(f"double {q.name}" for q in dynamics.given), *(f"double *{q.name}" for q in dynamics.results)]
+    lines += [f"void {prefix}_step({', '.join([f'{prefix}_state *state', *given])}) {{"]
+    lines += [f"    (void){q.name};" for q in dynamics.given if q.name not in step.names]
     lines += [f"    const double {name} = state->{name};" for name in dynamics.state if name in step.names]
     lines += _take_in(dynamics) if waiting else []
     lines += [f"    const double {name} = {text};" for name, text in step.lines]
-    lines += [f"    state->{name} = {text};" for name, text in zip(dynamics.state, step.results, strict=True)]
+    targets = [*(f"state->{name}" for name in dynamics.state), *(f"*{q.name}" for q in dynamics.results)]
+    lines += [f"    {target} = {text};" for target, text in zip(targets, step.results, strict=True)]
     lines += ["}", ""]
-    return Exported("\n".join(lines), ())
+    return "\n".join(lines)
 
 
 def _take_in(dynamics: Dynamics) -> list[str]:

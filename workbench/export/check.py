@@ -1,22 +1,28 @@
-"""An exported model in MuJoCo, against a recording and beside this project's own simulation."""
+"""An exported model in MuJoCo, against recordings and beside this project's own simulation."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from estimators.in_loop.comparison import likelier
+from estimators.in_loop.rollouts import GRAIN
 from estimators.selection.data import Evidence
 from estimators.simulation.free_running import Flights, fly_all, start_memory
+from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
+from pendulum_env.servo.loop import Servos
+from workbench.export import mjcf
 from workbench.export.extra import needed
-from workbench.export.request import Exported, ExportError
+from workbench.export.request import Exported, ExportError, Request
 
 
 @dataclass(frozen=True)
@@ -44,9 +50,7 @@ def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> 
         IdentificationError: if a recording holds too little motion.
         InputError: if the extra `export` is not installed.
     """
-    for recording in recordings:
-        if recording.load is not None and (recording.load.inertia or recording.load.gravity):
-            raise ExportError(f"{recording.name}: a known load hung on the joint: check with a recording without one")
+    refuse_loads(recordings)
     flights = Evidence.of(recordings).watching(model).flights
     own = [path[:, 0] for path in fly_all(flights, [(model.terms, model.theta)])]
     theirs = [_fly(model, exported, flight) for flight in flights]
@@ -54,6 +58,86 @@ def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> 
     return Check(
         _rms(own, measured), _rms(theirs, measured), _rms(theirs, own), _rms(measured, [q.mean(0) for q in measured])
     )
+
+
+@dataclass(frozen=True)
+class LoopCheck:
+    """Mean absolute position errors of whole recordings, simulated from their goals alone [rad].
+
+    Attributes:
+        own: of this project's simulation.
+        mujoco: of MuJoCo with what is exported.
+        alone: of MuJoCo with the XML alone, where a callback is exported beside it.
+        motion: mean absolute distance of the measured position from its mean.
+    """
+
+    own: float
+    mujoco: float
+    alone: float | None
+    motion: float
+
+
+def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording]) -> LoopCheck:
+    """Run what is exported in MuJoCo against recordings of servos, each with the drive that it was recorded with.
+
+    Raises:
+        ExportError: if a known load hung on the joint, or steps do not add up to those that are compared.
+        InputError: if the extra `export` is not installed.
+    """
+    refuse_loads(recordings)
+    steps = round(GRAIN / request.step)
+    if abs(steps * request.step - GRAIN) > 1e-9:
+        raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
+    rollouts = replace(likelier(model, recordings)[0], steps=steps)
+    own = rollouts.misses([Point(model.terms, model.theta)])
+    apart = rollouts.position - rollouts.position.mean()
+
+    def error(request: Request) -> float:
+        return float(np.mean(np.abs(rollouts.missed(_follow(model, request, rollouts.servos, steps)))))
+
+    alone = replace(request, callback=None, approximate=True)
+    return LoopCheck(
+        float(np.mean(np.abs(own))),
+        error(replace(request, callback="python") if request.callback else request),  # C says the same
+        error(alone) if request.callback else None,
+        float(np.mean(np.abs(apart))),
+    )
+
+
+def refuse_loads(recordings: Sequence[Recording]) -> None:
+    """Raise ExportError if a known load hung on the joint, which no exported model has."""
+    for recording in recordings:
+        if recording.load is not None and (recording.load.inertia or recording.load.gravity):
+            raise ExportError(f"{recording.name}: a known load hung on the joint: check with a recording without one")
+
+
+def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array:
+    """Positions of servos in MuJoCo at the start and after every so many steps, (N / every + 1, 1, B) [rad]."""
+    mujoco = needed("mujoco")
+    made = {drive: mjcf.export(model, replace(request, drive=drive)) for drive in dict.fromkeys(servos.drives)}
+    paths = np.empty((len(servos.goal) // every + 1, 1, len(servos.drives)))
+    for lane, drive in enumerate(servos.drives):
+        world = mujoco.MjModel.from_xml_string(made[drive].content)
+        data = mujoco.MjData(world)
+        data.qpos[0], data.qvel[0] = servos.position[lane], servos.velocity[lane]
+        program, state = ModuleType("callback"), None
+        if made[drive].callback:
+            exec(made[drive].callback, program.__dict__)  # what is exported is what is run
+            state = program.start(*map(float, (data.qpos[0], data.qvel[0])))
+        volts = drive.output == "duty"
+        paths[0, 0, lane] = data.qpos[0]
+        for k, (goal, supply, on) in enumerate(
+            zip(*(part[:, lane].tolist() for part in (servos.goal, servos.supply, servos.on)), strict=True)
+        ):
+            if state is None:
+                data.ctrl[0] = goal
+                world.opt.disableactuator = int(not on)  # bit 0 is the group that actuators are in unless told
+            else:
+                state = program.before_step(world, data, state, goal, *([supply] if volts else []), on)
+            mujoco.mj_step(world, data)
+            if (k + 1) % every == 0:
+                paths[(k + 1) // every, 0, lane] = data.qpos[0]
+    return paths
 
 
 def _rms(ones: Sequence[Array], others: Sequence[Array]) -> float:

@@ -1,10 +1,10 @@
-"""The simulator's own step of a model, written down: what the forms `python` and `c` hold."""
+"""A model's step, written down: the simulator's own, or what it adds to the step of a physics engine."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from keyword import iskeyword
 from typing import Any
@@ -12,17 +12,21 @@ from typing import Any
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics import Column, Model, Samples, Term
+from pendulum_env.physics import Model, Samples, Term
+from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.simulation import LONGEST_STEP, Balance, step
-from pendulum_env.physics.symbols import Operand, Symbol, labelled, name
+from pendulum_env.physics.symbols import NAME, Operand, Symbol, in_order, labelled, name
 from pendulum_env.physics.term import Memory
+from pendulum_env.servo.drive import UNIT, Drive
+from pendulum_env.servo.loop import Given, State, control, gains_of, taps
 from workbench.export.request import ExportError
 
 RESERVED = frozenset(  # names that the exported programs and their languages have themselves
     """time position velocity torque commands state step start sign State STEP math abs max min
     auto case char const default do double enum extern float goto int long register short signed sizeof static struct
     switch typedef union unsigned void volatile fabs sin cos tan exp log sqrt tanh atan pow fmax fmin gamma
-    round hypot y0 y1 j0 j1 inline restrict memset INFINITY NAN NamedTuple pendulum_step""".split()
+    round hypot y0 y1 j0 j1 inline restrict memset INFINITY NAN NamedTuple pendulum_step
+    goal supply on applied friction phase held speed integral limit kp ki kd gain""".split()
 )
 STAGES = ("start", "middle", "rest")  # of a step: its begin, its middle, and where friction has stopped the joint
 
@@ -38,30 +42,42 @@ class Parameter:
 
 
 @dataclass(frozen=True)
+class Quantity:
+    """What a step is given, or gives."""
+
+    name: str
+    unit: str
+    usual: float | None = None
+
+
+@dataclass(frozen=True)
 class Dynamics:
-    """One step of a model as expressions in the names of its state, its parameters and `torque`.
+    """One step as expressions in the names of its state, its parameters and what it is given.
 
     Attributes:
         step: length of a step [s].
         parameters: of the model, by which the expressions are written.
-        start: values of the state variables beyond time, position and velocity after long rest, in `position`,
-            `velocity` and torque zero.
-        memory: names of those state variables.
-        after: time, position, velocity and the state variables after the step, in this order.
-        delay: of the torque, in steps.
+        given: what the step is given beside the state.
+        state: names of the state variables.
+        start: their values after long rest, in `position` and `velocity`.
+        after: their values after the step.
+        results: what the step gives beside the state.
+        delay: of the torque, in steps, where it is given.
     """
 
     step: float
     parameters: tuple[Parameter, ...]
-    memory: tuple[str, ...]
+    given: tuple[Quantity, ...]
+    state: tuple[str, ...]
     start: tuple[Operand, ...]
     after: tuple[Operand, ...]
-    delay: float
+    results: Mapping[Quantity, Operand] = field(default_factory=dict)
+    delay: float = 0.0
 
     @property
-    def state(self) -> tuple[str, ...]:
-        """Names of all state variables, without the commands on their way."""
-        return ("time", "position", "velocity", *self.memory)
+    def call(self) -> str:
+        """How it is called, in a comment."""
+        return f"step({', '.join(('state', *(quantity.name for quantity in self.given)))})"
 
     @property
     def waiting(self) -> int:
@@ -101,53 +117,198 @@ class _Spelled:
         return self.balance.advance(x, velocity, duration)
 
 
-def written(model: Model, seconds: float = LONGEST_STEP) -> Dynamics:
-    """The step of a model, of that length [s].
+def written(model: Model, seconds: float = LONGEST_STEP, drive: Drive | None = None) -> Dynamics:
+    """The step of a model, of that length [s], under a torque; or under a goal, with a drive.
 
     Raises:
         ExportError: if a law of the model is not made of what can be written down.
     """
-    parameters = [_parameter(model, column) for column in model.columns]
-    terms: list[Term] = []
-    for term in model.terms:
-        symbols: dict[str, Any] = dict(term.shape)
-        for shape in term.shapes:
-            if shape in term.free and not term.delay:
-                parameter = _shape(model, term, shape.name, shape.unit)
-                parameters.append(parameter)
-                symbols[shape.name] = name(parameter.name)
-        terms.append(replace(term, **symbols))
-    theta: Any = [name(identifier(column.name)) for column in model.columns]
-    balance = Balance(terms, theta)
-    now: Any = [name(text) for text in ("time", "position", "velocity", "torque")]
+    names = _Names.of(model, model.terms)
+    x = names.now
+    given: tuple[Quantity, ...] = (Quantity("torque", model.torque_unit),)
+    moving = {"time": 0.0, "position": name("position"), "velocity": name("velocity")}
     try:
-        long_ago = balance.start(replace(Samples(*now), torque=np.zeros(())))
-        names = {id: _names(id, len(values)) for id, values in long_ago.items()}
-        memory: dict[str, Any] = {id: tuple(name(text) for text in texts) for id, texts in names.items()}
-        spelled: Any = _Spelled(balance)
-        after = step(spelled, replace(Samples(*now), memory=memory), seconds)
+        spelled: Any = _Spelled(names.balance)
+        if drive is None:
+            after, held = step(spelled, x, seconds), _Held()
+        else:
+            held = _Held.of(model, drive, x, seconds)
+            after, given = step(spelled, names.under(held.torque), seconds), held.given
     except Exception as error:  # a user's law may do anything that NumPy does
         raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
-    states: list[Any] = [after.time, after.position, after.velocity]
-    states += [
-        labelled(value, f"{text}_after")
-        for id in names
-        for text, value in zip(names[id], after.memory[id], strict=True)
-    ]
-    for text, value in zip(("time", "position", "velocity"), states, strict=False):
-        labelled(value, f"{text}_after")
-    used = [parameter.name for parameter in parameters] + [text for texts in names.values() for text in texts]
+    states: dict[str, Any] = {"time": after.time, "position": after.position, "velocity": after.velocity}
+    states |= names.flat(after.memory) | held.after
+    return _dynamics(
+        seconds, (*names.parameters, *held.parameters), given, moving | names.start | held.start, states, {},
+        0.0 if drive else sum(term.delay for term in model.terms) / seconds,
+    )  # fmt: skip
+
+
+def beside(model: Model, terms: Sequence[Term], drive: Drive | None, seconds: float = LONGEST_STEP) -> Dynamics:
+    """What some terms of a model, and perhaps a drive, add to each step of an engine that has the other terms.
+
+    The step is told where the joint is, and gives the torque to apply and the largest dry friction to allow.
+
+    Raises:
+        ExportError: if a law of the model is not made of what can be written down, or adds inertia that varies.
+    """
+    names = _Names.of(model, terms)
+    position, velocity = Quantity("position", "rad"), Quantity("velocity", "rad/s")
+    unit, balance, x, held = model.torque_unit, names.balance, names.now, _Held()
+    given: tuple[Quantity, ...] = (Quantity("torque", unit),)
+    try:
+        if drive is not None:
+            held = _Held.of(model, drive, x, seconds)
+            x, given = names.under(held.torque), held.given
+        applied, dry = balance.net(x), np.maximum(balance.dry(x), 0.0)
+        memory = balance.advance(x, x.velocity, seconds)
+    except Exception as error:  # a user's law may do anything that NumPy does
+        raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
+    results = {Quantity("applied", unit): _operand(applied), Quantity("friction", unit): _operand(dry)}
+    states: dict[str, Any] = {"time": x.time + seconds} | names.flat(memory) | held.after
+    return _dynamics(
+        seconds, (*names.parameters, *held.parameters), (position, velocity, *given),
+        {"time": 0.0} | names.start | held.start, states, results,
+        0.0 if drive else sum(term.delay for term in terms) / seconds,
+    )  # fmt: skip
+
+
+def _dynamics(
+    seconds: float,
+    parameters: tuple[Parameter, ...],
+    given: tuple[Quantity, ...],
+    start: Mapping[str, Any],
+    after: Mapping[str, Any],
+    results: Mapping[Quantity, Operand],
+    delay: float = 0.0,
+) -> Dynamics:
+    """A step without the state variables that nothing depends on."""
+    kept = {"time"} | ({"position", "velocity"} & set(after))
+    while True:
+        needed = {
+            symbol.label
+            for symbol in in_order([*results.values(), *(_operand(after[text]) for text in kept)])
+            if symbol.op == NAME
+        }
+        if not (more := needed & set(after) - kept):
+            break
+        kept |= more
+    state = tuple(text for text in after if text in kept)
+    for text in state:
+        labelled(after[text], f"{text}_after")
+    used = [parameter.name for parameter in parameters] + [*state]
     twice = [text for text in used if used.count(text) > 1 or re.fullmatch(r"t\d+|\w+_at_\w+|\w+_after", text)]
     if twice:
         raise ExportError(f"'{twice[0]}' cannot be the name of a parameter in a program: rename it in its effect")
     return Dynamics(
-        step=seconds,
-        parameters=tuple(parameters),
-        memory=tuple(text for texts in names.values() for text in texts),
-        start=tuple(_operand(value) for values in long_ago.values() for value in values),
-        after=tuple(_operand(value) for value in states),
-        delay=sum(term.delay for term in model.terms) / seconds,
+        seconds,
+        parameters,
+        given,
+        state,
+        tuple(_operand(start[text]) for text in state),
+        tuple(_operand(after[text]) for text in state),
+        results,
+        delay,
     )
+
+
+@dataclass(frozen=True)
+class _Names:
+    """Terms of a model in names: their parameters, their balance, and what they remember."""
+
+    parameters: tuple[Parameter, ...]
+    balance: Balance
+    memory: Mapping[str, tuple[str, ...]]
+    start: dict[str, Operand]
+
+    @classmethod
+    def of(cls, model: Model, terms: Sequence[Term]) -> _Names:
+        parameters = [_estimated(model, column.name, column.unit) for term in terms for column in term.columns]
+        named: list[Term] = []
+        for term in terms:
+            symbols: dict[str, Any] = dict(term.shape)
+            for shape in term.shapes:
+                if shape in term.free and not term.delay:
+                    value = float(term.shape[shape.name])
+                    parameters.append(_estimated(model, f"{term.id}.{shape.name}", shape.unit, value))
+                    symbols[shape.name] = name(parameters[-1].name)
+            named.append(replace(term, **symbols))
+        theta: Any = [name(identifier(column.name)) for term in terms for column in term.columns]
+        balance = Balance(named, theta)
+        try:
+            long_ago = balance.start(replace(_now(), torque=np.zeros(())))
+        except Exception as error:  # a user's law may do anything that NumPy does
+            raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
+        memory = {id: _texts(id, len(values)) for id, values in long_ago.items()}
+        start = {text: _operand(one) for id in memory for text, one in zip(memory[id], long_ago[id], strict=True)}
+        return cls(tuple(parameters), balance, memory, start)
+
+    @property
+    def now(self) -> Samples:
+        """The samples at the start of a step."""
+        memory: Any = {id: tuple(name(text) for text in texts) for id, texts in self.memory.items()}
+        return replace(_now(), memory=memory)
+
+    def under(self, torque: Any) -> Samples:
+        """The samples under the torque of a motor, which brakes while it is on."""
+        on: Any = (name("on"),)
+        memory = {id: on if id == BackEmf.id else own for id, own in self.now.memory.items()}
+        return replace(self.now, torque=torque, memory=memory)
+
+    def flat(self, memory: Mapping[str, Memory]) -> dict[str, Any]:
+        """What is remembered, by name."""
+        return {text: one for id, texts in self.memory.items() for text, one in zip(texts, memory[id], strict=True)}
+
+
+@dataclass(frozen=True)
+class _Held:
+    """A drive in names: its torque, what it is given, and what its controller remembers."""
+
+    torque: Any = None
+    given: tuple[Quantity, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
+    start: dict[str, Operand] = field(default_factory=dict)
+    after: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, model: Model, drive: Drive, x: Samples, seconds: float) -> _Held:
+        looks_always = drive.rate is None or drive.rate * seconds >= 1.0
+        kp, ki, kd, most, seen, turn = gains_of(drive, seconds)
+        output = {"duty": "1", "voltage": "V", "current": "A", "torque": model.torque_unit}[drive.output]
+        told = {"kp": kp, "ki": ki, "kd": kd, "most": most, "seen": seen, "turn": turn}
+        per = "s/rad" if drive.acts_on_speed else "rad"
+        units = {"kp": f"{output}/{per}", "ki": f"{output}/({per} s)", "kd": f"{output} s/rad", "limit": output}
+        told["limit"] = most
+        named = [text for text in units if told[text] not in (0.0, math.inf)]
+        parameters = [Parameter(text, told[text], units[text], 0.0) for text in named]
+        gains: dict[str, Any] = told | {text: name(text) for text in named}
+        gains["most"] = gains["limit"]
+        scale: Any = 1.0
+        given = [Quantity("goal", "rad/s" if drive.acts_on_speed else "rad")]
+        if drive.output == "duty":
+            given.append(Quantity("supply", "V", drive.supply or 1.0))
+            scale = name("supply")
+        if drive.gain is not None:
+            parameters.append(Parameter("gain", drive.gain, f"N m/{UNIT[drive.output]}", 0.0))
+            scale = scale * name("gain")
+        given.append(Quantity("on", "0: the motor is open", 1.0))
+        weights = taps(np.array((drive.delay + sum(term.delay for term in model.terms)) / seconds)).tolist()
+        due = 1.0 if looks_always else name("phase") - (1.0 - 1e-6)
+        before = tuple(name(f"before_{k + 1}") for k in range(len(weights) - 1))
+        speed = x.velocity if looks_always and seen == 1.0 else name("speed")
+        state = State(name("held"), before, name("integral"), speed)
+        if not drive.ki:
+            state = state._replace(integral=0.0)
+        torque, after = control(
+            x, state, Given(name("goal"), scale, name("on"), due), gains, weights, drive.acts_on_speed
+        )
+        starts: dict[str, Operand] = {"held": 0.0, "integral": 0.0, "speed": name("velocity"), "phase": 1.0}
+        later: dict[str, Any] = {"held": after.held, "integral": after.integral, "speed": after.speed}
+        phase: Any = name("phase")
+        later["phase"] = np.where(due > 0, phase - 1.0, phase) + seconds * (drive.rate or 0.0)
+        for one, value in zip(before, after.before, strict=True):
+            starts[one.label], later[one.label] = 0.0, value
+        return cls(torque, tuple(given), tuple(parameters), starts, later)
 
 
 def identifier(text: str) -> str:
@@ -156,21 +317,25 @@ def identifier(text: str) -> str:
     return f"{plain}_" if plain in RESERVED or iskeyword(plain) or plain[0].isdigit() else plain
 
 
-def _names(id: str, count: int) -> list[str]:
-    return [f"{id}_memory"] if count == 1 else [f"{id}_memory_{k + 1}" for k in range(count)]
+def _now() -> Samples:
+    time: Any = name("time")
+    position: Any = name("position")
+    velocity: Any = name("velocity")
+    torque: Any = name("torque")
+    return Samples(time, position, velocity, torque)
+
+
+def _texts(id: str, count: int) -> tuple[str, ...]:
+    return (f"{id}_memory",) if count == 1 else tuple(f"{id}_memory_{k + 1}" for k in range(count))
 
 
 def _operand(value: Any) -> Operand:
     return value if isinstance(value, Symbol) else float(value)
 
 
-def _parameter(model: Model, column: Column) -> Parameter:
-    estimate = model.estimates[column.name]
-    return Parameter(identifier(column.name), estimate.value, estimate.unit, estimate.std)
-
-
-def _shape(model: Model, term: Term, shape: str, unit: str) -> Parameter:
-    estimate = model.estimates.get(f"{term.id}.{shape}")
-    std = 0.0 if estimate is None else estimate.std
-    unit = unit if estimate is None else estimate.unit
-    return Parameter(identifier(f"{term.id}.{shape}"), float(term.shape[shape]), unit, std)
+def _estimated(model: Model, text: str, unit: str, value: float = 0.0) -> Parameter:
+    """A parameter as the model has it; a shape of an effect may be as it usually is."""
+    estimate = model.estimates.get(text)
+    if estimate is None:
+        return Parameter(identifier(text), value, unit, 0.0)
+    return Parameter(identifier(text), estimate.value, estimate.unit, estimate.std)

@@ -8,19 +8,25 @@ its solver allows at the step that is written into the file.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
+from dataclasses import replace
 from typing import Any
 
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
 from pendulum_env.physics import Model
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.transmission import JointFlexibility
+from pendulum_env.servo.drive import Drive
 from workbench.export.arm import Body, Friction, Stop, arm, value
+from workbench.export.callback import ACTUATOR, JOINT, callback, inertia_of
 from workbench.export.extra import needed
 from workbench.export.heading import comment, title
 from workbench.export.request import Exported, Request, keep
+from workbench.export.servo import Servo
 
-HELD = ("torque_offset", "coulomb_asymmetry", "quadratic_drag", "spring", "hard_stop", "actuator_lag", "dead_time")
-JOINT, ACTUATOR = "joint", "torque"
+BODY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb")
+BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside what every format holds,
+ASKED = ("torque_offset", "coulomb_asymmetry", "actuator_lag", "dead_time")  # and its motors
 # Impedance of the stop: MuJoCo's lower bound of 0.0001. A constraint with impedance d replaces the share d of what else
 # accelerates the joint, so that a small one only adds to it, as a spring does.
 SOFT = (1e-4, 1e-4, 0.001, 0.5, 2.0)
@@ -35,12 +41,17 @@ def export(model: Model, request: Request) -> Exported:
     """
     mujoco = needed("mujoco")
     link = next((term for term in model.terms if isinstance(term, JointFlexibility) and _holds(model, term)), None)
-    held = [*HELD, *([] if link is None else [link.id])]
+    held = {*BODILY, *([] if link is None else [link.id])}
     for effect, parameter in (("quadratic_drag", "quadratic_drag"), ("spring", "spring.stiffness")):
         if value(model, parameter) < 0:  # MuJoCo's springs pull and its dampers brake
             held.remove(effect)
+    if request.callback:
+        return _with_callback(model, held, request)
+    held |= set(ASKED if request.drive is None else ASKED[:2])
     friction, stop = Friction.of(model, held), Stop.of(model)
-    notes = keep("mjcf", (*friction.missing, *(() if stop is None else stop.missing)), request)
+    servo = None if request.drive is None else Servo.of(request.drive)
+    missing = (*friction.missing, *(() if stop is None else stop.missing), *(() if servo is None else servo.missing))
+    notes = keep("mjcf", missing, request)
     spec = mujoco.MjSpec()
     spec.modelname, spec.comment = "pendulum", comment((title(model), *notes))
     spec.option.timestep = request.step
@@ -72,7 +83,7 @@ def export(model: Model, request: Request) -> Exported:
         joint.range = [math.degrees(end) for end in stop.ends]
         joint.solref_limit = -stop.stiffness / inertia, -stop.damping / inertia
         joint.solimp_limit = SOFT
-    _drive(mujoco, spec, model, request)
+    _actuate(mujoco, spec, model, request)
     spec.compile()
     return Exported(spec.to_xml(), notes)
 
@@ -91,21 +102,55 @@ def _add(parent: Any, name: str, body: Body) -> Any:
     return added
 
 
-def _drive(mujoco: Any, spec: Any, model: Model, request: Request) -> None:
-    """The actuator: torque with what lies between the command and the joint."""
+def _with_callback(model: Model, held: Collection[str], request: Request) -> Exported:
+    """The body alone in XML, driven by a motor, and a program with the rest: dry friction, actuation, and the drive."""
+    stop = Stop.of(model)
+    bodily = {*BODY, *held} - ({"hard_stop"} if stop is not None and stop.missing else set())
+    terms = tuple(term for term in model.terms if term.id in bodily)
+    others = [term for term in model.terms if term.id == "coulomb" or term not in terms]
+    estimates = {name: model.estimates[name] for name in model.estimates if name.partition(".")[0] in bodily}
+    inertia = estimates["inertia"]
+    estimates["inertia"] = replace(inertia, value=inertia.value + inertia_of(model, others))
+    body = replace(model, terms=terms, estimates=estimates, correlation=())
+    exported = export(body, replace(request, drive=None, callback=None))
+    return replace(exported, callback=callback(model, others, request))
+
+
+def _actuate(mujoco: Any, spec: Any, model: Model, request: Request) -> None:
+    """The actuator: a torque with what lies between the command and the joint, or a servo."""
     offset = value(model, "torque_offset") + value(model, "coulomb_asymmetry")
-    drive = spec.add_actuator(name=ACTUATOR, target=JOINT, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    drive.set_to_motor()
+    actuator = spec.add_actuator(name=ACTUATOR, target=JOINT, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    if request.drive is None:
+        _ask(mujoco, actuator, model, request)
+    else:
+        _servo(mujoco, actuator, request.drive, offset)
     if offset:
-        drive.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-        drive.biasprm = [-offset, *([0.0] * 9)]
+        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.biasprm = [-offset, *actuator.biasprm[1:]]
+
+
+def _servo(mujoco: Any, actuator: Any, drive: Drive, offset: float) -> None:
+    """A servo: MuJoCo's torque is gain times goal, less gain times angle, less damping times speed."""
+    servo = Servo.of(drive)
+    if drive.acts_on_speed:
+        actuator.set_to_velocity(kv=servo.damping)
+    else:
+        actuator.set_to_position(kp=servo.stiffness, kv=servo.damping)
+    if math.isfinite(servo.limit):
+        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        actuator.forcerange = -servo.limit - offset, servo.limit - offset
+
+
+def _ask(mujoco: Any, actuator: Any, model: Model, request: Request) -> None:
+    """A motor, behind a lag and a delay."""
+    actuator.set_to_motor()
     delay = sum(term.delay for term in model.terms)
     for term in model.terms:
         if isinstance(term, ActuatorLag):
-            drive.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
-            drive.dynprm = [term.time_constant, *([0.0] * 9)]
-            drive.actearly = True  # what the filter has reached at the end of a step acts in it: half a step early
+            actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+            actuator.dynprm = [term.time_constant, *([0.0] * 9)]
+            actuator.actearly = True  # what the filter has reached at the end of a step acts in it: half a step early
             delay += 0.5 * request.step
     if delay:
-        drive.delay, drive.interp = delay, 1  # between commands, as ours
-        drive.nsample = math.ceil(delay / request.step) + 2
+        actuator.delay, actuator.interp = delay, 1  # between commands, as ours
+        actuator.nsample = math.ceil(delay / request.step) + 2

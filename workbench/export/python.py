@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pendulum_env.physics import Model
-from workbench.export.dynamics import Parameter, written
-from workbench.export.heading import heading, parameter_note, plain, state_note
+from workbench.export.dynamics import Dynamics, Parameter, Quantity, written
+from workbench.export.heading import given_note, heading, parameter_note, plain, state_note
 from workbench.export.request import Exported, Request
 from workbench.export.source import Dialect, Source
 
@@ -32,8 +34,13 @@ def _sign(x: float) -> float:
 
 def export(model: Model, request: Request) -> Exported:
     """The module: parameters by name, `State`, `start` and `step`."""
-    dynamics = written(model, request.step)
-    start, step = Source.of(dynamics.start, DIALECT), Source.of(dynamics.after, DIALECT)
+    return Exported(program(model, written(model, request.step, request.drive)), ())
+
+
+def program(model: Model, dynamics: Dynamics) -> str:
+    """Text of the module."""
+    results = list(dynamics.results.values())
+    start, step = Source.of(dynamics.start, DIALECT), Source.of([*dynamics.after, *results], DIALECT)
     waiting = dynamics.waiting
     lines = [
         '"""' + "\n".join(heading(model, dynamics)) + '\n"""',
@@ -53,20 +60,28 @@ def export(model: Model, request: Request) -> Exported:
     lines += ["", "", "def start(position: float = 0.0, velocity: float = 0.0) -> State:"]
     lines += ['    """State of a joint that has been so for long, without torque."""']
     lines += [f"    {name} = {text}" for name, text in start.lines]
-    values = ["0.0", "position", "velocity", *start.results, *([f"(0.0,) * {waiting}"] if waiting else [])]
+    values = [*start.results, *([f"(0.0,) * {waiting}"] if waiting else [])]
     lines += [f"    return State({', '.join(values)})"]
     if "sign" in start.used | step.used:
         lines += SIGN.splitlines()
-    lines += ["", "", "def step(state: State, torque: float) -> State:"]
-    lines += [f'    """State one STEP later, under a torque [{plain(model.torque_unit)}] that is held meanwhile."""']
+    given = ", ".join(f"{q.name}: float" + ("" if q.usual is None else f" = {q.usual!r}") for q in dynamics.given)
+    gives = f"tuple[State{', float' * len(results)}]" if results else "State"
+    lines += ["", "", f"def step(state: State, {given}) -> {gives}:"]
+    told = [f"{q.name} [{plain(q.unit)}]" for q in dynamics.results]
+    lines += [f'    """{", ".join(["State one STEP later", *told])}; given {_listed(dynamics.given)}."""']
     names = [*dynamics.state, *(["commands"] if waiting else [])]
-    lines += [f"    {', '.join(names)} = state"]
+    lines += [f"    {', '.join(names)}{',' if len(names) == 1 else ''} = state"]
     if waiting:
         lines += ["    commands = (torque, *commands)", f"    torque = {dynamics.arriving('commands')}"]
     lines += [f"    {name} = {text}" for name, text in step.lines]
-    results = [*step.results, *([f"commands[:{waiting}]"] if waiting else [])]
-    lines += [f"    return State({', '.join(results)})", ""]
-    return Exported("\n".join(lines), ())
+    count = len(dynamics.state)
+    after = ", ".join([*step.results[:count], *([f"commands[:{waiting}]"] if waiting else [])])
+    lines += [f"    return {', '.join([f'State({after})', *step.results[count:]])}", ""]
+    return "\n".join(lines)
+
+
+def _listed(given: Sequence[Quantity]) -> str:
+    return ", ".join(given_note(quantity) for quantity in given)
 
 
 def _assigned(parameter: Parameter) -> str:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics.simulation import LONGEST_STEP
+from pendulum_env.servo.drive import Drive
 
 
 class ExportError(Mistake):
@@ -22,20 +24,25 @@ class Request:
         step: of the forms that are a step, and of MuJoCo [s].
         mass: of the arm [kg], where it is known; it only fixes where the centre of mass is drawn.
         armature: inertia of the rotor about the joint [kg m^2], where it is known: motion tells its sum with the arm's.
+        drive: the controller and motor to export with the joint, which is then told a goal; else it takes a torque.
+        callback: language of the program for what a physics engine does not have; None: there is none.
     """
 
     approximate: bool = False
     step: float = LONGEST_STEP
     mass: float | None = None
     armature: float = 0.0
+    drive: Drive | None = None
+    callback: Literal["python", "c"] | None = None
 
 
 @dataclass(frozen=True)
 class Exported:
-    """A file's content, and what it does not hold as the model has it, a sentence each."""
+    """A file's content, what it does not hold as the model has it, a sentence each, and the program beside it."""
 
     content: str
     notes: tuple[str, ...] = ()
+    callback: str = ""
 
 
 def keep(format: str, missing: Sequence[str], request: Request) -> tuple[str, ...]:

@@ -1,0 +1,266 @@
+"""A servo that is exported moves as the model does in the loop: as a program, and in MuJoCo."""
+
+import ctypes
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from pendulum_env.physics import KnownLoad, Model
+from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.plant import hide, paper_plant
+from pendulum_env.servo.drive import Drive
+from pendulum_env.servo.loop import Servos, follow
+from workbench.cli import main
+from workbench.export import ExportError, Request, export
+
+STEP, COUNT = 1e-3, 3000
+TIME = STEP * np.arange(COUNT)
+GOAL = 0.8 * np.sin(2.0 * TIME) + 0.6 * np.sin(4.7 * TIME)
+ON = np.where((TIME > 1.2) & (TIME < 1.5), 0.0, 1.0)
+PLANT = {"inertia": 0.012, "gravity": 0.9, "viscous": 0.05, "coulomb": 0.08}
+DRIVES = {
+    "position": Drive(output="torque", kp=6.0, limit=4.0),
+    "damped, at a rate": Drive(output="torque", kp=2.5, kd=0.03, limit=4.0, rate=300.0),
+    "duty, late": Drive(output="duty", kp=1.2, supply=9.0, gain=0.5, delay=0.0034),
+    "voltage, integral": Drive(output="voltage", kp=5.0, ki=8.0, limit=6.0, gain=0.8),
+    "speed": Drive(control="velocity", output="torque", kp=0.4, ki=3.0, limit=3.0, rate=500.0, cutoff=60.0),
+}
+
+
+def joint(*hidden: str) -> Model:
+    model = paper_plant(PLANT)
+    for text in hidden:
+        model = model.add(BackEmf(), [0.05]) if text == "back-EMF" else hide(model, text)
+    return model
+
+
+def in_the_loop(model: Model, drive: Drive) -> np.ndarray:
+    """Position from one second of rest on (N + 1,), by this project's simulation."""
+    volts = drive.supply or 1.0
+    servos = Servos(
+        (drive,), STEP, GOAL[:, None], np.full((COUNT, 1), volts), ON[:, None], *np.zeros((3, 1)), KnownLoad()
+    )
+    return follow(model.terms, model.theta[:, None], servos)[:, 0, 0]
+
+
+def loaded(text: str) -> ModuleType:
+    module = ModuleType("exported")
+    exec(text, module.__dict__)
+    return module
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_program_of_a_servo_is_the_simulator_in_the_loop(name):
+    model = joint("load_dependent_friction:load_dependent_friction=0.1,output=0.2,weight=0.9", "back-EMF")
+    program = loaded(export(model, "python", Request(drive=DRIVES[name])).content)
+    state, path = program.start(), [0.0]
+    for goal, on in zip(GOAL.tolist(), ON.tolist(), strict=True):
+        state = program.step(state, goal, on=on)
+        path.append(state.position)
+    np.testing.assert_allclose(path, in_the_loop(model, DRIVES[name]), rtol=0, atol=1e-9)
+
+
+def in_mujoco(model: Model, request: Request) -> np.ndarray:
+    mujoco = pytest.importorskip("mujoco")
+    exported = export(model, "mjcf", request)
+    world = mujoco.MjModel.from_xml_string(exported.content)
+    data, path = mujoco.MjData(world), [0.0]
+    program = loaded(exported.callback) if exported.callback else None
+    state = program.start() if program else None
+    for goal, on in zip(GOAL.tolist(), ON.tolist(), strict=True):
+        if program:
+            state = program.before_step(world, data, state, goal, **({"on": on} if request.drive else {}))
+        else:
+            data.ctrl[0], world.opt.disableactuator = goal, int(not on)
+        mujoco.mj_step(world, data)
+        path.append(data.qpos[0])
+    return np.array(path)
+
+
+def off(path: np.ndarray, own: np.ndarray) -> float:
+    return float(np.sqrt(np.mean((path - own) ** 2)) / np.std(own))
+
+
+@pytest.mark.parametrize("name", ["position", "speed"])
+def test_mujoco_s_own_servo_moves_a_joint_without_effects_alike(name):
+    drive, model = replace(DRIVES[name], ki=0.0, rate=None, cutoff=None), joint("gravity_tilt=0.05")
+    exported = export(model, "mjcf", Request(drive=drive))
+    assert exported.notes == () and exported.callback == ""
+    assert off(in_mujoco(model, Request(drive=drive)), in_the_loop(model, drive)) < 0.005
+
+
+def test_an_offset_of_the_torque_moves_its_limits_along():
+    mujoco = pytest.importorskip("mujoco")
+    drive = Drive(output="torque", kp=50.0, limit=0.5)
+    world = mujoco.MjModel.from_xml_string(export(joint("torque_offset=0.1"), "mjcf", Request(drive=drive)).content)
+    data = mujoco.MjData(world)
+    for goal, torque in ((3.0, 0.4), (0.002, 0.0), (-3.0, -0.6)):
+        data.ctrl[0] = goal
+        mujoco.mj_forward(world, data)
+        assert data.qfrc_actuator[0] == pytest.approx(torque, abs=1e-9)
+
+
+BESIDE = {
+    "stribeck": ("stribeck=0.05", 0.005),
+    "load": ("load_dependent_friction:load_dependent_friction=0.1,output=0.2,weight=0.9", 0.005),
+    "presliding": ("presliding=0.06", 0.005),
+    "ripple": ("torque_ripple:sin=0.2,order=6", 0.005),
+    "lag": ("actuator_lag=0.02", 0.005),
+    "dead time": ("dead_time=0.008", 0.005),
+    "backlash": ("backlash:backlash=0.004,gap=0.02", 0.005),
+    "back-EMF": ("back-EMF", 0.005),
+    "cogging": ("cogging:sin=0.1,order=8", 0.005),
+}
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_with_the_callback_mujoco_moves_as_the_model_does(name):
+    hidden, tolerance = BESIDE[name]
+    model, drive = joint(hidden), DRIVES["damped, at a rate"]
+    own = in_the_loop(model, drive)
+    assert off(in_mujoco(model, Request(drive=drive, callback="python")), own) < tolerance
+    assert off(in_the_loop(joint(), drive), own) > 1.5 * tolerance  # it shows
+
+
+def test_a_callback_without_a_drive_takes_a_torque():
+    model = joint("stribeck=0.2")
+    torque = 1.2 * GOAL
+    mujoco = pytest.importorskip("mujoco")
+    exported = export(model, "mjcf", Request(callback="python"))
+    program, world = loaded(exported.callback), mujoco.MjModel.from_xml_string(exported.content)
+    data, state, path = mujoco.MjData(world), program.start(), [0.0]
+    for value in torque.tolist():
+        state = program.before_step(world, data, state, value)
+        mujoco.mj_step(world, data)
+        path.append(data.qpos[0])
+    assert off(np.array(path), model.simulate(STEP, torque, 0.0, 0.0).position[:, 0]) < 0.01
+
+
+def test_a_payload_that_changes_is_refused_as_no_body_of_mujoco_s_does():
+    pytest.importorskip("mujoco")
+    with pytest.raises(ExportError, match=r"payload_change.inertia: no body"):
+        export(joint("payload_change=0.1"), "mjcf", Request(callback="python"))
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no C compiler")
+def test_the_callback_in_c_says_what_python_says(tmp_path):
+    pytest.importorskip("mujoco")
+    model = joint("stribeck=0.05", "presliding=0.04", "load_dependent_friction", "dead_time=0.0025")
+    request = Request(drive=DRIVES["speed"])
+    program = loaded(export(model, "mjcf", replace(request, callback="python")).callback)
+    source, library = tmp_path / "joint.c", tmp_path / "joint.so"
+    source.write_text(export(model, "mjcf", replace(request, callback="c")).callback)
+    options = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
+    subprocess.run(["gcc", *options, "-o", library, source, "-lm"], check=True)
+    compiled, memory = ctypes.CDLL(str(library)), (ctypes.c_double * 50)()
+    doubles, results = [ctypes.c_double] * 4, (ctypes.c_double * 2)()
+    compiled.joint_start.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double]
+    compiled.joint_step.argtypes = [ctypes.c_void_p, *doubles, ctypes.c_void_p, ctypes.c_void_p]
+    compiled.joint_start(memory, 0.1, 0.0)
+    state, said = program.start(0.1, 0.0), []
+    path = 0.3 * np.sin(5 * TIME[:500])
+    for q, v, goal in zip(path, np.gradient(path, STEP), GOAL, strict=False):
+        compiled.joint_step(memory, q, v, goal, 1.0, results, ctypes.byref(results, 8))
+        state, *told = program.step(state, float(q), float(v), float(goal))
+        said.append((*told, *results))
+    said = np.array(said)
+    np.testing.assert_allclose(said[:, :2], said[:, 2:], rtol=0, atol=1e-12)
+    assert np.std(said, axis=0).min() > 1e-3
+
+
+def settings(text: str, monkeypatch, package: str) -> dict:
+    """What a configuration gives the class of a package that is not installed here."""
+    module = ModuleType(package)
+    module.__getattr__ = lambda name: lambda **values: {"name": name, **values}
+    monkeypatch.setitem(sys.modules, package.partition(".")[0], ModuleType(package.partition(".")[0]))
+    monkeypatch.setitem(sys.modules, package, module)
+    return loaded(text).ACTUATOR
+
+
+def test_a_motor_of_isaac_lab_gives_the_torque_of_a_duty_with_back_emf(monkeypatch):
+    drive = Drive(output="duty", kp=1.2, kd=0.03, limit=0.8, supply=9.0, gain=0.5)
+    told = settings(
+        export(joint("back-EMF"), "isaaclab", Request(drive=drive)).content, monkeypatch, "isaaclab.actuators"
+    )
+    assert told["name"] == "DCMotorCfg"
+    assert (told["friction"], told["viscous_friction"]) == pytest.approx((PLANT["coulomb"], PLANT["viscous"]))
+    error, speed = (part.ravel() for part in np.meshgrid(np.linspace(-2, 2, 41), np.linspace(-9, 9, 37)))
+    slope = told["saturation_effort"] / told["velocity_limit"]  # of the line between torque and speed
+    least, most = -told["saturation_effort"] - slope * speed, told["saturation_effort"] - slope * speed
+    theirs = np.clip(told["stiffness"] * error - told["damping"] * speed, least, most)
+    ours = 4.5 * np.clip(1.2 * error - 0.03 * speed, -0.8, 0.8) - 0.05 * speed
+    np.testing.assert_allclose(theirs, ours, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["position", "speed"])
+def test_an_actuator_of_mjlab_is_that_of_mujoco(name, monkeypatch):
+    mujoco = pytest.importorskip("mujoco")
+    drive = replace(DRIVES[name], ki=0.0, rate=None, cutoff=None)
+    told = settings(export(joint(), "mjlab", Request(drive=drive)).content, monkeypatch, "mjlab.actuator")
+    world = mujoco.MjModel.from_xml_string(export(joint(), "mjcf", Request(drive=drive)).content)
+    bias, limit = world.actuator_biasprm[0], world.actuator_forcerange[0, 1]
+    assert (told.get("stiffness", 0.0), told["damping"], told["effort_limit"]) == pytest.approx(
+        (-bias[1], -bias[2], limit)
+    )
+    assert (told["frictionloss"], told["viscous_damping"]) == pytest.approx(
+        (world.dof_frictionloss[0], world.dof_damping[0, 0] if world.dof_damping.ndim > 1 else world.dof_damping[0])
+    )
+
+
+@pytest.mark.parametrize("format", ["mjcf", "isaaclab", "mjlab"])
+def test_what_a_trainer_does_not_have_of_a_servo_is_named(format):
+    pytest.importorskip("mujoco")
+    with pytest.raises(ExportError, match=rf"{format} cannot hold .*\(ki\).*; nor a controller at 500 Hz.*cutoff"):
+        export(joint(), format, Request(drive=DRIVES["speed"]))
+    noted = export(joint("stribeck"), format, Request(approximate=True, drive=DRIVES["speed"])).notes
+    assert len(noted) == 4 and "stribeck" in noted[0]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A model of a servo whose gears rub more under load, and a study of it."""
+    folder = tmp_path_factory.mktemp("servo")
+    model = joint("load_dependent_friction:load_dependent_friction=0.1,output=0.3,weight=0.9")
+    model.save(folder / "servo.json")
+    drive = Drive(output="torque", kp=5.0, limit=4.0)
+    path = in_the_loop(model, drive)[:-1]
+    rows = np.column_stack([TIME, path, GOAL, ON])[::4]
+    np.savetxt(folder / "run.csv", rows, delimiter=",", header="time,position,goal,enabled", comments="", fmt="%.7f")
+    (folder / "study.toml").write_text(
+        '[drive]\noutput = "torque"\nlimit = 4.0\n[[recording]]\nfile = "run.csv"\ndrive = {kp = 5.0}\n'
+    )
+    return folder
+
+
+def test_an_export_proves_itself_in_the_loop(recorded, capsys):
+    pytest.importorskip("mujoco")
+    asked = ["export", str(recorded / "servo.json"), "--to", "mjcf", "--drive", "output=torque,kp=5,limit=4"]
+    outputs = ["-o", str(recorded / "servo.xml"), "--callback", str(recorded / "servo.py")]
+    assert main([*asked, *outputs, "--check", str(recorded / "study.toml")]) == 0
+    said = capsys.readouterr().out
+    own, exported, alone = (float(line.split()[-2]) for line in said.splitlines() if line.endswith("%"))
+    assert max(own, exported) < 0.5 < 2.0 < alone  # per cent of the motion
+    assert "before_step" in (recorded / "servo.py").read_text() and "<mujoco" in (recorded / "servo.xml").read_text()
+    assert main([*asked, "--approximate", "--check", str(recorded / "run.csv")]) == 0
+    assert len([line for line in capsys.readouterr().out.splitlines() if line.endswith("%")]) == 2
+
+
+def test_mistakes_about_servos_are_one_sentence(recorded, capsys):
+    pytest.importorskip("mujoco")
+    for arguments, said in (
+        (["--to", "mjlab"], "say its controller with --drive"),
+        (["--to", "urdf", "--drive", "output=torque,kp=4"], "--drive is of a servo"),
+        (["--to", "c", "--callback", "a.py"], "--callback goes with mjcf"),
+        (["--to", "mjcf", "--callback", "a.txt"], "should end in .py or .c"),
+        (["--to", "mjcf", "--callback", str(recorded / "servo.json")], "is one of the inputs"),
+        (["--to", "mjcf", "--drive", "output=torque,kp=4", "--step", "0.003", "--approximate", "--check",
+          str(recorded / "study.toml")], "--step should be a whole part of it"),
+    ):  # fmt: skip
+        assert main(["export", str(recorded / "servo.json"), *arguments]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1 and said in error

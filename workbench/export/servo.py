@@ -1,0 +1,60 @@
+"""What simulators for learning have of a servo: a spring to the goal, a damper, and a limit of the torque."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from pendulum_env.servo.drive import Drive
+from workbench.export.request import ExportError, Request
+
+
+@dataclass(frozen=True)
+class Servo:
+    """A drive as gains at the joint.
+
+    Attributes:
+        stiffness: torque by the error of the angle [N m/rad].
+        damping: torque by the speed, or by its error under velocity control [N m s/rad].
+        limit: largest torque [N m], perhaps infinite.
+        missing: what of the drive this is not.
+    """
+
+    stiffness: float
+    damping: float
+    limit: float
+    missing: tuple[str, ...]
+
+    @classmethod
+    def of(cls, drive: Drive) -> Self:
+        """The gains of a drive under its supply."""
+        scale = float(drive.scale(np.array(drive.supply or 1.0)))
+        missing = []
+        if drive.ki:
+            missing.append("an integral of the error (ki): it is left out")
+        if drive.rate is not None:
+            missing.append(f"a controller at {drive.rate:g} Hz: it looks at every step")
+        if drive.cutoff is not None:
+            missing.append("a filter of the speed (cutoff): it is left out")
+        if drive.delay:
+            missing.append(f"a delay of {drive.delay:g} s from measuring to acting: it is left out")
+        stiffness, damping = (0.0, drive.kp) if drive.acts_on_speed else (drive.kp, drive.kd)
+        return cls(stiffness * scale, damping * scale, drive.most * scale, tuple(missing))
+
+
+def needed_drive(format: str, request: Request) -> Drive:
+    """The drive that a format is of; raises ExportError if nobody says it."""
+    if request.drive is None:
+        raise ExportError(
+            f"{format} is of a servo: say its controller with --drive, as --drive output=torque,kp=4,limit=5"
+        )
+    return request.drive
+
+
+def settings(name: str, values: Mapping[str, object]) -> str:
+    """A call with keywords, one a line."""
+    told = {key: float(f"{value:.6g}") if isinstance(value, float) else value for key, value in values.items()}
+    return "\n".join([f"ACTUATOR = {name}(", *(f"    {key}={value!r}," for key, value in told.items()), ")", ""])
