@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -73,11 +74,26 @@ def urdf() -> str:
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect at a joint; its size is a share of the joint's dry friction."""
+    """An effect at a joint, or a motor that turns with it and the next; its size is a share of the dry friction."""
 
     effect: str
     joint: int
     share: float = 0.35
+
+    @property
+    def name(self) -> str:
+        """As a verdict names it."""
+        both = JOINTS[self.joint : self.joint + 2] if self.effect == "coupling" else JOINTS[self.joint : self.joint + 1]
+        return f"{self.effect}@{','.join(both)}"
+
+    def tie(self, spec: Any) -> None:
+        """A motor that turns with two joints: MuJoCo's tendon, of which both angles are the length."""
+        if self.effect == "coupling":
+            motor, j = spec.add_tendon(name="motor"), self.joint
+            for joint in JOINTS[j : j + 2]:
+                motor.wrap_joint(joint, 1.0)
+            motor.damping[0], motor.frictionloss = 0.5 * VISCOUS[j], self.share * COULOMB[j]
+            motor.armature = 0.3 * ROTORS[j + 1]
 
     def forces(self) -> Callable[[float, float, float], tuple[float, float]]:
         """Torque that acts, and dry friction, from position, velocity and torque of the motor."""
@@ -97,6 +113,8 @@ class Hidden:
                     return 0.0, dry + 0.08 * abs(torque)
                 case "spring":
                     return -size * (q - 0.3), dry
+                case "coupling":
+                    return 0.0, dry
             raise ValueError(self.effect)
 
         return law
@@ -107,7 +125,10 @@ def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0) -> 
     import mujoco
 
     rng = np.random.default_rng(seed)
-    model = mujoco.MjModel.from_xml_string(urdf())
+    spec = mujoco.MjSpec.from_string(urdf())
+    if hidden is not None:
+        hidden.tie(spec)
+    model = spec.compile()
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     model.dof_damping[:], model.dof_frictionloss[:], model.dof_armature[:] = VISCOUS, COULOMB, ROTORS
@@ -143,8 +164,9 @@ def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0) -> 
     count = 2 * np.pi / COUNTS
     positions = np.round(positions / count) * count
     torques = torques + np.array(NOISE) * rng.normal(size=torques.shape)
-    name = f"{hidden.effect}@{JOINTS[hidden.joint]}" if hidden else f"null {seed}"
-    return ArmRecording.of(name, JOINTS, np.arange(steps) / RATE, positions, torques)
+    return ArmRecording.of(
+        hidden.name if hidden else f"null {seed}", JOINTS, np.arange(steps) / RATE, positions, torques
+    )
 
 
 def body() -> Body:
@@ -168,8 +190,9 @@ def main(arguments: Sequence[str] = ()) -> int:
     print("  " + ", ".join(f"{error.joint} {100 * error.share:.2f} %" for error in errors))
     right = alarms = 0
     longest = 0.0
-    for run in range(runs):
-        hidden = Hidden(EFFECTS[run % 6], (run + run // 6) % 6)
+    effects = [Hidden(EFFECTS[run % 6], (run + run // 6) % 6) for run in range(runs)]
+    effects[: runs // 6] = [Hidden("coupling", run % 5) for run in range(runs // 6)]
+    for run, hidden in enumerate(effects):
         recording = simulate(100 + run, hidden)
         began = time.process_time()
         diagnosis = diagnose_arm(recording, arm)

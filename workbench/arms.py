@@ -20,7 +20,7 @@ from estimators.arms.identification import ArmIdentification, JointError, compar
 from estimators.show.tables import candidates_table
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.joints import effect_at, joint_effects
+from pendulum_env.arms.joints import joint_effects, kind_at
 from pendulum_env.arms.model import ArmModel, has_rotors
 from pendulum_env.arms.planar import Link
 from pendulum_env.arms.plane import planar_links
@@ -197,7 +197,7 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     body, recordings, held = asked.body, asked.recordings, asked.held
     model = ArmModel.load(arguments.model, body)
     try:
-        effect_at(arguments.effect, body.joints)
+        kind_at(arguments.effect, body)
     except ValueError as error:
         raise InputError(str(error)) from None
     with terminal.progress(f"adding {arguments.effect}") as progress:

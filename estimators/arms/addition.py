@@ -16,10 +16,11 @@ from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.moves import best
 from pendulum_env._typing import JSON
-from pendulum_env.arms.joints import Links, at_joint, effect_at
+from pendulum_env.arms.joints import Links, kind_at
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import ModelError
+from pendulum_env.physics.term import places
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,7 @@ class ArmAddition:
 
     Attributes:
         effect: `stribeck@elbow`.
-        joint: index of its joint.
+        joint: index of its joint, the first of two that it loads.
         before: the model refitted without the effect.
         after: the same with the effect.
         objection: what speaks against the effect, None if nothing does.
@@ -91,7 +92,7 @@ def add_arm(
         IdentificationError: if a joint hardly moves, or its motion does not show the effect at all.
     """
     body, criterion = model.body, criterion or Criterion()
-    kind = at_joint(*effect_at(effect, body.joints))
+    kind = kind_at(effect, body)
     if any(own.id == effect for own in model.terms):
         raise ModelError(f"the model has {effect} already")
     train, held = parted(recordings, holdout)
@@ -109,4 +110,4 @@ def add_arm(
     against = objection(steps[1], steps[0], models.train.motions)
     if against is None and models.gain(trial.terms, base).chance > criterion.chance:
         against = CHANCE
-    return ArmAddition(effect, body.joints.index(kind.at), before, after, against)
+    return ArmAddition(effect, body.joints.index(places(kind.at)[0]), before, after, against)

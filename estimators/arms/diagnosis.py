@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from estimators.weak_form.dataset import TRIFLE
 from estimators.weak_form.links import prepare_arm
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Links, at_joint, friction, joint_effects
+from pendulum_env.arms.joints import Coupling, Links, at_joint, couplings, friction, joint_effects
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Estimate, Model, Term
@@ -94,13 +94,14 @@ def parted(
     return [first for first, _ in pairs], [last for _, last in pairs]
 
 
-def gather_arm(recordings: Sequence[ArmRecording], links: Links) -> Evidence:
-    """Evidence of recordings of an arm, which no simulation follows.
+def gather_arm(recordings: Sequence[ArmRecording], links: Links, terms: Iterable[type[Term] | Term] = ()) -> Evidence:
+    """Evidence of recordings of an arm, which no simulation follows, with the columns of terms that two joints share.
 
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
     """
-    return Evidence(prepare_arm(recordings, links), ())
+    kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms)
+    return Evidence(prepare_arm(recordings, links, [kind for kind in kinds if issubclass(kind, Coupling)]), ())
 
 
 def models_of_arm(
@@ -119,7 +120,8 @@ def models_of_arm(
     """
     links = base[0]
     assert isinstance(links, Links)
-    evidence = gather_arm(train, links), gather_arm(held, links)
+    terms: tuple[type[Term] | Term, ...] = (*base[1:], *library.values())
+    evidence = gather_arm(train, links, terms), gather_arm(held, links, terms)
     criterion, rng = criterion or Criterion(), rng or np.random.default_rng(0)
     return Models(*evidence, progress, library, criterion, rng, base=base, foils=())
 
@@ -157,7 +159,8 @@ def diagnose_arm(
     """
     train, held = parted(recordings, holdout)
     kinds = (joint_effects() if library is None else library).values()
-    placed = [at_joint(kind, joint) for joint in body.joints for kind in kinds]
+    placed: list[type[Term]] = [at_joint(kind, joint) for joint in body.joints for kind in kinds]
+    placed += couplings(body) if library is None else ()
     base = (Links(body), *friction(body.joints))
     models = models_of_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress)
     found = select(models)

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.checks.physical import objection
 from estimators.diagnosis.result import Candidate, Verdict
-from estimators.selection.data import Step
+from estimators.selection.data import Step, error_at
 from estimators.selection.foils import words
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
@@ -114,7 +114,7 @@ def _gained(models: Models, after: Terms, before: Terms) -> _Gained:
 def _held_out_rms(models: Models, terms: Terms, at: str) -> float:
     """Torque error on the held-out data of the terms fitted to the training data [N m]."""
     error = models.held_out.equations(terms).error(models.screen.solve(terms))
-    return models.holdout.data.errors(error)[at]
+    return error_at(models.holdout.data.errors(error), at, np.nan)
 
 
 def is_excited(models: Models, longer: Terms) -> bool:

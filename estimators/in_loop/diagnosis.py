@@ -21,12 +21,14 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import HELD_OUT, Setting
 from estimators.in_loop.comparison import with_gain
 from estimators.in_loop.evidence import InLoop
+from estimators.in_loop.fit import linear
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.selection.data import Evidence, Step, fit_terms
 from estimators.selection.models import Models
 from estimators.selection.moves import best, ids, loosened, settle
 from estimators.selection.search import Selection, select
 from estimators.simulation.output_error import Point
+from estimators.weak_form.shapes import continuous
 from estimators.weak_form.windows import WHOLE
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
@@ -87,7 +89,7 @@ class Looped:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
         fine, unseen = (replace(part, data=replace(part.data, steps=FINE)) for part in (self.train, self.check))
         fine.screen.begin_at(Point(step.model.terms, np.asarray(step.model.theta)))
-        model = self._in_unit(fit_terms(cast(Evidence, fine), step.model.terms)[0])
+        model = self._in_unit(_timed(fit_terms(cast(Evidence, fine), step.model.terms)[0], fine))
         return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})
 
     def _in_unit(self, model: Model) -> Model:
@@ -133,6 +135,21 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         torque_unit=calibrated.unit,
         torque_constant=constant_of(model, calibrated.constant),
     )
+
+
+def _timed(model: Model, servos: InLoop) -> Model:
+    """A fitted model whose standard errors count that a log's clock is off by a share of a sample."""
+    point = Point(model.terms, np.asarray(model.theta))
+    near = linear(servos.data, point, servos.screen.typical(model.terms), True)
+    late = np.column_stack([other.misses([point])[:, 0] for other in servos.data.mistimed]) - near.error[:, None]
+    moved = np.linalg.lstsq(near.weights[:, None] * near.slopes, -near.weights[:, None] * late, rcond=None)[0]
+    shapes = [term.full(shape.name) for term in model.terms for shape in continuous(term)]
+    told = dict(zip([*(column.name for column in model.columns), *shapes], moved, strict=True))
+    estimates = {
+        name: replace(own, std=float(np.linalg.norm([own.std, *told.get(name, ())])))
+        for name, own in model.estimates.items()
+    }
+    return replace(model, estimates=estimates)
 
 
 def add_in_loop(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self
 
@@ -118,6 +118,21 @@ class Rollouts:
         steps = [np.abs(np.diff(recording.position)) for recording in self.recordings]
         least = min(float(own[own > FINEST].min(initial=np.inf)) for own in steps)
         return least / np.sqrt(12.0) if np.isfinite(least) else FINEST
+
+    @cached_property
+    def mistimed(self) -> tuple[Self, Self]:
+        """The same with goals, and with controllers, as late as a log may have them without saying so."""
+
+        def late(recording: Recording, goal: float, drive: float) -> Recording:
+            assert recording.reference is not None and recording.drive is not None  # there is no rollout without
+            reference = np.interp(recording.time - goal, recording.time, recording.reference)
+            delayed = replace(recording.drive, delay=recording.drive.delay + drive)
+            return replace(recording, reference=reference, drive=delayed)
+
+        jitter = [JITTER / recording.rate for recording in self.recordings]
+        goals = tuple(late(own, by, 0.0) for own, by in zip(self.recordings, jitter, strict=True))
+        drives = tuple(late(own, 0.0, by) for own, by in zip(self.recordings, jitter, strict=True))
+        return replace(self, recordings=goals), replace(self, recordings=drives)
 
     def misses(self, points: Sequence[Point]) -> Array:
         """Simulated minus measured positions under V models whose terms are of equal classes (R, V) [rad]."""

@@ -17,6 +17,7 @@ from estimators.weak_form.dataset import Dataset, prepare
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import BASE, Model, Samples, Term
+from pendulum_env.physics.term import places
 from pendulum_env.recording import Recording
 
 REPEATED = 2  # knocks, below which that may be an accident
@@ -60,7 +61,7 @@ class Errors:
 
     def at(self, joint: str) -> float:
         """Torque error at a joint [N m], or error in the loop [rad]."""
-        return self.in_loop if self.is_in_loop else self.joints.get(joint, self.torque_rms)
+        return self.in_loop if self.is_in_loop else error_at(self.joints, joint, self.torque_rms)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -69,6 +70,12 @@ class Errors:
             for name in ("torque_rms", "position_rms", "torque_fit", "position_fit", "in_loop", "in_loop_rms")
         }
         return {name: value for name, value in told.items() if np.isfinite(value)}
+
+
+def error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:
+    """Root mean square of the errors of the joints that a term loads, of all joints by name [N m]."""
+    own = [joints[joint] for joint in places(at) if joint in joints]
+    return float(np.sqrt(np.mean(np.square(own)))) if own else otherwise
 
 
 def noise_floor(scatter: float, errors: Iterable[Errors]) -> float:
@@ -136,8 +143,8 @@ class Evidence:
         return self.reach_of(self.data.joints[0])
 
     def reach_of(self, joint: str) -> tuple[float, float]:
-        """The same of a joint."""
-        positions = [w.recording.position for w in self.data.windows if w.at == joint]
+        """The same of a joint, or of the joints that a term loads."""
+        positions = [w.recording.position for w in self.data.windows if w.at in places(joint)]
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
 
     def watching(self, model: Model) -> Evidence:

@@ -18,15 +18,16 @@ from estimators.weak_form.dataset import Dataset, Given, choose_half_width, data
 from estimators.weak_form.windows import Rows, Windows, cut
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Links
+from pendulum_env.arms.joints import Coupling, Links
 from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics.term import places
 
 FEWEST = 20  # windows of each joint
 PLACES = 50  # samples of each recording over which a joint's inertia is averaged
 
 
-def prepare_arm(recordings: Sequence[ArmRecording], links: Links) -> Dataset:
-    """Windowed equations of recordings of an arm, in `links`, terms at joints, or both.
+def prepare_arm(recordings: Sequence[ArmRecording], links: Links, shared: Sequence[type[Coupling]] = ()) -> Dataset:
+    """Windowed equations of recordings of an arm, in `links`, terms at joints, and `shared` by two joints.
 
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
@@ -54,7 +55,30 @@ def prepare_arm(recordings: Sequence[ArmRecording], links: Links) -> Dataset:
             linear.append(part.linear[k])
             rates.append(part.rates[k])
     inertia = np.mean([np.diagonal(part.masses.mean(axis=0), axis1=1, axis2=2).T for part in parts], axis=0)
-    return dataset(calibrated, {links.id: Given(np.concatenate(linear), np.concatenate(rates), inertia)})
+    data = dataset(calibrated, {links.id: Given(np.concatenate(linear), np.concatenate(rates), inertia)})
+    return replace(data, given={**data.given, **{kind.id: _coupled(entries, kind) for kind in shared}})
+
+
+def _coupled(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> Given:
+    """Columns of a motor that turns with two joints, on the rows of both."""
+    term, (first, second) = kind(), places(kind.at)
+    factors = {first: 1.0, second: kind.sign()}
+    linear, rates = [], []
+    for k in range(len(entries[0])):
+        for own in entries:
+            named = {w.at: w for w in own}
+            w = _turning(own[k], named[first], named[second], kind.sign())
+            factor = factors.get(w.at, 0.0)
+            linear.append(factor * w.columns([term])[0][0])
+            rates.append(factor * np.column_stack([w.rates.column(column, w.samples) for column in term.columns]))
+    return Given(np.concatenate(linear), np.concatenate(rates), np.zeros((len(entries[0]), len(term.columns))))
+
+
+def _turning(w: Windows, first: Windows, second: Windows, sign: float) -> Windows:
+    """Windows of a joint in which a motor turns with two joints."""
+    x, y = first.samples, second.samples
+    motion = replace(x, position=x.position + sign * y.position, velocity=x.velocity + sign * y.velocity)
+    return replace(w, samples=motion, acceleration=first.acceleration + sign * second.acceleration)
 
 
 @dataclass(frozen=True)

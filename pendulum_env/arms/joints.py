@@ -8,18 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, ClassVar, cast
+
+import numpy as np
 
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Column, Term, effects
 from pendulum_env.physics.base import Coulomb, Viscous
+from pendulum_env.physics.term import one, places
 
 if TYPE_CHECKING:
     from pendulum_env.arms.body import Body
 
 FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # of a joint, where nothing else is known
 # What depends on more than the own joint's motion: a link behind the motor, the arm's weight, a load's inertia
+DRAWS, OF_NO_LINK = 60, 1e-6  # of random motion, and share of an inertia that no link's explains
 OF_THE_ARM = ("load_dependent_friction.output",)  # columns that an effect has where its joint alone makes them
 NOT_DECENTRALISED = ("backlash", "joint_flexibility", "encoder_eccentricity", "gravity_tilt", "payload_change")
 
@@ -58,6 +63,75 @@ def _at_joint(effect: type[Term], joint: str) -> type[Term]:
     return cast(type[Term], type(f"{effect.__name__}@{joint}", (effect,), content))
 
 
+@dataclass(frozen=True)
+class Coupling(Term):
+    """A motor that turns with two joints at once, q_a + s q_b with s = 1 or -1, as in geared wrists and cable drives.
+
+    Its inertia and friction load joint a by as much as they take, and joint b by s times that. Made by `coupled`.
+    Source: Gautier, Janot and Vandanjon, IEEE Transactions on Control Systems Technology 21(2), 2013 (Staubli TX40).
+    """
+
+    id = "coupling"
+    law = "(I w' + b w + c sgn w) (1, s) with w = q_a' + s q_b'"
+    kind = "dissipative"
+    reveal = "motion of either joint without the other, and of both"
+    is_heavy: ClassVar[bool] = True  # whether its inertia is none of a link, as where both axes are parallel
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Those of a motor's inertia and friction, as functions of its own motion."""
+        friction = (
+            Column(f"coupling.viscous@{self.at}", "N m s/rad", force=lambda x: x.velocity, least=0.0),
+            Column(f"coupling.coulomb@{self.at}", "N m", dry=one, least=0.0),
+        )
+        return (Column(f"coupling.inertia@{self.at}", "kg m^2", mass=one), *friction) if self.is_heavy else friction
+
+    @classmethod
+    def sign(cls) -> float:
+        """Which way the motor turns with the second joint, s."""
+        return -1.0 if ",-" in cls.at else 1.0
+
+
+def coupled(at: str, is_heavy: bool = True) -> type[Coupling]:
+    """The coupling of two joints, `elbow,wrist` or `elbow,-wrist`, with or without an inertia of its motor."""
+    key = at if is_heavy else f"{at} without inertia"
+    if (Coupling, key) not in _known:
+        content = {
+            "__module__": Coupling.__module__,
+            "__doc__": Coupling.__doc__,
+            "__reduce__": lambda term: (_coupling, (at, is_heavy)),
+            "id": f"coupling@{at}",
+            "at": at,
+            "is_heavy": is_heavy,
+        }
+        _known[Coupling, key] = type(f"Coupling@{at}", (Coupling,), content)
+    return cast(type[Coupling], _known[Coupling, key])
+
+
+def _coupling(at: str, is_heavy: bool) -> Coupling:
+    return coupled(at, is_heavy)()
+
+
+def couplings(body: Body) -> tuple[type[Coupling], ...]:
+    """Couplings of joints that follow each other, each way."""
+    pairs = [(first, f"{sign}{second}") for first, second in pairwise(body.joints) for sign in ("", "-")]
+    return tuple(coupling(f"{first},{second}", body) for first, second in pairs)
+
+
+def coupling(at: str, body: Body) -> type[Coupling]:
+    """The coupling of two joints of an arm; without inertia where a link's may be what its motor's would be."""
+    kind = coupled(at)
+    first, second = (body.joints.index(joint) for joint in places(at))
+    q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(body.joints)))
+    felt = np.zeros_like(a)
+    felt[:, first] = a[:, first] + kind.sign() * a[:, second]
+    felt[:, second] = kind.sign() * felt[:, first]
+    links = body.torque(q, v, a)
+    links = links.reshape(-1, links.shape[-1])
+    left = felt.ravel() - links @ np.linalg.lstsq(links, felt.ravel(), rcond=None)[0]
+    return coupled(at, bool(np.linalg.norm(left) > OF_NO_LINK * np.linalg.norm(felt)))
+
+
 def placed(term: Term, joint: str) -> Term:
     """A term as it is at a joint."""
     return at_joint(type(term), joint)(**term.shape)
@@ -70,7 +144,7 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
         ValueError: with the term, and the joints that there are.
     """
     for term in terms:
-        if term.at not in joints:
+        if not set(places(term.at)) <= set(joints):
             raise Mistake(
                 f"{term.id} is at none of the joints {', '.join(joints)}: place it, placed(term, {joints[0]!r})"
             )
@@ -86,6 +160,21 @@ def joint_effects() -> dict[str, type[Term]]:
     return {id: effect for id, effect in effects().items() if id not in NOT_DECENTRALISED}
 
 
+def kind_at(text: str, body: Body) -> type[Term]:
+    """The effect of an arm that `stribeck@elbow`, or `coupling@elbow,-wrist`, names.
+
+    Raises:
+        ValueError: if there is no such effect or joint; the message names the nearest.
+    """
+    joints, (id, _, at) = body.joints, text.partition("@")
+    if id != Coupling.id:
+        return at_joint(*effect_at(text, joints))
+    pair = [find("joint", joint, {name: name for name in joints}) for joint in places(at)]
+    if len(set(pair)) != 2 or at.startswith("-"):
+        raise Mistake(f"'{text}' should name two joints, such as {id}@{joints[0]},{joints[-1]}, with - for the second")
+    return coupling(at, body)
+
+
 def effect_at(text: str, joints: Sequence[str]) -> tuple[type[Term], str]:
     """Effect and joint of `stribeck@elbow`.
 
@@ -93,6 +182,8 @@ def effect_at(text: str, joints: Sequence[str]) -> tuple[type[Term], str]:
         ValueError: if there is no such effect or joint; the message names the nearest.
     """
     id, at, joint = text.partition("@")
+    if id == Coupling.id:
+        raise Mistake(f"{id} is of two joints, of which the simulator here has none: leave it out")
     if not at and id not in NOT_DECENTRALISED:
         raise Mistake(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
     if id in NOT_DECENTRALISED:

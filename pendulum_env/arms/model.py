@@ -11,10 +11,11 @@ import numpy as np
 
 from pendulum_env._typing import JSON, Array, ArrayLike
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Links, at_joint
+from pendulum_env.arms.joints import Coupling, Links, at_joint, coupled
 from pendulum_env.files import write_whole
 from pendulum_env.physics import Estimate, Model, ModelError, Term, library
 from pendulum_env.physics.model import ARM_SCHEMA
+from pendulum_env.physics.term import places
 from pendulum_env.reading import Unreadable, Value, read_json
 
 HINT = "an arm's model is what `identify --robot` or `diagnose --robot` write with -o"
@@ -98,17 +99,21 @@ class ArmModel:
             base = data["base"].content
             if base != {parameter.name: parameter.text for parameter in body.base}:
                 raise ModelError("is of an arm with other links, or with rotors where this has none, or without")
-            terms = tuple(_term(item, body.joints) for item in data["terms"].items(1000))
             theta = data["theta"]
+            told = theta.content if isinstance(theta.content, dict) else {}
+            terms = tuple(
+                _term(item, body.joints, f"coupling.inertia@{item['joint'].text()}" in told)
+                for item in data["terms"].items(1000)
+            )
             names = parameter_names(body, terms)
             values = [theta[name]["value"].number() for name in names]
             errors = [theta[name]["std"].number(0.0) for name in names]
             shapes = [own.full(shape.name) for own in terms for shape in own.free]
-            told = {name: theta[name]["std"].number(0.0) for name in shapes}
+            shape_std = {name: theta[name]["std"].number(0.0) for name in shapes}
             biased = any(theta[name].get("biased") is not None for name in names)
         except (Unreadable, ModelError) as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-        model = cls.build(body, terms, np.array(values), np.array(errors), told)
+        model = cls.build(body, terms, np.array(values), np.array(errors), shape_std)
         return model.biased() if biased else model
 
 
@@ -127,10 +132,13 @@ def parameter_names(body: Body, terms: Sequence[Term]) -> tuple[str, ...]:
     return (*body.names, *(column.name for own in terms for column in own.columns))
 
 
-def _term(item: Value, joints: Sequence[str]) -> Term:
-    kind = library.term(item["id"].text())
+def _term(item: Value, joints: Sequence[str], is_heavy: bool) -> Term:
     joint, shape = item["joint"].text(), item["shape"]
-    if joint not in joints:
-        raise ModelError(f"has a term at joint '{joint}', the robot has {', '.join(joints)}")
+    for place in places(joint):
+        if place not in joints:
+            raise ModelError(f"has a term at joint '{place}', the robot has {', '.join(joints)}")
+    if item["id"].text() == Coupling.id:
+        return coupled(joint, is_heavy)()
+    kind = library.term(item["id"].text())
     values = {known.name: shape[known.name].number(known.low, known.high) for known in kind.shapes}
     return at_joint(kind, joint)(**values)

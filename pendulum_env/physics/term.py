@@ -159,7 +159,8 @@ class Term:
     """
 
     id: ClassVar[str]
-    at: ClassVar[str] = ""  # the joint where it is, of an arm of several; its id then ends with it, `stribeck@elbow`
+    at: ClassVar[str] = ""  # the joint where it is, of an arm of several; its id then ends with it, `stribeck@elbow`;
+    # of what loads two joints both, the second with its sign, `coupling@elbow,-wrist`
     law: ClassVar[str]  # added to the torque that the motion needs
     kind: ClassVar[Kind]
     reveal: ClassVar[str] = "a richer excitation"  # the experiment that shows the effect
@@ -276,6 +277,11 @@ def written(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
     values: dict[str, ArrayLike] = {f"{place}.{shape.name}": term.shape[shape.name] for shape in term.free}
     symbols: dict[str, Any] = {shape.name: name(f"{place}.{shape.name}") for shape in term.free}
     return type(term)(**shapes | symbols), values
+
+
+def places(at: str) -> tuple[str, ...]:
+    """Joints that a term loads, by where it is."""
+    return tuple(joint.removeprefix("-") for joint in at.split(","))
 
 
 def upper(duration: ArrayLike) -> float:

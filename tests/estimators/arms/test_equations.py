@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import Multisine, TwoLink
-from estimators.arms.diagnosis import diagnose_arm, gather_arm
+from estimators.arms.diagnosis import diagnose_arm, gather_arm, models_of_arm
 from estimators.arms.identification import identify_arm
+from estimators.progress import no_progress
 from estimators.selection.candidates import Columns
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import inertias
 from estimators.selection.models import Models
-from pendulum_env.arms.joints import Links, at_joint, friction, placed
+from estimators.selection.search import select
+from pendulum_env.arms.joints import Links, at_joint, coupling, couplings, friction, placed
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Viscous, effect
@@ -108,3 +110,30 @@ def test_terms_at_joints_are_sent_to_other_processes_whole():
     again = pickle.loads(pickle.dumps(term))
     assert again == term and again.id == "stribeck@elbow" and again.at == "elbow"
     assert [column.name for column in again.columns] == ["stribeck@elbow"]
+
+
+@pytest.mark.parametrize(("at", "is_heavy"), [("shoulder,-elbow", True), ("shoulder,elbow", False)])
+def test_a_motor_that_turns_with_two_joints_loads_both(body, motion, tmp_path, at, is_heavy):
+    position, torque = motion
+    kind = coupling(at, body)
+    assert kind.is_heavy == is_heavy  # parallel axes: the elbow's link turns with their sum as well
+    turned = position @ [1.0, kind.sign()]
+    speed = np.gradient(turned, TIME, edge_order=2)
+    needed = 0.2 * speed + 0.3 * np.sign(speed) + 0.01 * is_heavy * np.gradient(speed, TIME, edge_order=2)
+    recording = recorded(body, position, torque + needed[:, None] * [1.0, kind.sign()], 0.001)
+    model = identify_arm(recording, body, (*friction(body.joints), kind()))["filtered_dynamic"].model
+    expected = {"inertia": 0.01, "viscous": 0.2, "coulomb": 0.3}
+    found = {
+        name.partition("@")[0].removeprefix("coupling."): estimate.value
+        for name, estimate in model.estimates.items()
+        if name.startswith("coupling")
+    }
+    assert found == pytest.approx({name: expected[name] for name in found}, rel=0.05)
+    model.save(tmp_path / "arm.json")
+    assert ArmModel.load(tmp_path / "arm.json", body).terms == model.terms
+    assert pickle.loads(pickle.dumps(kind())) == kind()
+    base = (Links(body), *friction(body.joints))
+    kinds = {one.id: one for one in (*couplings(body), at_joint(effect("stribeck"), "elbow"))}
+    first, last = recording.split(0.7)
+    models = models_of_arm([first], [last], base, kinds, None, None, no_progress)
+    assert [term.id for term in select(models).terms[len(base) :]] == [kind.id]

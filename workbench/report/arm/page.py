@@ -35,7 +35,7 @@ def write_arm_report(
     base = Drawn("base model", "--base", diagnosis.base, diagnosis.before)
     final = Drawn("final model", "--final", diagnosis.model, diagnosis.after)
     case = ArmCase(
-        gather_arm(parted(recordings, holdout)[0], Links(diagnosis.model.body)),
+        gather_arm(parted(recordings, holdout)[0], Links(diagnosis.model.body), diagnosis.model.terms),
         (base, final) if diagnosis.selected else (base,),
         "held-out data",
         diagnosis.selected,
@@ -60,7 +60,7 @@ def write_arm_comparison_report(
         OSError: if the file cannot be written.
     """
     case = ArmCase(
-        gather_arm(recordings, Links(model.body)),
+        gather_arm(recordings, Links(model.body), model.terms),
         (Drawn("model", "--base", model, errors),),
         "the recordings compared with",
     )
