@@ -142,11 +142,33 @@ class Preset:
 
 
 PLAIN = Preset({}, {}, "plain numbers in SI")
+BAM = "as github.com/Rhoban/bam measured it"  # duty cycle by the error of the angle and the gain in its register
 PRESETS = {
     "xl330": Preset(
         {"control": "position", "output": "duty", "supply": 7.3},
         {"kp": 4096 / math.tau / (256 * 885)},
-        "Dynamixel XL330 as github.com/Rhoban/bam measured it: duty = kp (goal - position) [counts] / (256 x 885)",
+        f"Dynamixel XL330 {BAM}: duty = kp (goal - position) [counts] / (256 x 885)",
+    ),
+    "xl320": Preset(
+        {"control": "position", "output": "duty", "supply": 7.5},
+        {"kp": 0.0505},
+        f"Dynamixel XL-320 {BAM}: duty = 0.0505 kp (goal - position) [rad]",
+    ),
+    "mx": Preset(
+        {"control": "position", "output": "duty", "supply": 15.0, "limit": 0.9625},
+        {"kp": 0.158},
+        f"Dynamixel MX-64 and MX-106 {BAM}: duty = 0.158 kp (goal - position) [rad], 0.9625 at most",
+    ),
+    "sts3215": Preset(
+        {"control": "position", "output": "duty", "supply": 7.4, "limit": 0.97},
+        {"kp": 0.166},
+        f"Feetech STS3215 {BAM}: duty = 0.166 kp (goal - position) [rad], 0.97 at most, below its largest speed",
+    ),
+    "mit": Preset(
+        {"control": "position", "output": "torque"},
+        {},
+        "MIT mode of quasi-direct drives (Mini Cheetah, Damiao, CubeMars): torque = kp (goal - position) - kd velocity "
+        "at the output, with neither a goal of the speed nor a torque fed forward",
     ),
 }
 KEYS = dict.fromkeys(("preset", *vars(Drive())), True)

@@ -199,3 +199,21 @@ def test_drive_is_told_as_it_was_said():
 def test_samples_of_a_term_without_state_are_powered():
     x = Samples(np.zeros(3), np.zeros(3), np.ones(3), np.zeros(3))
     assert BackEmf().columns[0].force(x) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("preset", "kp", "torque"),  # at 0.1 rad from the goal, for 0.5 N m/V, as their sources say
+    [
+        ("xl330", 400, 0.5 * 7.3 * 400 * 0.1 * 4096 / (2 * np.pi) / (256 * 885)),
+        ("xl320", 32, 0.5 * 7.5 * 32 * 0.0505 * 0.1),
+        ("mx", 32, 0.5 * 15.0 * 32 * 0.158 * 0.1),
+        ("sts3215", 32, 0.5 * 7.4 * 32 * 0.166 * 0.1),
+        ("sts3215", 320, 0.5 * 7.4 * 0.97),  # where its duty ends
+        ("mit", 20, 20 * 0.1),
+    ],
+)
+def test_a_preset_s_gain_is_that_of_the_servo_s_register(preset, kp, torque):
+    drive = Drive.of({"preset": preset, "kp": kp, **({} if preset == "mit" else {"gain": 0.5})})
+    one = np.ones(1)
+    supply = one * (drive.supply or 1.0)
+    assert drive.torque(0.1 * one, 0 * one, 0 * one, supply, one) == pytest.approx(torque)
