@@ -41,10 +41,15 @@ def simulated(model: Model, torque=TORQUE, position=0.2) -> np.ndarray:
     return model.simulate(1e-3, torque, position, 0.0).position
 
 
-def in_python(text: str, monkeypatch, torque=TORQUE) -> np.ndarray:
+def imported(text: str, monkeypatch) -> ModuleType:
     module = ModuleType("exported")
     monkeypatch.setitem(sys.modules, "exported", module)
     exec(text, module.__dict__)
+    return module
+
+
+def in_python(text: str, monkeypatch, torque=TORQUE) -> np.ndarray:
+    module = imported(text, monkeypatch)
     state = module.start(0.2)
     path = [state.position]
     for k, value in enumerate(torque):  # Python's own numbers and NumPy's
@@ -76,6 +81,36 @@ def test_python_is_the_simulators_own_step(hidden, monkeypatch):
     np.testing.assert_allclose(path, simulated(model)[:, 0], rtol=0, atol=1e-12)
     if hidden not in STIRRED:
         assert path[-1] == path[-2]  # dry friction holds it, exactly
+
+
+@pytest.mark.parametrize("hidden", [None, *effects(), "dead_time=0.0043", "torque_saturation:limit=2,roundness=0.2"])
+def test_python_steps_a_batch_as_it_steps_each(hidden, monkeypatch):
+    module = imported(export(plant() if hidden is None else plant(hidden), "python").content, monkeypatch)
+    position, velocity = np.array([[0.2, -3.0, 0.0, 0.4], [0.0, 5.0, -1.0, 0.0]])
+    batch = module.start(position, velocity)
+    singles = [module.start(*each) for each in zip(position.tolist(), velocity.tolist(), strict=True)]
+    for value in TORQUE[:500]:
+        torque = value * np.array([1.0, -1.0, 0.1, 2.0])  # the third sticks
+        batch = module.step(batch, torque)
+        singles = [module.step(*each) for each in zip(singles, torque.tolist(), strict=True)]
+    assert np.ptp(batch.position) > 0.1
+    for name, values in batch._asdict().items():
+        one_by_one = np.array([getattr(state, name) for state in singles]).T
+        np.testing.assert_allclose(np.broadcast_to(values, one_by_one.shape), one_by_one, rtol=1e-9, atol=1e-12)
+
+
+def test_python_needs_no_numpy_for_numbers_and_broadcasts_a_batch(tmp_path, monkeypatch):
+    text = export(plant("stribeck", "dead_time=0.0043"), "python").content
+    (tmp_path / "arm.py").write_text(text)
+    code = "import arm, sys; arm.step(arm.start(0.1), 2.5); print('numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.split() == ["False"]
+    module = imported(text, monkeypatch)
+    state = module.start()  # all hang down, and are pushed differently
+    for _ in range(100):
+        state = module.step(state, np.array([0.0, 3.0, -3.0]))
+    assert state.position[0] == 0
+    assert state.position[1] == -state.position[2] > 0
 
 
 @pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")

@@ -17,10 +17,10 @@ DIALECT = Dialect(
         "power": "pow({0}, {1})",
         "logical_and": "{0} && {1}",
         "logical_or": "{0} || {1}",
+        "where": "{0} ? {1} : {2}",
         "arctan": "atan({0})",
         **{op: f"{op}({{0}})" for op in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")},
     },
-    where="{0} ? {1} : {2}",
     infinity="INFINITY",
 )
 SIGN = "static double sign(double x) { return (x > 0) - (x < 0); }"

@@ -22,7 +22,8 @@ RESERVED = frozenset(  # names that the exported programs and their languages ha
     """time position velocity torque commands state step start sign State STEP math abs max min
     auto case char const default do double enum extern float goto int long register short signed sizeof static struct
     switch typedef union unsigned void volatile fabs sin cos tan exp log sqrt tanh atan pow fmax fmin gamma
-    round hypot y0 y1 j0 j1 inline restrict memset INFINITY NAN NamedTuple pendulum_step""".split()
+    round hypot y0 y1 j0 j1 inline restrict memset INFINITY NAN NamedTuple pendulum_step
+    np Any Value SimpleNamespace NUMBERS _functions""".split()
 )
 STAGES = ("start", "middle", "rest")  # of a step: its begin, its middle, and where friction has stopped the joint
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from pendulum_env.physics.symbols import LOGICAL, NAME, WHERE, Operand, Symbol, distinct
+from pendulum_env.physics.symbols import NAME, Operand, Symbol, distinct
 
 WIDE = 64  # characters, from which a part of an expression is a variable of its own
 INFIX: dict[str, tuple[str, int]] = {  # and how tightly it binds
@@ -27,8 +27,7 @@ NEGATIVE, ATOM, LOOSE = 6, 9, 0
 class Dialect:
     """How a language writes what `INFIX` does not say: templates over the operands."""
 
-    calls: Mapping[str, str]  # by operation, such as "math.sin({0})"
-    where: str  # such as "{1} if {0} else {2}"
+    calls: Mapping[str, str]  # by operation, such as "sin({0})" or "{0} ? {1} : {2}"
     infinity: str
     prefix: str = ""  # of names that are given
 
@@ -99,11 +98,10 @@ class Source:
             return f"{left} {sign} {_within(parts[1], tight + 1)}", tight
         if symbol.op == "negative":
             return f"-{_within(parts[0], NEGATIVE + 1)}", NEGATIVE
-        if symbol.op == WHERE:
-            inner = [_within(part, 1) for part in parts]
-            return self.dialect.where.format(*inner), LOOSE
-        inner = [_within(part, 1) if symbol.op not in LOGICAL else _within(part, ATOM) for part in parts]
-        return self.dialect.calls[symbol.op].format(*inner), ATOM if symbol.op not in LOGICAL else LOOSE
+        template = self.dialect.calls[symbol.op]
+        encloses = template.endswith(")")
+        inner = [_within(part, LOOSE if encloses else ATOM) for part in parts]
+        return template.format(*inner), ATOM if encloses else LOOSE
 
 
 def _within(part: tuple[str, int], tight: int) -> str:
