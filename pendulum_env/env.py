@@ -21,7 +21,7 @@ from pendulum_env.interface import (
     VELOCITIES,
     check_positive,
     spaces,
-    warn_of_endless,
+    warn_learner,
 )
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
@@ -40,7 +40,8 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
     Its reward is always 0, and an episode ends only with a recording that is replayed (truncated) or a fault of a rig's
     drive (terminated). To train an agent, make `pendulum_env/ExcitationDesign-v0`, whose reward is what a motion
     teaches; or wrap this one in `EstimateParameters` and `InformationReward` or in a reward of your own, and give
-    `gymnasium.make` a `max_episode_steps`. Where nobody did, a warning says so after 50,000 steps.
+    `gymnasium.make` a `max_episode_steps`. A warning says so where an episode has
+    gone on for 20,000 steps and no wrapper or `rollout` took in the measurement.
 
     q = 0 hangs down, positive counter-clockwise. Action: torque [N m], held for one period and limited to
     +-max_torque, shape (1,). Observation: cos q, sin q, q' [rad/s], shape (3,), of the measured angle, the
@@ -191,7 +192,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         observation, info = self._show(sample)
         if self.simulated:
             self._steps += 1
-            warn_of_endless(self, self._steps)
+            warn_learner(self, self._steps)
         if self.render_mode == "human":
             self.render()
         return observation, 0.0, sample.status is Status.FAULT, sample.status is Status.ENDED, info

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pendulum_env._typing import Array
 from pendulum_env.arms.planar import TWO_LINK, Link, PlanarBodies, joint_models, joint_names, urdf
 from pendulum_env.backends.sensing import COUNTS, Sensor
-from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, warn_of_endless
+from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, warn_learner
 from pendulum_env.lookup import find
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.words import listing
@@ -133,7 +133,7 @@ class PlanarArm(gym.Env[Observation, Action]):
         torque = np.clip(self._numbers("action", action), -self.max_torque, self.max_torque)
         self._bodies.advance(torque)
         self._count += 1
-        warn_of_endless(self, self._count)
+        warn_learner(self, self._count)
         observation, info = self._show(self.sensor.torque(torque, self.np_random))
         if self.render_mode == "human":
             self.render()

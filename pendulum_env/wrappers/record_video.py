@@ -42,4 +42,4 @@ class RecordVideo(EveryStep[Any, Any]):
         self._steps += 1
         for _ in range(due - len(self.recorded_frames)):
             if self.recording:  # until something is drawn that is no picture
-                super()._capture_frame()
+                super()._capture_frame()  # type: ignore[no-untyped-call]
