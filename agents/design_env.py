@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from agents.knowledge import COUNT, CRITERIA, Knowledge
-from agents.observer import BOUND, CONSTRAINTS, EPISODE, Batch, Observer
+from agents.observer import BOUND, CONSTRAINTS, EPISODE, TICK, Batch, Observer
 from agents.structure import DISCRIMINATE, PROBES, Structure, drawn, worth
 from pendulum_env._typing import Array, Index
 from pendulum_env.backends.sensing import COUNTS
@@ -24,6 +24,7 @@ from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Model
 from pendulum_env.plant import make_plant, typical
+from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.vector_env import DirectDrivePendulumVector
 from pendulum_env.wrappers.spread import Spread
 
@@ -235,13 +236,22 @@ def with_probes(plant: Model) -> Model:
 
 
 class ExcitationDesign(gym.Env[Batch, Batch]):
-    """One pendulum whose parameters are to be learnt: `ExcitationDesignVector` with a batch of one."""
+    """One pendulum whose parameters are to be learnt: `ExcitationDesignVector` with a batch of one.
 
-    metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own interface)
+    Action (1,), observation (20,), reward and `info` are those of the batch, without its first axis. An episode is
+    truncated after `seconds`, 10 s or 500 steps by default; none terminates.
+    """
 
-    def __init__(self, **arguments: Any) -> None:
-        """Make it; the arguments are those of `ExcitationDesignVector` but for the number of pendulums."""
-        self.render_mode = arguments.pop("render_mode", None)
+    metadata = {"render_modes": list(MODES), "render_fps": round(1 / TICK)}  # noqa: RUF012  (Gymnasium's own interface)
+
+    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
+        """Make it; the arguments are those of `ExcitationDesignVector` but for the number of pendulums.
+
+        Args:
+            render_mode: "rgb_array" or "human".
+            arguments: of the batch.
+        """
+        self.render_mode, self._renderer = render_mode, Renderer(render_mode)
         self._batch = ExcitationDesignVector(1, **arguments)
         self.observation_space = self._batch.single_observation_space
         self.action_space = self._batch.single_action_space
@@ -252,14 +262,28 @@ class ExcitationDesign(gym.Env[Batch, Batch]):
         if options and "plant" in options:
             options = {**options, "plant": np.reshape(options["plant"], (-1, 1))}
         observation, info = self._batch.reset(seed=seed, options=options)
-        return observation[0], _only(info)
+        self._paid = 0.0
+        return observation[0], self._show(info)
 
     def step(self, action: Batch) -> tuple[Batch, float, bool, bool, dict[str, Any]]:
         """Hold a torque, a share of the peak, for 20 ms."""
         observation, reward, _, truncated, info = self._batch.step(np.reshape(action, (1, 1)))
-        return observation[0], float(reward[0]), False, bool(truncated[0]), _only(info)
+        self._paid += float(reward[0])
+        return observation[0], float(reward[0]), False, bool(truncated[0]), self._show(info)
 
+    def _show(self, info: dict[str, Any]) -> dict[str, Any]:
+        """Info of the only pendulum of a batch."""
+        self._last = {name: value[0] for name, value in info.items() if not name.startswith("_")}
+        if self.render_mode == "human":
+            self.render()
+        return self._last
 
-def _only(info: dict[str, Any]) -> dict[str, Any]:
-    """Info of the only pendulum of a batch."""
-    return {name: value[0] for name, value in info.items() if not name.startswith("_")}
+    def render(self) -> NDArray[np.uint8] | None:
+        """Picture (H, W, 3) of the arm, its torque and the reward of the episode so far; None in mode human."""
+        observer, seen = self._batch.observer, self._last
+        measurement = {"time": TICK * observer.tick, "position": seen["positions"][-1], "torque": seen["torques"][-1]}
+        return self._renderer.draw(measurement, observer.constraint.peak, (f"reward {self._paid:.1f} so far",))
+
+    def close(self) -> None:
+        """Let go of the window."""
+        self._renderer.close()

@@ -5,7 +5,7 @@ Importing it makes the environments known to `gymnasium.make`, as is Gymnasium's
 
 from gymnasium.envs.registration import register
 
-from pendulum_env.registration import ARM, PENDULUM
+from pendulum_env.registration import ARM, DESIGN, PENDULUM
 
 register(
     PENDULUM,
@@ -13,3 +13,8 @@ register(
     vector_entry_point="pendulum_env.vector_env:DirectDrivePendulumVector",
 )
 register(ARM, entry_point="pendulum_env.arms.env:PlanarArm")
+register(
+    DESIGN,
+    entry_point="agents.design_env:ExcitationDesign",  # found only when it is made: nothing here knows of agents
+    vector_entry_point="agents.design_env:ExcitationDesignVector",
+)

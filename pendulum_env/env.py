@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from pendulum_env.backends import BACKENDS, Sample, Sensor, Setup, Start, Status
 from pendulum_env.backends.sensing import COUNTS
-from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, RESET_OPTIONS, VELOCITIES, check_positive, spaces
+from pendulum_env.interface import (
+    MAX_TORQUE,
+    MAX_VELOCITY,
+    RESET_OPTIONS,
+    VELOCITIES,
+    check_positive,
+    spaces,
+    warn_learner,
+)
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import make_plant
@@ -27,19 +35,23 @@ Action = NDArray[np.float32]
 
 
 class DirectDrivePendulum(gym.Env[Observation, Action]):
-    """A direct-drive pendulum with a torque input, seen through its encoder.
+    """A direct-drive pendulum with a torque input, seen through its encoder: a plant, no task.
+
+    Its reward is always 0, and an episode ends only with a recording that is replayed (truncated) or a fault of a rig's
+    drive (terminated). To train an agent, make `pendulum_env/ExcitationDesign-v0`, whose reward is what a motion
+    teaches; or wrap this one in `EstimateParameters` and `InformationReward` or in a reward of your own, and give
+    `gymnasium.make` a `max_episode_steps`. A warning says so where an episode has
+    gone on for 20,000 steps and no wrapper or `rollout` took in the measurement.
 
     q = 0 hangs down, positive counter-clockwise. Action: torque [N m], held for one period and limited to
-    +-max_torque, shape (1,). Observation: cos q, sin q, q' [rad/s], shape (3,), of the measured angle.
+    +-max_torque, shape (1,). Observation: cos q, sin q, q' [rad/s], shape (3,), of the measured angle, the
+    last cut at +-100 rad/s.
 
     `info` carries the measurement that estimators and recordings use: `time` [s] since the reset, `position` [rad]
     unwrapped as the encoder reads it, `velocity` [rad/s], `torque` [N m] as it was applied over the period that ends at
     `time` (0 after a reset), and `follows`: False where the action is ignored, as in a replay. A rig adds `jitter` [s],
     how late after its tick a sample was taken, `overruns`, how many ticks were missed so far, and on a fault `fault`,
     what happened and what to do.
-
-    The environment is a plant, not a task: its reward is 0 and it never terminates by itself, except on a fault of the
-    drive. `InformationReward` pays for what a step teaches. A recording's end truncates the episode.
     """
 
     metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
@@ -87,8 +99,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             ModuleNotFoundError: if a backend needs an extra that is not installed.
         """
         check_positive("a pendulum", rate=rate, substeps=substeps, max_torque=max_torque)
-        if render_mode is not None:
-            find("render_mode", render_mode, dict.fromkeys(MODES))
+        self._renderer = Renderer(render_mode)
         if backend != "replay" and recording is not None:
             raise ValueError(f"a recording is played by backend='replay', not by '{backend}'")
         if backend != "dm1015b" and config is not None:
@@ -109,9 +120,8 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
         self.traits = self.backend.traits
         self.recording, self.rate, self.counts = self.traits.recording, self.traits.rate, self.traits.counts
         self.max_torque = min(self.max_torque, self.traits.max_torque)
-        self.metadata = {**self.metadata, "render_fps": max(1, round(self.rate))}
+        self.metadata = {**self.metadata, "render_fps": self.rate}
         self.observation_space, self.action_space = spaces(self.max_torque)
-        self._renderer = Renderer(render_mode) if render_mode is not None else None
         self._running = False
 
     @property
@@ -152,7 +162,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             raise ValueError(f"a pendulum cannot start at {position:g} rad with {velocity:g} rad/s: give numbers")
         start = Start(position, velocity, self.np_random, clear)
         first = self.backend.enable(start)
-        self._running = True
+        self._running, self._steps = True, 0
         # the backward difference starts with the angle one period earlier
         self._before, self._then = first.position, first.time
         if self.simulated:
@@ -180,6 +190,9 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             raise ValueError(f"the action is {torque}: a torque in N m is needed")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
         observation, info = self._show(sample)
+        if self.simulated:
+            self._steps += 1
+            warn_learner(self, self._steps)
         if self.render_mode == "human":
             self.render()
         return observation, 0.0, sample.status is Status.FAULT, sample.status is Status.ENDED, info
@@ -209,9 +222,6 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
 
     def render(self) -> NDArray[np.uint8] | None:
         """Picture (H, W, 3) of the arm, its torque and what the estimators have found; None in mode human."""
-        if self._renderer is None:
-            gym.logger.warn("render was called without a render_mode: pass render_mode='rgb_array' to gym.make")
-            return None
         return self._renderer.draw(self._last, self.max_torque, self.overlay())
 
     def close(self) -> None:
@@ -220,5 +230,4 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             self.backend.disable()
             self._running = False
         self.backend.close()
-        if self._renderer is not None:
-            self._renderer.close()
+        self._renderer.close()

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
+
+from pendulum_env.registration import DESIGN
 
 MAX_TORQUE = 15.0  # [N m], of the DM1015B
 MAX_VELOCITY = 100.0  # [rad/s], bound of the observation; the measurement in `info` has none
 VELOCITIES = {"difference": False, "ideal": True}  # how it is measured, and whether that is exactly
 RESET_OPTIONS = dict.fromkeys(("position", "velocity", "theta", "clear_fault"))
+ENDLESS = 20_000  # steps of an episode after which somebody seems to train who should not
 WHOLE = ("substeps", "num_envs")  # numbers that count something
 
 
@@ -30,3 +35,18 @@ def check_positive(of: str, **values: float) -> None:
     for what, value in values.items():
         if not 0 < value < np.inf or (what in WHOLE and value != int(value)):
             raise ValueError(f"{what} of {of} cannot be {value:g}: give a positive number")
+
+
+def note_identifier(env: Any) -> None:
+    """Note that somebody takes in what an environment measures, for whom its reward does not matter."""
+    env.unwrapped.identified = True
+
+
+def warn_learner(env: gym.Env[Any, Any], steps: int) -> None:
+    """Warn who seems to train on a plant, which pays nothing: after many steps of an episode, without an identifier."""
+    if steps == ENDLESS and env.spec is not None and not getattr(env, "identified", False):
+        gym.logger.warn(
+            f"{steps} steps in one episode: this environment is a plant, its reward is 0 and its episodes do not end. "
+            f"To train, make '{DESIGN}', or wrap it in a reward of your own and give max_episode_steps. "
+            "To identify, pay no heed: rollout, RecordMeasurements and the wrappers that estimate keep this quiet"
+        )

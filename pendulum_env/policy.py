@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendulum_env.excitation import Excitation
+from pendulum_env.interface import note_identifier
 from pendulum_env.recording import Recording
 
 State = tuple[Any, ...] | None
@@ -86,6 +87,7 @@ def rollout(
     rates = [getattr(part, "rate", None) for part in (policy, env.unwrapped)]
     if None not in rates and not math.isclose(*rates):  # type: ignore[arg-type]
         raise ValueError(f"the policy is laid out for {rates[0]:g} Hz, the environment runs at {rates[1]:g} Hz")
+    note_identifier(env)
     observation, info = env.reset(seed=seed)
     state: State = None
     rows = np.empty((steps, 3))

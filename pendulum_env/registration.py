@@ -2,3 +2,4 @@
 
 PENDULUM = "pendulum_env/DirectDrivePendulum-v0"
 ARM = "pendulum_env/PlanarArm-v0"
+DESIGN = "pendulum_env/ExcitationDesign-v0"

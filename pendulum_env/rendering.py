@@ -6,20 +6,31 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from pendulum_env.lookup import find
+
 MODES = ("human", "rgb_array")
 WIDTH, HEIGHT = 600, 480  # [pixels]
-FRAMES = 50.0  # per second of simulated time, in a window
+REACH, BOB = 173, 18  # [pixels] of all links in a row, and of the discs at their ends
+LINE, TOLD = 20, 15  # [pixels] from one line of text to the next, and how many are shown
+FRAMES = 50  # per second of simulated time, in a window and in a video
 PAPER, INK, ARM, TORQUE = (250, 249, 246), (40, 44, 52), (52, 101, 164), (204, 92, 40)
 
 
 class Renderer:
     """Draws with pygame, which is imported when first needed."""
 
-    def __init__(self, mode: str) -> None:
-        """Nothing is opened before the first picture."""
+    def __init__(self, mode: str | None) -> None:
+        """Nothing is opened before the first picture, and nothing at all in mode None.
+
+        Raises:
+            ValueError: if there is no such mode.
+        """
+        if mode is not None:
+            find("render_mode", mode, dict.fromkeys(MODES))
         self.mode = mode
         self._forget()
 
@@ -45,13 +56,18 @@ class Renderer:
     ) -> NDArray[np.uint8] | None:
         """Picture (H, W, 3) in mode rgb_array; in mode human the window shows it, 50 times a second.
 
+        Text stands at the bottom, and the links are as long as the room above it allows.
+
         Args:
             measurement: time [s], position [rad] and torque [N m], of one joint or of all (n,).
             max_torque: torque at which the arc goes three quarters round [N m].
-            lines: of text to show.
+            lines: of text to show; those beyond `TOLD` are left out.
             lengths: of the links, in proportion.
             angles: of the links from hanging down, where the joints are at zero [rad].
         """
+        if self.mode is None:
+            gym.logger.warn("render was called without a render_mode: pass render_mode='rgb_array' to gym.make")
+            return None
         if self.mode == "human":
             if self._due - 1.0 / FRAMES < measurement["time"] < self._due:
                 return None
@@ -59,26 +75,28 @@ class Renderer:
         pygame = self._open()
         surface = self._surface
         surface.fill(PAPER)
-        pivot = np.array([WIDTH // 2, HEIGHT // 2 - 20])
         positions, torques = np.atleast_1d(measurement["position"]), np.atleast_1d(measurement["torque"])
-        turned, shares = np.cumsum(positions) + angles, np.divide(lengths, np.sum(lengths))
-        for q, torque, share in zip(turned, torques, shares, strict=True):
-            bob = pivot + 0.36 * HEIGHT * share * np.array([np.sin(q), np.cos(q)])
-            angle = 1.5 * np.pi * torque / max_torque
-            if abs(angle) > 0.02:
-                turn = np.linspace(0.0, angle, 40)
-                arc = pivot + 0.13 * HEIGHT * share * np.column_stack([np.sin(turn), np.cos(turn)])
-                pygame.draw.lines(surface, TORQUE, False, arc.tolist(), 5)
-            pygame.draw.line(surface, ARM, pivot.tolist(), bob.tolist(), 12)
-            pygame.draw.circle(surface, ARM, bob.tolist(), 18)
-            pygame.draw.circle(surface, INK, pivot.tolist(), 7)
-            pivot = bob
         told_angles, told_torques = (
             " ".join(f"{x:{form}}" for x in xs) for xs, form in ((positions, "+.3f"), (torques, "+.2f"))
         )
-        told = [f"t {measurement['time']:.2f} s   q {told_angles} rad   torque {told_torques} N m", *lines]
+        first = f"t {measurement['time']:.2f} s   q {told_angles} rad   torque {told_torques} N m"
+        told = [first, *lines][:TOLD]
+        top = HEIGHT - LINE * len(told) - LINE // 2  # of the text
         for k, line in enumerate(told):
-            surface.blit(self._font.render(line, True, INK), (12, HEIGHT - 20 * (len(told) - k) - 8))
+            surface.blit(self._font.render(line, True, INK), (12, top + LINE * k))
+        pivot, reach = np.array([WIDTH // 2, top // 2]), min(REACH, top // 2 - BOB)
+        turned, shares = np.cumsum(positions) + angles, np.divide(lengths, np.sum(lengths))
+        for q, torque, share in zip(turned, torques, shares, strict=True):
+            bob = pivot + reach * share * np.array([np.sin(q), np.cos(q)])
+            angle = 1.5 * np.pi * torque / max_torque
+            if abs(angle) > 0.02:
+                turn = np.linspace(0.0, angle, 40)
+                arc = pivot + 0.36 * reach * share * np.column_stack([np.sin(turn), np.cos(turn)])
+                pygame.draw.lines(surface, TORQUE, False, arc.tolist(), 5)
+            pygame.draw.line(surface, ARM, pivot.tolist(), bob.tolist(), 12)
+            pygame.draw.circle(surface, ARM, bob.tolist(), BOB)
+            pygame.draw.circle(surface, INK, pivot.tolist(), 7)
+            pivot = bob
         if self.mode == "rgb_array":
             return np.transpose(pygame.surfarray.array3d(surface), (1, 0, 2))
         pygame.event.pump()

@@ -31,7 +31,8 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
     """B direct-drive pendulums that advance together; made by `gymnasium.make_vec`.
 
     Actions (B, 1) and observations (B, 3) are those of `DirectDrivePendulum`, so is `info`, with arrays (B,). The
-    pendulums start at rest, hanging down, and each ends after max_episode_steps.
+    pendulums start at rest, hanging down, and each is truncated after max_episode_steps. They are plants, too: their
+    rewards are 0 unless `InformationRewardVector` pays, and they draw no pictures.
     """
 
     def __init__(

@@ -15,6 +15,7 @@ from estimators.schemes.six import SCHEMES, OnlineScheme
 from estimators.signals.differentiation import white_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
 from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.interface import note_identifier
 from pendulum_env.lookup import find
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
@@ -53,11 +54,12 @@ def chosen_online(names: Names) -> tuple[OnlineScheme | JointState, ...]:
 
 
 def rate_of(env: AnyEnv, rate: float | None) -> float:
-    """Samples per second of an environment [Hz].
+    """Samples per second of an environment [Hz], which somebody needs who is going to estimate.
 
     Raises:
         ValueError: if neither the caller nor the environment knows, or it is no positive number.
     """
+    note_identifier(env)
     known = _attribute(env, "rate") if rate is None else rate
     if known is None:
         raise ValueError("the environment does not say its sampling rate: pass rate=... in Hz")

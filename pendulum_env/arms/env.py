@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pendulum_env._typing import Array
 from pendulum_env.arms.planar import TWO_LINK, Link, PlanarBodies, joint_models, joint_names, urdf
 from pendulum_env.backends.sensing import COUNTS, Sensor
-from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive
+from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, warn_learner
 from pendulum_env.lookup import find
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.words import listing
@@ -24,14 +24,16 @@ Action = NDArray[np.floating[Any]]
 
 
 class PlanarArm(gym.Env[Observation, Action]):
-    """An arm of n links in a vertical plane with a torque at each joint, seen through its encoders.
+    """An arm of n links in a vertical plane with a torque at each joint, seen through its encoders: a plant, no task.
 
     Joint angles are relative to the link before, and all zero where the arm hangs down. Action: torques [N m], held
     for one period and limited to +-max_torque, shape (n,). Observation: cosines, sines and velocities [rad/s] of the
     joints, shape (3 n,).
 
     `info` carries the measurement, as of the pendulum but with arrays (n,): `time` [s], `position` [rad] unwrapped,
-    `velocity` [rad/s], `torque` [N m] as applied over the period that ends at `time`, and `follows`. The reward is 0.
+    `velocity` [rad/s], `torque` [N m] as applied over the period that ends at `time`, and `follows`. The reward
+    is always 0, and no episode ends by itself: to train an agent, wrap the arm in a reward of your own and give
+    `gymnasium.make` a `max_episode_steps`.
 
     Attributes:
         joints: their names.
@@ -73,8 +75,7 @@ class PlanarArm(gym.Env[Observation, Action]):
             ValueError: if an argument is unknown or out of its range.
         """
         check_positive("an arm", rate=rate, substeps=substeps, max_torque=max_torque)
-        if render_mode is not None:
-            find("render_mode", render_mode, dict.fromkeys(MODES))
+        self._renderer = Renderer(render_mode)
         self.links = tuple(links)
         self.joints = joint_names(len(links)) if joints is None else tuple(joints)
         if len(set(self.joints)) != len(self.links):
@@ -87,13 +88,12 @@ class PlanarArm(gym.Env[Observation, Action]):
         self.rate, self.counts, self.max_torque = float(rate), counts, float(max_torque)
         self.render_mode = render_mode
         self.overlay: Callable[[], Sequence[str]] = tuple
-        self.metadata = {**self.metadata, "render_fps": max(1, round(rate))}
+        self.metadata = {**self.metadata, "render_fps": self.rate}
         n = len(self.links)
         high = np.repeat(np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32), n)
         self.observation_space = gym.spaces.Box(-high, high, dtype=np.float32)
         self.action_space = gym.spaces.Box(-self.max_torque, self.max_torque, (n,), dtype=np.float32)
         self._bodies = PlanarBodies(self.links, self.models, 1.0 / rate, int(substeps))
-        self._renderer = Renderer(render_mode) if render_mode is not None else None
         self._running = False
 
     @property
@@ -133,6 +133,7 @@ class PlanarArm(gym.Env[Observation, Action]):
         torque = np.clip(self._numbers("action", action), -self.max_torque, self.max_torque)
         self._bodies.advance(torque)
         self._count += 1
+        warn_learner(self, self._count)
         observation, info = self._show(self.sensor.torque(torque, self.np_random))
         if self.render_mode == "human":
             self.render()
@@ -163,9 +164,6 @@ class PlanarArm(gym.Env[Observation, Action]):
 
     def render(self) -> NDArray[np.uint8] | None:
         """Picture (H, W, 3) of the arm and the torques at its joints; None in mode human."""
-        if self._renderer is None:
-            gym.logger.warn("render was called without a render_mode: pass render_mode='rgb_array' to gym.make")
-            return None
         lengths = [link.length for link in self.links]
         angles = [link.angle for link in self.links]
         return self._renderer.draw(self._last, self.max_torque, self.overlay(), lengths, angles)
@@ -173,5 +171,4 @@ class PlanarArm(gym.Env[Observation, Action]):
     def close(self) -> None:
         """Let go of the window."""
         self._running = False
-        if self._renderer is not None:
-            self._renderer.close()
+        self._renderer.close()

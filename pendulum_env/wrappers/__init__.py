@@ -3,5 +3,6 @@
 from pendulum_env.wrappers.randomize_plant import RandomizePlant
 from pendulum_env.wrappers.randomize_plant_vector import RandomizePlantVector
 from pendulum_env.wrappers.record_measurements import RecordMeasurements
+from pendulum_env.wrappers.record_video import RecordVideo
 
-__all__ = ["RandomizePlant", "RandomizePlantVector", "RecordMeasurements"]
+__all__ = ["RandomizePlant", "RandomizePlantVector", "RecordMeasurements", "RecordVideo"]

@@ -39,11 +39,11 @@ def run(env, steps: int, seed: int = 0, action=tones) -> dict[str, np.ndarray]:
 def test_the_checkers_have_nothing_to_say(arguments):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gym.make(DESIGN, **arguments).unwrapped)
+        check_env(gym.make(DESIGN, render_mode="rgb_array", **arguments).unwrapped)
         check_env_for_sb3(gym.make(DESIGN, **arguments))
 
 
-@pytest.mark.parametrize("how", [f"import agents; id = '{DESIGN}'", f"id = 'agents:{DESIGN}'"])
+@pytest.mark.parametrize("how", [f"import pendulum_env; id = '{DESIGN}'", f"id = 'agents:{DESIGN}'"])
 def test_gymnasium_knows_it_by_its_conventions_without_torch(how):
     code = (
         f"import gymnasium, sys; {how}; "
@@ -51,6 +51,18 @@ def test_gymnasium_knows_it_by_its_conventions_without_torch(how):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "(3, 20) False"
+
+
+def test_a_picture_is_of_the_newest_sample():
+    env = gym.make(DESIGN, render_mode="rgb_array")
+    env.reset(seed=0)
+    before = env.render()
+    env.step(np.ones(1))
+    after = env.render()
+    blue = [picture[..., 2].astype(int) - picture[..., 0] > 60 for picture in (before, after)]
+    rightmost = [np.nonzero(where)[1].max() for where in blue]
+    assert rightmost[1] > rightmost[0]  # a positive torque turns counter-clockwise
+    assert (after != env.render()).sum() == 0
 
 
 def test_one_is_a_batch_of_one():

@@ -12,13 +12,17 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import NormalizeObservation, RecordVideo, RescaleAction, TimeLimit
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.arms import EstimateArmParameters
+from estimators.wrappers import EstimateParameters
+from pendulum_env import interface
 from pendulum_env.env import DirectDrivePendulum
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import effects
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import Recording, RecordingError, write_recording
-from pendulum_env.registration import PENDULUM
+from pendulum_env.registration import ARM, DESIGN, PENDULUM
+from pendulum_env.wrappers import RecordMeasurements
 
 
 def paper_torque(seconds: float, seed: int = 0) -> np.ndarray:
@@ -249,6 +253,29 @@ def test_bad_actions_and_options_are_refused():
         env.step(np.array([np.nan], dtype=np.float32))
     with pytest.raises(ValueError, match="did you mean position"):
         env.reset(options={"positon": 1.0})
+
+
+@pytest.mark.parametrize("id", [PENDULUM, ARM])
+def test_who_trains_on_a_plant_is_warned_and_who_identifies_is_not(id, tmp_path, monkeypatch):
+    monkeypatch.setattr(interface, "ENDLESS", 20)
+
+    def run(env, episodes=1):
+        for _ in range(episodes):
+            env.reset(seed=0)
+            for _ in range(30 // episodes):
+                env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+        env.close()
+
+    with pytest.warns(UserWarning, match=f"its reward is 0 .* To train, make '{DESIGN}'"):
+        run(gym.make(id))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run(RecordMeasurements(gym.make(id), tmp_path / "run.csv"))
+        run((EstimateParameters if id == PENDULUM else EstimateArmParameters)(gym.make(id)))
+        run(gym.make(id), episodes=2)
+        run(gym.make(id).unwrapped.__class__())
+        if id == PENDULUM:
+            rollout(gym.make(id), OpenLoop(excitation("paper", np.random.default_rng(0)), 1000.0), 30)
 
 
 def test_picture_shows_the_arm_where_it_is():

@@ -160,6 +160,26 @@ def test_picture_shows_the_estimates():
     assert np.count_nonzero(env.render().min(axis=2) < 100) > np.count_nonzero(bare.render().min(axis=2) < 100) + 500
 
 
+def test_estimates_are_shown_beside_the_pendulum_and_not_over_it():
+    env = EstimateParameters(gym.make(PENDULUM, render_mode="rgb_array", max_torque=1.0))
+    env.reset()
+    plain, table = env.unwrapped, env.unwrapped.overlay()
+    empty = tuple(" " for _ in table)
+
+    def picture(lines, angle):
+        plain.reset(options={"position": angle})
+        plain.step([1.0 if angle > 0 else -1.0])  # torques as large as they come
+        plain.overlay = lambda: lines
+        return plain.render().astype(int)
+
+    for angle in np.linspace(-3, 3, 9):
+        blank = picture(empty, angle)
+        text = np.abs(picture(table, angle) - blank).max(axis=2) > 0
+        arm = np.ptp(blank, axis=2) > 30  # and torque: paper and ink are grey
+        assert text.sum() > 500 and arm.sum() > 1000
+        assert np.flatnonzero(arm.any(axis=1)).max() < np.flatnonzero(text.any(axis=1)).min()
+
+
 def test_many_pendulums_are_estimated_like_one():
     env = InformationRewardVector(
         EstimateParametersVector(
