@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from pendulum_env.excitation import excitation
-from pendulum_env.physics import Column, Model, Samples, Term, effects
+from pendulum_env.physics import Column, Model, Term, effects
 from pendulum_env.physics.library import _registered
 from pendulum_env.plant import PAPER, hide, paper_plant
 from tests.terms import Table
@@ -87,38 +87,6 @@ def test_c_compiles_without_a_warning_and_equals_python(tmp_path, monkeypatch):
         folder.mkdir()
         paths = [in_python(export(model, "python").content, monkeypatch), in_c(export(model, "c").content, folder)]
         np.testing.assert_allclose(*paths, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    "hidden",
-    [
-        (),
-        ("torque_saturation:limit=2,roundness=0.2",),
-        ("stribeck", "actuator_lag", "hard_stop"),
-        ("backlash", "payload_change=0.1"),
-    ],
-)
-def test_onnx_steps_a_batch_as_the_simulator_does(hidden):
-    onnx, reference = pytest.importorskip("onnx"), pytest.importorskip("onnx.reference")
-    model = plant(*hidden)
-    content = onnx.load_from_string(export(model, "onnx").content)
-    graph = reference.ReferenceEvaluator(content)
-    names = [port.name for port in content.graph.input]
-    assert [port.name for port in content.graph.output] == [f"next_{name}" for name in names[:-1]]
-    assert names[-1] == "torque"
-    position = np.array([0.0, 0.3])
-    state = [0 * position, position, *(0 * position for _ in names[2:-1])]
-    if "backlash" in hidden:
-        state[3] = model.terms[4].start(_at(position))[0]
-    path = [position]
-    for value in TORQUE[:200]:
-        state = graph.run(None, dict(zip(names, [*state, np.full(2, value)], strict=True)))
-        path.append(state[1])
-    np.testing.assert_allclose(path, simulated(model, TORQUE[:200], position), rtol=0, atol=1e-12)
-
-
-def _at(position: np.ndarray) -> Samples:
-    return Samples(0 * position, position, 0 * position, 0 * position)
 
 
 def test_a_users_own_effect_is_exported_like_any_other(monkeypatch):
@@ -311,7 +279,7 @@ def test_a_model_of_a_current_says_what_its_masses_are():
 
 def test_a_format_without_its_library_names_the_extra(tmp_path, monkeypatch, capsys):
     plant().save(tmp_path / "model.json")
-    for format, library in (("mjcf", "mujoco"), ("onnx", "onnx"), ("urdf", "urdf_parser_py.urdf")):
+    for format, library in (("mjcf", "mujoco"), ("urdf", "urdf_parser_py.urdf")):
         monkeypatch.setitem(sys.modules, library, None)
         output = str(tmp_path / "out")
         assert main(["export", str(tmp_path / "model.json"), "--to", format, "-o", output]) == 2
@@ -322,11 +290,10 @@ def test_mistakes_are_one_sentence(tmp_path, capsys):
     model = tmp_path / "model.json"
     plant("cogging").save(model)
     own = json.loads(model.read_text())
-    assert set(FORMATS) >= {"mjcf", "urdf", "sdf", "python", "c", "onnx"} and own["terms"]
+    assert set(FORMATS) >= {"mjcf", "urdf", "sdf", "python", "c"} and own["terms"]
     for arguments, said in (
         (["--to", "mjcf"], "cannot hold cogging"),
         (["--to", "c", "--check", "run.csv"], "--check runs in MuJoCo"),
-        (["--to", "onnx"], "-o"),
         (["--to", "fmu"], "invalid choice"),
         (["--to", "c", "--mass", "1"], "--mass and --armature are of a rigid body"),
         (["--to", "c", "-o", str(model)], "is one of the inputs"),

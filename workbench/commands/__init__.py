@@ -19,7 +19,7 @@ COMMANDS: dict[str, str] = {  # and what help says of each
     "diagnose": "find the effects that a model lacks, and add them",
     "survey": "diagnose many recordings and show what the fleet shows: drifts, odd joints (needs the extra fleet)",
     "add": "add one effect to a model, refit it, and compare the errors",
-    "export": "write a model for MuJoCo, ROS or Gazebo, as Python, C or ONNX",
+    "export": "write a model for MuJoCo, ROS or Gazebo, as Python or C",
     "effects": "list the effects that a model may lack, with their laws and parameters",
     "paper": "repeat the source paper's experiment: its Table 2 and figures beside ours",
     "hardware": "check a rig, step by step",

@@ -30,7 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=number(1e-6, 0.1),
         default=Request.step,
         metavar="SECONDS",
-        help=f"of python, c, onnx and mjcf (default {Request.step:g})",
+        help=f"of python, c and mjcf (default {Request.step:g})",
     )
     parser.add_argument(
         "--mass",
@@ -59,8 +59,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(
             f"--mass and --armature are of a rigid body, which {', '.join(BODIES)} have, not {arguments.to}"
         )
-    if arguments.output is None and arguments.to == "onnx":
-        raise InputError("a graph is no text to print: name a file with -o model.onnx")
     model = read_model(arguments.model)
     exported = export(
         model, arguments.to, Request(arguments.approximate, arguments.step, arguments.mass, arguments.armature)
@@ -69,7 +67,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         write_whole(arguments.output, exported.content)
         for note in exported.notes:
             terminal.say(f"{note}", style="yellow")
-    elif not sources and isinstance(exported.content, str):
+    elif not sources:
         sys.stdout.write(exported.content)
     if sources:
         tell(model, exported, arguments, terminal)

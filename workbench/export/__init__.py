@@ -1,6 +1,6 @@
 """A model in the forms that simulators and programs read; each form is a module of its name.
 
-`python`, `c` and `onnx` hold the simulator's own step, whatever the effects. `mjcf`, `urdf` and `sdf` describe a body
+`python` and `c` hold the simulator's own step, whatever the effects. `mjcf`, `urdf` and `sdf` describe a body
 on a joint, and name what of a model they cannot hold.
 """
 
@@ -18,7 +18,6 @@ FORMATS: dict[str, tuple[str, str]] = {  # ending of a file's name, and what it 
     "sdf": (".sdf", "a model for Gazebo"),
     "python": (".py", "a module without dependencies"),
     "c": (".c", "a file of C99"),
-    "onnx": (".onnx", "a graph of operators"),
 }
 BODIES = ("mjcf", "urdf", "sdf")  # rigid ones, on a joint
 READABLE = ("mjcf", "urdf")  # by MuJoCo

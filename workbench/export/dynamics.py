@@ -1,4 +1,4 @@
-"""The simulator's own step of a model, written down: what the forms `python`, `c` and `onnx` hold."""
+"""The simulator's own step of a model, written down: what the forms `python` and `c` hold."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class Request:
 class Exported:
     """A file's content, and what it does not hold as the model has it, a sentence each."""
 
-    content: str | bytes
+    content: str
     notes: tuple[str, ...] = ()
 
 
