@@ -101,8 +101,8 @@ def _drawn(name: str, constraint: Constraint, seed: int) -> Policy:
 
 def _optimised(constraint: Constraint, _: int) -> Policy:
     """The multisine that was found in advance, the same for all."""
-    name = next(name for name, known in CONSTRAINTS.items() if known == constraint)
-    shares = multisine.signal(multisine.shipped(name), constraint) / constraint.peak
+    weights = multisine.shipped("peak" if constraint.rms is None else "rms")
+    shares = multisine.signal(weights, constraint) / constraint.peak
     return Signals(lambda: shares)
 
 

@@ -6,9 +6,10 @@ at 1 kHz, clear of stick by its own guard, not what the policy was paid for.
 
 from __future__ import annotations
 
+import operator
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, as_completed
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 
@@ -82,11 +83,6 @@ class Outcome:
         """Root mean square of the torque (N,) [N m]."""
         return np.sqrt((self.torque**2).mean(axis=0))
 
-    @property
-    def turns(self) -> Array:
-        """Between the outermost angles (N,)."""
-        return np.ptp(self.position, axis=0) / (2 * np.pi)
-
     @staticmethod
     def join(parts: Sequence[Outcome]) -> Outcome:
         """Outcomes of one policy on several lots of plants, as one."""
@@ -127,25 +123,13 @@ def compare(
         for name, contender in contenders.items()
         for part, size in enumerate(sizes)
     }
+    work: Callable[..., Iterable[Outcome]] = map if executor is None else executor.map
     done: dict[tuple[str, int], Outcome] = {}
-    for job, outcome in _worked_out(jobs, executor):
+    for job, outcome in zip(jobs, work(operator.call, jobs.values()), strict=True):
         done[job] = outcome
         if tell is not None:
             tell(job[0], len(done) / len(jobs))
     return {name: Outcome.join([done[name, part] for part in range(len(sizes))]) for name in contenders}
-
-
-def _worked_out(
-    jobs: Mapping[tuple[str, int], Callable[[], Outcome]], executor: Executor | None
-) -> Iterator[tuple[tuple[str, int], Outcome]]:
-    """Outcomes as they come in."""
-    if executor is None:
-        for name, job in jobs.items():
-            yield name, job()
-        return
-    futures = {executor.submit(job): name for name, job in jobs.items()}
-    for future in as_completed(futures):
-        yield futures[future], future.result()
 
 
 def observe(
@@ -278,7 +262,7 @@ def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
         "torque_peak": float(outcome.peak.max()),
         "torque_rms": _quartiles(outcome.rms),
         "speed": _quartiles(outcome.speed),
-        "turns": _quartiles(outcome.turns),
+        "turns": _quartiles(np.ptp(outcome.position, axis=0) / (2 * np.pi)),  # between the outermost angles
         "seconds_per_action": outcome.seconds_per_action,
     }
 
