@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from agents.knowledge import CRITERIA
-from agents.structure import DISCRIMINATE
 from pendulum_env.lookup import find
 from pendulum_env.reading import read_toml, shown
+
+MOST_LEVELS = 1000
+ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
+USUAL: dict[str, dict[str, dict[str, Any]]] = {  # what a choice changes
+    "constraint": {
+        "peak": {},
+        "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000},
+    },
+    "criterion": {name: {} for name in CRITERIA},
+    "algorithm": {"ppo": {}, "sac": {"steps": 600_000, "batch": 512, "checkpoint": 50_000}},
+}
+
+
+def within(low: float, high: float, usual: float) -> Any:
+    """A setting that is a number of a range, and whole if its usual value is; the upper end keeps memory in bounds."""
+    return field(default=usual, metadata={"range": (low, high)})
 
 
 @dataclass(frozen=True)
@@ -19,7 +34,7 @@ class Config:
 
     Attributes:
         constraint: of the torque, "peak" or "rms".
-        criterion: of the reward, "D", "A" or "discriminate".
+        criterion: of the reward, "D" or "A".
         algorithm: "ppo", which chooses between torque levels, or "sac", which chooses any torque.
         seed: of plants, noise, network and exploration.
         steps: decisions in all.
@@ -42,22 +57,22 @@ class Config:
     constraint: str = "peak"
     criterion: str = "D"
     algorithm: str = "ppo"
-    seed: int = 0
-    steps: int = 1_200_000
-    pendulums: int = 64
-    batch: int = 2000
-    learning_rate: float = 1e-3
-    gamma: float = 0.99
-    hidden: int = 64
-    rollout: int = 250
-    epochs: int = 8
-    entropy: float = 0.003
+    seed: int = within(0, 2**20 - 1, 0)  # beyond, plants of an evaluation would be drawn
+    steps: int = within(1, 10**12, 1_200_000)
+    pendulums: int = within(1, 100_000, 64)
+    batch: int = within(1, 10**7, 2000)
+    learning_rate: float = within(0.0, 1.0, 1e-3)
+    gamma: float = within(0.0, 1.0, 0.99)
+    hidden: int = within(1, 4096, 64)
+    rollout: int = within(1, 10**6, 250)
+    epochs: int = within(1, 10_000, 8)
+    entropy: float = within(0.0, 1e6, 0.003)
     levels: tuple[float, ...] = (-1.0, -0.5, 0.0, 0.5, 1.0)
-    replay: int = 200_000
-    updates: int = 8
-    price_rate: float = 3e-5
-    head_start: int = 50
-    checkpoint: int = 200_000
+    replay: int = within(1, 10**7, 200_000)
+    updates: int = within(1, 100_000, 8)
+    price_rate: float = within(0.0, 1e6, 3e-5)
+    head_start: int = within(0, 10**9, 50)
+    checkpoint: int = within(1, 10**12, 200_000)
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Config:
@@ -66,15 +81,17 @@ class Config:
         Raises:
             ValueError: if a setting or the constraint is unknown, or a value makes no sense.
         """
-        known = {field.name: field for field in fields(cls)}
+        known = {one.name: one for one in fields(cls)}
         for name in settings:
             find("setting", name, known)
         usual: dict[str, Any] = {}
         for name, choices in USUAL.items():
             usual |= find(name, str(settings.get(name, known[name].default)), choices)
         config = cls(**{**usual, **settings})
-        for name, (low, high) in RANGES.items():
-            _check(name, getattr(config, name), low, high, isinstance(known[name].default, int))
+        for name, one in known.items():
+            if "range" in one.metadata:
+                low, high = one.metadata["range"]
+                _check(name, getattr(config, name), low, high, isinstance(one.default, int))
         if not isinstance(config.levels, tuple) or not 2 <= len(config.levels) <= MOST_LEVELS:
             raise ValueError(
                 f"levels should be a list of 2 to {MOST_LEVELS} shares of the peak, not {shown(config.levels)}"
@@ -99,35 +116,6 @@ def _check(name: str, value: object, low: float, high: float, whole: bool) -> No
     if not right or not low <= value <= high:  # type: ignore[operator]  # a number by then
         kind = "whole number" if whole else "number"
         raise ValueError(f"{name} should be a {kind}, from {low:.15g} to {high:.15g}, not {shown(value)}")
-
-
-MOST_LEVELS = 1000
-ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
-RANGES: dict[str, tuple[float, float]] = {  # of the settings that are numbers; the upper ends keep memory in bounds
-    "seed": (0, 2**20 - 1),  # beyond, plants of an evaluation would be drawn
-    "steps": (1, 10**12),
-    "pendulums": (1, 100_000),
-    "batch": (1, 10**7),
-    "learning_rate": (0.0, 1.0),
-    "gamma": (0.0, 1.0),
-    "hidden": (1, 4096),
-    "rollout": (1, 10**6),
-    "epochs": (1, 10_000),
-    "entropy": (0.0, 1e6),
-    "replay": (1, 10**7),
-    "updates": (1, 100_000),
-    "price_rate": (0.0, 1e6),
-    "head_start": (0, 10**9),
-    "checkpoint": (1, 10**12),
-}
-USUAL: dict[str, dict[str, dict[str, Any]]] = {  # what a choice changes
-    "constraint": {
-        "peak": {},
-        "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000},
-    },
-    "criterion": {**{name: {} for name in CRITERIA}, DISCRIMINATE: {"steps": 640_000}},
-    "algorithm": {"ppo": {}, "sac": {"steps": 600_000, "batch": 512, "checkpoint": 50_000}},
-}
 
 
 def read_settings(path: str | Path) -> dict[str, Any]:

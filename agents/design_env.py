@@ -15,15 +15,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from agents.knowledge import COUNT, CRITERIA, Knowledge
+from agents.knowledge import CRITERIA
 from agents.observer import BOUND, CONSTRAINTS, EPISODE, TICK, Batch, Observer
-from agents.structure import DISCRIMINATE, PROBES, Structure, drawn, worth
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.lookup import find
-from pendulum_env.physics import BASE, Model
-from pendulum_env.plant import make_plant, typical
+from pendulum_env.plant import make_plant
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.vector_env import DirectDrivePendulumVector
 from pendulum_env.wrappers.spread import Spread
@@ -67,14 +65,13 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         Args:
             num_envs: number B of pendulums.
             constraint: "peak", 6 N m, or "rms", 3 N m root mean square and 15 N m at most.
-            criterion: what is rewarded: growth of log det information, "D", fall of the log of the summed relative
-                variance, "A", or what tells structures apart, "discriminate".
+            criterion: what is rewarded: growth of log det information, "D", or fall of the log of the summed relative
+                variance, "A".
             max_speed: beyond which no torque acts that drives the arm on [rad/s]; None for no limit.
             max_turns: to either side, beyond which likewise no torque acts that drives it outwards.
             seconds: length of an episode.
             spread: relative half width within which the four parameters are drawn.
-            effects: hidden in the plants, as `stribeck=0.4`; the estimator does not know of them. Under "discriminate",
-                one of them in each, `PROBES` without any.
+            effects: hidden in the plants, as `stribeck=0.4`; the estimator does not know of them.
             counts: of the encoder per turn; 0 measures the angle exactly.
             torque_noise: standard deviation of the measured torque [N m].
             autoreset_mode: as of the pendulums.
@@ -83,20 +80,14 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
             ValueError: if an argument is unknown or out of its range.
         """
         self.constraint = find("constraint", constraint, CONSTRAINTS)
-        find("criterion", criterion, dict.fromkeys([*CRITERIA, DISCRIMINATE]))
-        self._criterion = CRITERIA.get(criterion)
-        separates = self._criterion is None
-        plant = make_plant(effects=effects) if effects or not separates else with_probes(make_plant())
-        self._hidden = plant.terms[len(BASE) :]
-        structure = Structure(self._hidden) if separates else None
-        self.observer = Observer(self.constraint, seconds, RATE, max_speed, max_turns, structure)
-        self.steps_per_episode = self.observer.ticks
+        self._criterion = find("criterion", criterion, CRITERIA)
+        self.observer = Observer(self.constraint, seconds, RATE, max_speed, max_turns)
         self.autoreset = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
         self.num_envs, self.render_mode = num_envs, None
         self.pendulums = DirectDrivePendulumVector(
             num_envs,
-            model=plant,
+            model=make_plant(effects=effects),
             rate=RATE,
             max_torque=self.constraint.peak,
             counts=counts,
@@ -123,56 +114,20 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
             ValueError: if an option is unknown, or a plant impossible.
         """
         super().reset(seed=seed[0] if isinstance(seed, list) else seed)
-        options = options or {}
-        for name in options:
+        for name in options or {}:
             find("option of reset", name, {"plant": 0})
-        plant = options.get("plant")
-        return self._begin(self._draw() if plant is None else plant)
+        return self._begin((options or {}).get("plant"))
 
-    def _draw(self) -> Array:
-        """True parameters of new plants (P, B)."""
-        plant = self._spread.draw(self.np_random, self.num_envs)
-        if self.observer.structure is not None:
-            _, shares = drawn(self.np_random, self._hidden, self.num_envs)
-            plant[COUNT:] *= np.sign(plant[COUNT:]) * shares.T
-        return plant
-
-    def _worth(self) -> Array:
-        """What counts (B,) [nat]."""
-        if self._criterion is not None:
-            return self._criterion(self.knowledge.information)
-        assert self.observer.structure is not None, "made for the criterion"
-        return worth(self.observer.structure.gained(*self._true))
-
-    @property
-    def hidden(self) -> Index:
-        """Place of the effect that each plant hides, among those that may be hidden (B,)."""
-        owner = np.repeat(np.arange(len(self._hidden)), [len(term.columns) for term in self._hidden])
-        return np.asarray(owner[np.abs(self.pendulums.theta[COUNT:]).argmax(axis=0)])
-
-    def _truth(self, structure: Structure, plant: Array) -> tuple[Index, Array]:
-        """Place of the hidden effect of each plant among the structure's (B,), and its size in typical ones (B, C)."""
-        place = np.array([structure.terms.index(term) for term in self._hidden])
-        size = np.zeros((self.num_envs, len(structure.owner)))
-        columns = np.concatenate([np.flatnonzero(structure.owner == k) for k in place])
-        size[:, columns] = plant[COUNT:].T / structure.usual[columns]
-        return place[self.hidden], size
-
-    def _begin(self, plant: Array) -> tuple[Batch, dict[str, Any]]:
+    def _begin(self, plant: Array | None = None) -> tuple[Batch, dict[str, Any]]:
+        """Begin an episode with plants (P, B), drawn unless they are given."""
+        plant = self._spread.draw(self.np_random, self.num_envs) if plant is None else plant
         _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": plant})
         self._ended = False
         self.observer.start(info["position"], info["velocity"])
-        if self.observer.structure is not None:
-            self._true = self._truth(self.observer.structure, plant)
-        self._known = self._worth()
+        self._known = self._criterion(self.observer.knowledge.information)
         none = np.zeros((self.num_envs, self.observer.held))
         start = none + info["position"][:, None]
         return self.observer.observe(), self._info(np.zeros(self.num_envs), start, none, plant.T)
-
-    @property
-    def knowledge(self) -> Knowledge:
-        """What has been learnt in this episode."""
-        return self.observer.knowledge
 
     def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
         self, actions: Batch
@@ -186,24 +141,21 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
             raise ValueError(f"the actions have shape {np.shape(actions)}, {self.num_envs} pendulums need one each")
         nobody = np.zeros(self.num_envs, dtype=bool)
         if self._ended and self.autoreset is AutoresetMode.NEXT_STEP:
-            observation, info = self._anew()
+            observation, info = self._begin()
             return observation, np.zeros(self.num_envs), nobody, nobody.copy(), info
         torque = self.observer.allow(np.asarray(actions, dtype=float)[:, 0])
         positions, torques = self._hold(torque)
         self.observer.take(positions, torques)
-        before, self._known = self._known, self._worth()
+        before, self._known = self._known, self._criterion(self.observer.knowledge.information)
         reward = self._known - before
         self._ended = self.observer.tick >= self.observer.ticks
         observation, info = self.observer.observe(), self._info(torque, positions.T, torques.T)
         truncated = np.full(self.num_envs, self._ended)
         if self._ended and self.autoreset is AutoresetMode.SAME_STEP:
             final = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
-            observation, info = self._anew()
+            observation, info = self._begin()
             info |= final
         return observation, reward, nobody, truncated, info
-
-    def _anew(self) -> tuple[Batch, dict[str, Any]]:
-        return self._begin(self._draw())
 
     def _hold(self, torque: Array) -> tuple[Array, Array]:
         """Measured positions and torques (held, B) while a torque is held."""
@@ -219,20 +171,12 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
             "torque": torque,
             "positions": positions,
             "torques": torques,
-            "information": self.knowledge.information,
-            "estimates": self.knowledge.estimates,
+            "information": self.observer.knowledge.information,
+            "estimates": self.observer.knowledge.estimates,
         }
         if plant is not None:
             seen["plant"] = plant
         return seen | {f"_{name}": self._everyone for name in seen}
-
-
-def with_probes(plant: Model) -> Model:
-    """Plant with all of `PROBES` at their typical size."""
-    for term in PROBES:
-        sizes = typical(type(term))
-        plant = plant.add(term, np.array([sizes[c.name.removeprefix(f"{term.id}.")] for c in term.columns]))
-    return plant
 
 
 class ExcitationDesign(gym.Env[Batch, Batch]):

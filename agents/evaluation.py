@@ -6,15 +6,17 @@ at 1 kHz, clear of stick by its own guard, not what the policy was paid for.
 
 from __future__ import annotations
 
+import operator
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, as_completed
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 
 import numpy as np
 
 from agents.design_env import RATE, ExcitationDesignVector
+from agents.foresight import rows
 from agents.knowledge import COUNT, NOMINAL, log_det
 from agents.observer import TICK
 from estimators.online import OnlineEstimator
@@ -81,11 +83,6 @@ class Outcome:
         """Root mean square of the torque (N,) [N m]."""
         return np.sqrt((self.torque**2).mean(axis=0))
 
-    @property
-    def turns(self) -> Array:
-        """Between the outermost angles (N,)."""
-        return np.ptp(self.position, axis=0) / (2 * np.pi)
-
     @staticmethod
     def join(parts: Sequence[Outcome]) -> Outcome:
         """Outcomes of one policy on several lots of plants, as one."""
@@ -120,65 +117,41 @@ def compare(
         tell: called with the progress, as text and as a share.
     """
     sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
-    parts = [(name, part) for name in contenders for part in range(len(sizes))]
-    share = 1 / len(parts)
-
-    def job(name: str, part: int) -> Callable[..., Outcome]:
-        own = seed + 4 * FRESH * part
-        return partial(_enter, contenders[name], constraint, sizes[part], own, tuple(effects), scheme_id)
-
+    alike = partial(observe, constraint=constraint, effects=tuple(effects), scheme_id=scheme_id)
+    jobs = {
+        (name, part): partial(alike, contender, plants=size, seed=seed + 4 * FRESH * part)
+        for name, contender in contenders.items()
+        for part, size in enumerate(sizes)
+    }
+    work: Callable[..., Iterable[Outcome]] = map if executor is None else executor.map
     done: dict[tuple[str, int], Outcome] = {}
-    if executor is None:
-        for k, (name, part) in enumerate(parts):
-            watch = None if tell is None else _watch(tell, name, k * share, share)
-            done[name, part] = job(name, part)(tell=watch)
-    else:
-        futures = {executor.submit(job(name, part)): (name, part) for name, part in parts}
-        for future in as_completed(futures):
-            done[futures[future]] = future.result()
-            if tell is not None:
-                tell(f"{len(done)} of {len(parts)}", len(done) * share)
+    for job, outcome in zip(jobs, work(operator.call, jobs.values()), strict=True):
+        done[job] = outcome
+        if tell is not None:
+            tell(job[0], len(done) / len(jobs))
     return {name: Outcome.join([done[name, part] for part in range(len(sizes))]) for name in contenders}
 
 
-def _watch(tell: Progress, name: str, before: float, share: float) -> Callable[[float], None]:
-    return lambda part: tell(name, before + share * part)
-
-
-def _enter(
-    contender: Contender,
-    constraint: str,
-    plants: int,
-    seed: int,
-    effects: Sequence[str],
-    scheme_id: str,
-    tell: Callable[[float], None] | None = None,
-) -> Outcome:
-    """Outcome of a policy that is made where it is observed."""
-    policy = contender(seed)
-    return observe(policy, constraint, plants, seed=seed, effects=effects, scheme_id=scheme_id, tell=tell)
-
-
 def observe(
-    policy: Policy,
+    contender: Contender,
     constraint: str,
     plants: int,
     *,
     seed: int = 0,
     effects: Sequence[str] = (),
     scheme_id: str = "filtered_dynamic",
-    tell: Callable[[float], None] | None = None,
 ) -> Outcome:
     """Let a policy excite fresh plants for 10 s, the online estimator beside it at 1 kHz.
 
     The same seed gives the same plants and the same noise to every policy.
     """
+    policy = contender(seed)
     env = ExcitationDesignVector(plants, constraint=constraint, effects=effects)
     estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants)
     observation, info = env.reset(seed=FRESH + seed)
     truth = info["plant"][:, :COUNT]
     estimator.take(np.zeros(plants), info["positions"][:, 0], np.zeros(plants))
-    steps, held = env.steps_per_episode, env.observer.held
+    steps, held = env.observer.ticks, env.observer.held
     errors = np.empty((steps, plants, COUNT))
     torque, position, learnt = np.empty((3, steps, plants))
     speed, information = np.zeros(plants), np.zeros((plants, COUNT, COUNT))
@@ -197,20 +170,11 @@ def observe(
         errors[k] = known.theta[:, 0] / truth - 1.0
         torque[k], position[k], learnt[k] = info["torque"], info["positions"][:, -1], log_det(information)
         speed = np.maximum(speed, np.abs(np.diff(info["positions"])).max(axis=1) * RATE)
-        if tell is not None:
-            tell((k + 1) / steps)
-    return Outcome(
-        error=np.sqrt((errors**2).mean(axis=2)),
-        worst=np.abs(errors).max(axis=2),
-        log_det=learnt,
-        bound=np.full((len(MOMENTS), plants), np.nan)
-        if effects
-        else cramer_rao(truth, np.repeat(torque, held, axis=0)),
-        torque=torque,
-        position=position,
-        speed=speed,
-        seconds_per_action=acting / steps,
-    )
+    bound = np.full((len(MOMENTS), plants), np.nan)
+    if not effects:
+        bound = cramer_rao(truth, np.repeat(torque, held, axis=0))
+    error, worst = np.sqrt((errors**2).mean(axis=2)), np.abs(errors).max(axis=2)
+    return Outcome(error, worst, learnt, bound, torque, position, speed, acting / steps)
 
 
 def cramer_rao(truth: Array, torque: Array) -> Array:
@@ -220,14 +184,10 @@ def cramer_rao(truth: Array, torque: Array) -> Array:
     sum phi phi' / s^2, with rows phi of the exact motion. Infinite where that is singular.
     """
     way = simulate(BASE, truth.T, 1.0 / RATE, torque, 0.0, 0.0)
-    q, v = way.position, way.velocity
-    moving = v[1:] * v[:-1] > 0
-    rows = np.stack(
-        [RATE * np.diff(v, axis=0), np.sin(0.5 * (q[1:] + q[:-1])), RATE * np.diff(q, axis=0), np.sign(v[1:])], axis=-1
-    )
-    rows = rows * truth * moving[..., None]  # relative parameters
+    moving = way.velocity[1:] * way.velocity[:-1] > 0
+    phi = rows(way, 1.0 / RATE) * truth * moving[..., None]  # of relative parameters
     ends = [round(moment * RATE) for moment in MOMENTS]
-    parts = [np.einsum("tni,tnj->nij", rows[a:b], rows[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
+    parts = [np.einsum("tni,tnj->nij", phi[a:b], phi[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
     information = np.cumsum(parts, axis=0)  # (M, N, P, P)
     known = np.linalg.matrix_rank(information, hermitian=True) == COUNT
     variance = TORQUE_NOISE**2 * np.linalg.inv(np.where(known[..., None, None], information, np.eye(COUNT)))
@@ -289,26 +249,26 @@ def _median_and_worst(ratios: Sequence[float | None]) -> JSON:
 
 
 def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
-    moments = [f"{moment:g} s" for moment in MOMENTS]
-    bounds = [f"{100 * bound:g} %" for bound in CLOSE]
-    gains = {
-        f"error {moment}": _against(improvement, outcome.errors[m], base.errors[m]) for m, moment in enumerate(moments)
-    }
-    gains |= {
-        f"time to {bound}": _against(improvement, outcome.close[c], base.close[c]) for c, bound in enumerate(bounds)
-    }
+    moments, bounds = [f"{moment:g} s" for moment in MOMENTS], [f"{100 * bound:g} %" for bound in CLOSE]
+    names = [f"error {moment}" for moment in moments] + [f"time to {bound}" for bound in bounds]
+    series = zip(names, [*outcome.errors, *outcome.close], [*base.errors, *base.close], strict=True)
+    gains = {name: _against(improvement, own, usual) for name, own, usual in series}
     gains["information"] = _against(information_ratio, outcome.log_det[-1], base.log_det[-1])
     return {
-        "error": {moment: _quartiles(outcome.errors[m]) for m, moment in enumerate(moments)},
-        "cramer_rao": {moment: _quartiles(outcome.bound[m]) for m, moment in enumerate(moments)},
-        "time_to": {bound: _quartiles(outcome.close[c]) for c, bound in enumerate(bounds)},
+        "error": _each(moments, outcome.errors),
+        "cramer_rao": _each(moments, outcome.bound),
+        "time_to": _each(bounds, outcome.close),
         "gain": gains,
         "torque_peak": float(outcome.peak.max()),
         "torque_rms": _quartiles(outcome.rms),
         "speed": _quartiles(outcome.speed),
-        "turns": _quartiles(outcome.turns),
+        "turns": _quartiles(np.ptp(outcome.position, axis=0) / (2 * np.pi)),  # between the outermost angles
         "seconds_per_action": outcome.seconds_per_action,
     }
+
+
+def _each(names: Sequence[str], values: Array) -> JSON:
+    return {name: _quartiles(own) for name, own in zip(names, values, strict=True)}
 
 
 def _against(statistic: Statistic, policy: Array, base: Array) -> JSON:

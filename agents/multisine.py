@@ -1,13 +1,13 @@
-"""A multisine that teaches most on the average of random plants, found in advance by CMA-ES: the best of its kind.
+"""Multisines found in advance by CMA-ES, the best of their kind on the average of random plants.
 
-What ships was found by `python -m agents.multisine`, which takes some minutes and writes it anew.
+What ships was found by `python -m agents.multisine`, which takes some minutes and writes it anew; but for "separating",
+which keeps to the peak and was found, by version 1.0, to tell seven hidden effects apart.
 
 Source: Hansen, The CMA Evolution Strategy: A Tutorial, arXiv 1604.00772.
 """
 
 from __future__ import annotations
 
-import itertools
 import json
 from functools import partial
 from pathlib import Path
@@ -15,17 +15,18 @@ from pathlib import Path
 import numpy as np
 
 from agents.foresight import foresee
-from agents.knowledge import COUNT, CRITERIA, NOMINAL, PRIOR
+from agents.knowledge import COUNT, NOMINAL, PRIOR, log_det
 from agents.observer import CONSTRAINTS, EPISODE, TICK, Constraint
-from agents.structure import DISCRIMINATE, FAINT, Structure, promised
 from estimators.progress import Progress
 from pendulum_env._typing import Array
+from pendulum_env.excitation import Levels
 
 FOUND = Path(__file__).parent / "policies" / "multisine.json"
 FREQUENCIES = 0.2 * np.arange(1, 21)  # [Hz]
 PAPER = (1, 9)  # where the paper's two tones are among them, about
-GENERATIONS = {"D": 250, DISCRIMINATE: 80}
+GENERATIONS = 250
 SPREAD = 0.3  # within which plants are drawn
+SEPARATING = "separating"
 
 
 def signal(weights: Array, constraint: Constraint) -> Array:
@@ -38,11 +39,17 @@ def signal(weights: Array, constraint: Constraint) -> Array:
     return np.asarray(np.clip(torque, -constraint.peak, constraint.peak))
 
 
+def separating(amplitude: float | None = None) -> Levels:
+    """The multisine that tells hidden effects apart, with that bound of the torque [N m]; over and over."""
+    constraint = CONSTRAINTS["peak"] if amplitude is None else Constraint(amplitude)
+    torque = signal(shipped(SEPARATING), constraint)
+    return Levels(constraint.peak, tuple(TICK * np.arange(1, len(torque) + 1)), tuple(torque))
+
+
 def optimise(
     constraint: Constraint,
     *,
-    criterion: str = "D",
-    generations: int = 250,
+    generations: int = GENERATIONS,
     plants: int = 24,
     seed: int = 0,
     tell: Progress | None = None,
@@ -64,33 +71,25 @@ def optimise(
     search = cma.CMAEvolutionStrategy(start, 0.2, options)
     for generation in range(generations):
         weights = np.array(search.ask()).T
-        search.tell(list(weights.T), list(-taught(weights, theta, constraint, criterion)))
+        search.tell(list(weights.T), list(-taught(weights, theta, constraint)))
         if tell is not None:
             tell(f"{-search.best.f:.3f} nat", (generation + 1) / generations)
     return np.asarray(search.best.x)
 
 
-def taught(weights: Array, theta: Array, constraint: Constraint, criterion: str = "D") -> Array:
-    """Mean over plants (B, P) of what the criterion counts after an episode under each of C signals (2 F, C) [nat]."""
+def taught(weights: Array, theta: Array, constraint: Constraint) -> Array:
+    """Mean over plants (B, P) of log det information after an episode under each of C signals (2 F, C) [nat]."""
     torque = signal(weights, constraint)  # (T, C)
     rest = np.zeros(len(theta))
-    structure = Structure() if criterion == DISCRIMINATE else None
-    rows, usable = foresee(np.repeat(torque[:, None], len(theta), axis=1), theta, rest, rest, structure)
+    rows, usable = foresee(np.repeat(torque[:, None], len(theta), axis=1), theta, rest, rest)
     rows = rows * usable[..., None]
-    information = (PRIOR if structure is None else FAINT) * np.eye(rows.shape[-1]) + np.einsum(
-        "tbci,tbcj->bcij", rows, rows, optimize=True
-    )
-    worth = promised if structure is not None else CRITERIA[criterion]
-    return np.asarray(worth(information).mean(axis=0))
+    information = PRIOR * np.eye(COUNT) + np.einsum("tbci,tbcj->bcij", rows, rows, optimize=True)
+    return np.asarray(log_det(information).mean(axis=0))
 
 
-def shipped(constraint: str, criterion: str = "D") -> Array:
-    """Weights (2 F,) that were found under a constraint, for log det information or to tell structures apart."""
-    return np.array(json.loads(FOUND.read_text())[_key(constraint, criterion)])
-
-
-def _key(constraint: str, criterion: str) -> str:
-    return constraint if criterion == "D" else f"{criterion}-{constraint}"
+def shipped(name: str) -> Array:
+    """Weights (2 F,) that were found under the constraint of that name, or to tell effects apart."""
+    return np.array(json.loads(FOUND.read_text())[name])
 
 
 def _say(name: str, text: str, share: float) -> None:
@@ -98,12 +97,11 @@ def _say(name: str, text: str, share: float) -> None:
 
 
 def main() -> None:
-    """Find them anew."""
-    found = {}
-    for name, criterion in itertools.product(CONSTRAINTS, ("D", DISCRIMINATE)):
-        key, generations = _key(name, criterion), GENERATIONS[criterion]
-        weights = optimise(CONSTRAINTS[name], criterion=criterion, generations=generations, tell=partial(_say, key))
-        found[key] = np.round(weights / np.abs(weights).max(), 4).tolist()
+    """Find those of both constraints anew."""
+    found = json.loads(FOUND.read_text())
+    for name, constraint in CONSTRAINTS.items():
+        weights = optimise(constraint, tell=partial(_say, name))
+        found[name] = np.round(weights / np.abs(weights).max(), 4).tolist()
     FOUND.write_text(json.dumps(found) + "\n")
 
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.observer import CONSTRAINTS, INPUTS, LENGTHS, mirrored
-from agents.structure import DISCRIMINATE, STRUCTURE_FEATURES
+from agents.observer import CONSTRAINTS, INPUTS, mirrored
 from pendulum_env._typing import Array
 from pendulum_env.files import replacing
 from pendulum_env.lookup import find
@@ -20,7 +19,7 @@ from pendulum_env.reading import Unreadable, read_arrays, shown
 
 LARGEST_WEIGHT = 1e6  # far beyond any that a training finds, and no sum of them overflows
 SHIPPED = Path(__file__).parent / "policies"
-NAMES = (*CONSTRAINTS, f"{DISCRIMINATE}-peak")  # of those that ship
+NAMES = tuple(CONSTRAINTS)  # of those that ship, one for each
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +44,6 @@ class Network:
         layers = "-".join(str(one.shape[1]) for one in self.weights)
         plays = "any torque" if self.levels is None else f"{len(self.levels)} torques"
         return f"<Network of {layers} units, which plays {plays}, trained under {self.constraint!r}>"
-
-    @property
-    def discriminates(self) -> bool:
-        """Whether it was trained to tell structures apart, and sees what is known of them."""
-        return self.weights[0].shape[1] >= INPUTS + STRUCTURE_FEATURES
 
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
@@ -107,8 +101,8 @@ class Network:
             raise ValueError(f"its constraint is {shown(constraint)}, none of {', '.join(CONSTRAINTS)}")
         if not weights:
             raise ValueError("it lacks weight0")
-        seen = weights[0].shape[1]
-        inputs = [seen if seen in LENGTHS else INPUTS, *(len(bias) for bias in biases)]
+        seen = weights[0].shape[1]  # one more with a limit on turns
+        inputs = [seen if seen == INPUTS + 1 else INPUTS, *(len(bias) for bias in biases)]
         for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
             if weight.shape != (len(bias), inputs[k]):
                 raise ValueError(f"weight{k} has shape {weight.shape}, where {(len(bias), inputs[k])} follows")
@@ -138,7 +132,7 @@ def _numbers(arrays: Mapping[str, NDArray[Any]], name: str, axes: int) -> Array:
 def load(name: str) -> Network:
     """Policy that ships with the package, or from a file NAME.npz.
 
-    By the constraint it was trained under, "peak" or "rms"; the one that tells structures apart is "discriminate-peak".
+    By the constraint it was trained under, "peak" or "rms".
 
     Raises:
         ValueError: if there is none of that name, or the file cannot be read, or is no policy.

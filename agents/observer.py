@@ -12,19 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.knowledge import FEATURES, NOMINAL, SLOW, Knowledge, recall
-from agents.structure import STRUCTURE_FEATURES, Structure
 from pendulum_env._typing import Array
 from pendulum_env.interface import MAX_TORQUE, check_positive
-from pendulum_env.physics import Samples
 
 EPISODE = 10.0  # [s], the usual length of one
 TICK = 0.02  # [s], over which a torque is held: decisions at 50 Hz
 FAST = 10.0  # [rad/s], by which velocity is divided in the observation
 BOUND = 5.0  # of the observation
-INPUTS = 3 + FEATURES + 3  # of the observation; with a limit on turns it has one more, then those of a structure
-LENGTHS = tuple(INPUTS + turns + more for turns in (0, 1) for more in (0, STRUCTURE_FEATURES))
-ODD = (0, 2)  # places of an observation that change sign in a mirror; and that of the limit on turns
-AHEAD = 1.0  # [s], of an even pace, that a budget may be spent ahead where it is kept at all times
+INPUTS = 3 + FEATURES + 3  # of the observation; with a limit on turns it has one more
+ODD = (0, 2, INPUTS)  # places of an observation that change sign in a mirror
 
 Batch = NDArray[np.float32]
 
@@ -76,8 +72,7 @@ def mirrored(observation: Any) -> tuple[Array, Array]:
     """
     turned = np.array(observation, dtype=float)
     sign = np.where(turned[..., 2] < 0, -1.0, 1.0)
-    limited = (turned.shape[-1] - INPUTS) % STRUCTURE_FEATURES == 1
-    turned[..., [*ODD, INPUTS] if limited else list(ODD)] *= sign[..., None]
+    turned[..., [place for place in ODD if place < turned.shape[-1]]] *= sign[..., None]
     return turned, sign
 
 
@@ -89,8 +84,6 @@ class Observer:
         ticks: of an episode.
         tick: that begins now.
         knowledge: what has been learnt.
-        structure: what has been learnt of the structure, where that is the task; a budget then has to be kept at all
-            times, a second ahead at most, as nobody knows when the verdict will stand.
     """
 
     def __init__(
@@ -100,7 +93,6 @@ class Observer:
         rate: float,
         max_speed: float | None = None,
         max_turns: float | None = None,
-        structure: Structure | None = None,
     ) -> None:
         """Take the constraint, the length of an episode [s], the samples per second [Hz], and limits if there are any.
 
@@ -115,20 +107,16 @@ class Observer:
         if self.held < 2 or abs(self.held - TICK * rate) > 1e-6:
             raise ValueError(f"torque is chosen every {TICK:g} s, so {rate:g} Hz will not do: give a multiple of 50 Hz")
         self.constraint, self.rate, self.ticks = constraint, rate, round(seconds / TICK)
-        self.structure = structure
-        self.inputs = INPUTS + (max_turns is not None) + (0 if structure is None else STRUCTURE_FEATURES)
+        self.inputs = INPUTS + (max_turns is not None)
         self._max_speed = np.inf if max_speed is None else max_speed
         self._max_angle = None if max_turns is None else 2 * np.pi * max_turns
-        self._even = np.inf if constraint.rms is None else constraint.rms**2  # [(N m)^2], of a tick
-        self._budget = self._even * (self.ticks if structure is None else round(AHEAD / TICK))  # [(N m)^2 ticks]
+        self._budget = np.inf if constraint.rms is None else constraint.rms**2 * self.ticks  # [(N m)^2 ticks]
 
     def start(self, position: Array, velocity: Array) -> None:
         """Begin an episode at positions [rad] and velocities [rad/s] (B,)."""
         batch = len(position)
         self.tick = 0
         self.knowledge = Knowledge.none(batch)
-        if self.structure is not None:
-            self.structure.start(batch)
         self._position, self._velocity, self._torque = position, velocity, np.zeros(batch)
         self._stuck = np.ones(batch, dtype=bool)
         self._left = np.full(batch, self._budget)
@@ -141,8 +129,6 @@ class Observer:
         affordable = np.sqrt(np.maximum(self._left, 0.0))
         torque = np.clip(torque, -affordable, affordable)
         self._left = self._left - torque**2
-        if self.structure is not None:
-            self._left = self._left + self._even
         return torque
 
     def take(self, positions: Array, torques: Array) -> None:
@@ -161,10 +147,7 @@ class Observer:
             np.sign(velocity[-1]),
         ]
         mean = torques.mean(axis=0) + 0.5 * (self._torque - torques[-1]) / self.held
-        base = np.stack(rows, axis=1) * NOMINAL
-        self.knowledge.take(base, mean, fast)
-        if self.structure is not None:
-            self.structure.take(base, Samples(np.zeros_like(torques), positions, velocity[1:], torques), mean, fast)
+        self.knowledge.take(np.stack(rows, axis=1) * NOMINAL, mean, fast)
         self._position, self._velocity, self._torque = positions[-1], velocity[-1], torques[-1]
         self._stuck = (np.abs(velocity) < SLOW).all(axis=0)
         self.tick += 1
@@ -172,14 +155,12 @@ class Observer:
     def observe(self) -> Batch:
         """Observations (B, inputs)."""
         q, batch = self._position, len(self._position)
-        time_left = np.full(batch, max(0.0, 1.0 - self.tick / self.ticks) if self.structure is None else 1.0)
-        budget_left = np.ones(batch) if np.isinf(self._even) else self._left / self._budget
+        time_left = np.full(batch, max(0.0, 1.0 - self.tick / self.ticks))
+        budget_left = np.ones(batch) if np.isinf(self._budget) else self._left / self._budget
         parts = np.stack([np.sin(q), np.cos(q), self._velocity / FAST]), self.knowledge.features().T
         rest = np.stack([time_left, budget_left, self._stuck])
         if self._max_angle is not None:
             rest = np.concatenate([rest, self._outwards()[None]])
-        if self.structure is not None:
-            rest = np.concatenate([rest, self.structure.features().T])
         return np.clip(np.concatenate([*parts, rest]).T, -BOUND, BOUND).astype(np.float32)
 
     def _outwards(self) -> Array:

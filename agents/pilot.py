@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from agents.observer import CONSTRAINTS, EPISODE, Constraint, Observer
-from agents.structure import Structure
 from pendulum_env.lookup import find
 from pendulum_env.policy import Policy, State
 
@@ -21,24 +20,16 @@ class Pilot:
     """
 
     def __init__(
-        self,
-        policy: Policy,
-        constraint: str = "peak",
-        seconds: float = EPISODE,
-        rate: float = 1000.0,
-        discriminates: bool = False,
+        self, policy: Policy, constraint: str = "peak", seconds: float = EPISODE, rate: float = 1000.0
     ) -> None:
         """Take a policy, the constraint it is to keep to, the length of a run [s], and the samples per second [Hz].
-
-        Of a policy that was trained to tell structures apart, say so: it sees more.
 
         Raises:
             ValueError: if the constraint is unknown, or the rate is no multiple of 50 Hz.
         """
         self.policy, self.rate = policy, rate
         self.constraint: Constraint = find("constraint", constraint, CONSTRAINTS)
-        structure = Structure() if discriminates else None
-        self.observer = Observer(self.constraint, seconds, rate, structure=structure)
+        self.observer = Observer(self.constraint, seconds, rate)
         self._samples: list[tuple[float, float]] | None = None
 
     @property

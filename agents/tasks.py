@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
+from gymnasium.wrappers.vector import TransformAction
 
 from agents.observer import Constraint, mirrored
 
@@ -38,19 +39,10 @@ class Forwards(VectorWrapper):
         return turned.astype(np.float32)
 
 
-class Levels(VectorWrapper):
+def in_levels(env: VectorEnv[Any, Any, Any], levels: Sequence[float]) -> VectorEnv[Any, Any, Any]:
     """Torque in levels instead of a share."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], levels: Sequence[float]) -> None:
-        """Take the environment and the levels."""
-        super().__init__(env)
-        self._levels = np.array(levels)
-        self.single_action_space = gym.spaces.Discrete(len(self._levels))
-        self.action_space = batch_space(self.single_action_space, env.num_envs)
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Play levels (B,)."""
-        return self.env.step(self._levels[actions][:, None])
+    space, shares = gym.spaces.Discrete(len(levels)), np.array(levels)
+    return TransformAction(env, lambda chosen: shares[chosen][:, None], batch_space(space, env.num_envs), space)
 
 
 class FinalWorth(VectorWrapper):

@@ -22,9 +22,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.network import Network
-from agents.observer import CONSTRAINTS, EPISODE
-from agents.structure import DISCRIMINATE, LESSON
-from agents.tasks import FinalWorth, Forwards, Levels, PriceTorque
+from agents.observer import CONSTRAINTS
+from agents.tasks import FinalWorth, Forwards, PriceTorque, in_levels
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
 from pendulum_env.files import write_whole
@@ -56,12 +55,11 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
     """
     torch.set_num_threads(1)  # small networks gain nothing from more, and results then repeat
     model = _begin(config, folder, resume)
-    left = config.steps - model.num_timesteps
-    if left > 0:
+    if model.num_timesteps < config.steps:
         log = None if folder is None or find_spec("tensorboard") is None else str(folder / "tensorboard")
         model.tensorboard_log = log
-        begun = model.num_timesteps > 0
-        model.learn(left, callback=_Watch(config, tell, folder), reset_num_timesteps=not begun, tb_log_name="training")
+        callback, left = _Watch(config, tell, folder), config.steps - model.num_timesteps
+        model.learn(left, callback, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="training")
     network = export(model, config)
     if network.levels is None or CONSTRAINTS[config.constraint].rms is None:
         return network
@@ -70,38 +68,25 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
 
 def _begin(config: Config, folder: Path | None, resume: bool) -> Learner:
     """A new training, or the one in the folder."""
-    if folder is None:
-        return make_model(config)
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / CHECKPOINT
-    if not path.exists():
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    if folder is None or not (folder / CHECKPOINT).exists():
         return make_model(config)
     if not resume:
         raise CheckpointError(f"{folder}: holds a training already: resume it (--resume), or name another folder")
-    return _restore(path, config)
+    return _restore(folder / CHECKPOINT, config)
 
 
 def make_env(config: Config) -> BatchedVecEnv:
     """Pendulums to learn on."""
     design = ExcitationDesignVector(
-        config.pendulums,
-        constraint=config.constraint,
-        criterion=config.criterion,
-        seconds=_seconds(config),
-        autoreset_mode="SameStep",
+        config.pendulums, constraint=config.constraint, criterion=config.criterion, autoreset_mode="SameStep"
     )
-    env: VectorEnv[Any, Any, Any] = design
-    if config.criterion != DISCRIMINATE:  # whose verdict comes early, or never; and whose budget is kept at all times
-        env = FinalWorth(env, config.head_start)
-        if design.constraint.rms is not None:
-            env = PriceTorque(env, design.constraint, config.price_rate)
+    env: VectorEnv[Any, Any, Any] = FinalWorth(design, config.head_start)
+    if design.constraint.rms is not None:
+        env = PriceTorque(env, design.constraint, config.price_rate)
     env = Forwards(env)
-    return BatchedVecEnv(Levels(env, config.levels) if config.algorithm == "ppo" else env)
-
-
-def _seconds(config: Config) -> float:
-    """Length of an episode."""
-    return LESSON if config.criterion == DISCRIMINATE else EPISODE
+    return BatchedVecEnv(in_levels(env, config.levels) if config.algorithm == "ppo" else env)
 
 
 def make_model(config: Config) -> Learner:
@@ -115,22 +100,14 @@ def make_model(config: Config) -> Learner:
         "batch_size": config.batch,
         "learning_rate": lambda left: config.learning_rate * left,
         "gamma": config.gamma,
+        "policy_kwargs": {"net_arch": [config.hidden, config.hidden], "activation_fn": torch.nn.Tanh},
     }
-    layers = {"net_arch": [config.hidden, config.hidden], "activation_fn": torch.nn.Tanh}
     model: Learner
     if config.algorithm == "ppo":
-        model = PPO(
-            n_steps=config.rollout, n_epochs=config.epochs, ent_coef=config.entropy, policy_kwargs=layers, **usual
-        )
+        model = PPO(n_steps=config.rollout, n_epochs=config.epochs, ent_coef=config.entropy, **usual)
     else:
-        model = SAC(
-            buffer_size=config.replay,
-            learning_starts=config.pendulums * 100,  # decisions by chance
-            train_freq=1,
-            gradient_steps=config.updates,
-            policy_kwargs=layers,
-            **usual,
-        )
+        usual |= {"buffer_size": config.replay, "gradient_steps": config.updates, "train_freq": 1}
+        model = SAC(learning_starts=config.pendulums * 100, **usual)  # decisions by chance
     env.seed(config.seed)
     return model
 
@@ -158,12 +135,10 @@ def stretched(network: Network, config: Config) -> Network:
 
 def learnt(network: Network, config: Config, count: int = 64) -> float:
     """Mean of what an episode adds to what counts, on plants of no training and no evaluation [nat]."""
-    env = ExcitationDesignVector(
-        count, constraint=network.constraint, criterion=config.criterion, seconds=_seconds(config)
-    )
+    env = ExcitationDesignVector(count, constraint=network.constraint, criterion=config.criterion)
     observation, _ = env.reset(seed=TUNING + config.seed)
     total = 0.0
-    for _ in range(env.steps_per_episode):
+    for _ in range(env.observer.ticks):
         observation, reward, *_ = env.step(network.predict(observation)[0])
         total += float(reward.mean())
     return total
@@ -203,10 +178,8 @@ def _restore(path: Path, config: Config) -> Learner:
     except Exception as error:  # whatever a broken or foreign pickle may raise
         raise CheckpointError(f"{path}: is no checkpoint of this version ({type(error).__name__})") from None
     for name, value in asdict(config).items():
-        if before.get(name) != value:
-            raise CheckpointError(
-                f"{path}: was begun with {name} = {before.get(name)}, not {value}: a resumed training keeps it"
-            )
+        if (begun := before.get(name)) != value:
+            raise CheckpointError(f"{path}: was begun with {name} = {begun}, not {value}: a resumed training keeps it")
     random.setstate(python)
     np.random.set_state(numpy)  # noqa: NPY002
     torch.set_rng_state(torched)
@@ -232,20 +205,12 @@ class _Watch(BaseCallback):
         done, every = self.num_timesteps, self._config.checkpoint
         if done - self._told >= self._config.pendulums * self._config.rollout:
             self._report()
-        if self._folder is not None and done // every > self._kept // every:
-            self._keep_policy()
-            _keep(self._folder / CHECKPOINT, self._learner, self._config)
+        if done // every > self._kept // every:
+            self._save()
 
     def _on_training_end(self) -> None:
         self._report()
-        if self._folder is not None:
-            self._keep_policy()
-            _keep(self._folder / CHECKPOINT, self._learner, self._config)
-
-    @property
-    def _learner(self) -> Learner:
-        assert isinstance(self.model, PPO | SAC)
-        return self.model
+        self._save()
 
     def _report(self) -> None:
         mean = float(np.mean(self._gained)) if self._gained else 0.0
@@ -255,7 +220,10 @@ class _Watch(BaseCallback):
         if self._tell is not None:
             self._tell(f"{self._told:,} decisions, reward {mean:.4f} each", min(1.0, self._told / self._config.steps))
 
-    def _keep_policy(self) -> None:
-        assert self._folder is not None
+    def _save(self) -> None:
+        if self._folder is None:
+            return
+        assert isinstance(self.model, PPO | SAC)
         self._kept = self.num_timesteps
-        export(self._learner, self._config).save(self._folder / f"steps-{self._kept}.npz")
+        export(self.model, self._config).save(self._folder / f"steps-{self._kept}.npz")
+        _keep(self._folder / CHECKPOINT, self.model, self._config)

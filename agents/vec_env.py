@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -85,7 +84,3 @@ class BatchedVecEnv(VecEnv):
                 break
             layer = layer.env
         return [isinstance(layer, wrapper_class) for _ in self._get_indices(indices)]
-
-    def get_images(self) -> Sequence[np.ndarray | None]:
-        """Batched pendulums draw no pictures."""
-        return [None] * self.num_envs

@@ -8,7 +8,8 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
-from agents.verdicts import Leader
+import numpy as np
+
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
 from pendulum_env.backends.hardware.pacing import ordinary
@@ -18,6 +19,8 @@ from workbench.processes import Quiet, attend
 DIAGNOSED = "diagnosed"  # what a recording may go on until
 TOGETHER = 50  # samples that are sent at once
 READY = 60.0  # [s] in which the process has to be there
+LONGEST = 20.0  # [s] of a run without a verdict
+STANDS = 2.0  # [s], after which a verdict that has not changed stands
 
 Sample = tuple[float, float, float]  # time [s], position [rad], torque over the period that ends with it [N m]
 
@@ -30,6 +33,25 @@ class Judge(Protocol):
 
     def close(self) -> OnlineDiagnosis:
         """What was said in the end."""
+
+
+class Leader:
+    """Whether a verdict stands: what is missing has been the same group's leader for `STANDS` seconds."""
+
+    def __init__(self) -> None:
+        """Nothing is said yet."""
+        self._since = np.inf
+        self._said: OnlineDiagnosis | None = None
+
+    def take(self, time: float, said: OnlineDiagnosis) -> bool:
+        """Take in what is said at a time [s]; whether it stands."""
+        same = self._said is not None and said.group[:1] == self._said.group[:1]
+        self._said = said
+        if said.kind != "missing":
+            self._since = np.inf
+        elif not same or not np.isfinite(self._since):
+            self._since = time
+        return bool(time - self._since >= STANDS)
 
 
 class Here:

@@ -9,14 +9,22 @@ import numpy as np
 from estimators.online.confidence import CLUSTER, Clusters, Wandering
 from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
-from estimators.online.kalman import OURS, name_of, recursion_of
+from estimators.online.kalman import KalmanLeastSquares
+from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.stream import Stream
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Hamiltonian, OnlineScheme
 from estimators.signals.measurements import Smoothing, of_steps
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term
+
+OURS = "SquareRootLeastSquares"
+RECURSIONS: dict[str, type[SquareRootLeastSquares] | type[KalmanLeastSquares]] = {
+    OURS: SquareRootLeastSquares,
+    "KalmanFilter": KalmanLeastSquares,
+}
 
 
 class OnlineEstimator:
@@ -40,7 +48,7 @@ class OnlineEstimator:
         random_walk: float | Sequence[float] = 0.0,
         reset_every: float | None = None,
         settle: float = 0.0,
-        recursion: str | type = OURS,
+        recursion: str = OURS,
         position_noise: float | None = None,
     ) -> None:
         """Make the estimator.
@@ -57,9 +65,8 @@ class OnlineEstimator:
                 own unit [unit/sqrt(s)]; 0 if they stand still.
             reset_every: time after which P starts anew from P(0), the estimates being kept [s].
             settle: time from the start whose equations are left out [s].
-            recursion: what solves the regressions: ours, all at once in square-root form, or a filter of filterpy for
-                each, by name or class: `KalmanFilter`, `SquareRootKalmanFilter`, `FadingKalmanFilter` or
-                `InformationFilter`.
+            recursion: what solves the regressions: "SquareRootLeastSquares", all at once, or "KalmanFilter",
+                filterpy's, one after the other; they find the same.
             position_noise: standard deviation of the measured position, which a `JointState` has to know [rad]; without
                 one, that of the paper's encoder.
 
@@ -90,7 +97,7 @@ class OnlineEstimator:
         smoothing = smoothing or Smoothing.of_encoder(COUNTS, rate)
         shape, period, parameters = (batch, len(run)), 1.0 / rate, len(self.names)
         self._stream = Stream(terms, run, smoothing, period, batch)
-        self._squares = recursion_of(name_of(recursion), shape, parameters, prior, forgetting)
+        self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
         self._clusters = Clusters(shape, parameters, period, forgetting)
         self._wandering = Wandering(shape, period) if walk.any() else None
         self._walk, self._settle = walk, settle

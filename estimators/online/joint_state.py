@@ -17,6 +17,7 @@ of Variances and Adaptive Kalman Filtering, IEEE Transactions on Automatic Contr
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -83,8 +84,9 @@ class JointFilters:
             forgetting: factor for every sample.
             walk: by which parameters may wander, as a share, or for each in its unit [1/sqrt(s)].
         """
-        self._scheme, self._terms, self._period, self._batch = scheme, tuple(terms), period, batch
-        self._noise, self._forgetting, self._walk = max(position_noise, FINEST), forgetting, walk
+        noise = max(position_noise, FINEST)
+        self._begin = functools.partial(_Filter, scheme, tuple(terms), period, noise, forgetting, walk)
+        self._period, self._batch = period, batch
         columns = [column for term in terms for column in term.columns]
         self._inertia = next((k for k, column in enumerate(columns) if column.mass is not zero), None)
         self.filters: list[_Filter | None] = [None] * batch
@@ -135,46 +137,31 @@ class JointFilters:
             return None
         if not 0 < np.sqrt(covariance[self._inertia, self._inertia]) < KNOWN * theta[self._inertia]:
             return None
-        P = covariance + np.diag((DOUBT * theta) ** 2)
-        scheme, terms = self._scheme, self._terms
-        return _Filter(scheme, terms, self._period, self._noise, self._forgetting, self._walk, theta, P)
+        return self._begin(theta, covariance + np.diag((DOUBT * theta) ** 2))
 
     def beside(self, now: Estimates, shown: Sequence[int], lender: int) -> Estimates:
         """Estimates of the schemes `shown`, and of this one after them."""
         running, shown = self.running, list(shown)
         noise = np.maximum(self._surprise.noise, 1.0)[:, :, None]
-        both = _Both(now, shown, lender, running[:, None, None], self.P, noise * self.P)
+        joined = functools.partial(_joined, now, shown, lender, running[:, None, None])
         theta = np.where(running[:, None], self.theta, now.theta[:, lender])
         return replace(
             now,
             theta=np.concatenate([now.theta[:, shown], theta[:, None]], axis=1),
             error=np.concatenate([now.error[:, shown], self.error], axis=1),
             usable=np.concatenate([now.usable[:, shown], running[:, None]], axis=1),
-            spread=both.spread,
-            judge=both.judge,
+            spread=functools.partial(joined, self.P, "P"),
+            judge=functools.partial(joined, noise * self.P, "covariance"),
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Both:
-    """Covariances of regressions and, after them, of the joint state, which borrows until it runs."""
-
-    now: Estimates
-    shown: list[int]
-    lender: int
-    running: Mask  # (B, 1, 1)
-    P: Array  # (B, P, P)
-    covariance: Array  # (B, P, P)
-
-    def spread(self) -> Array:
-        return self._joined(self.now.P, self.P)
-
-    def judge(self, _: Array) -> Array:
-        return self._joined(self.now.covariance, self.covariance)
-
-    def _joined(self, lent: Array, own: Array) -> Array:
-        last = np.where(self.running, own, lent[:, self.lender])
-        return np.concatenate([lent[:, self.shown], last[:, None]], axis=1)
+def _joined(
+    now: Estimates, shown: list[int], lender: int, running: Mask, own: Array, name: str, _: Array | None = None
+) -> Array:
+    """P or covariances of regressions, and after them the joint state's own (B, P, P), or lent until it runs."""
+    lent = getattr(now, name)
+    last = np.where(running, own, lent[:, lender])
+    return np.concatenate([lent[:, shown], last[:, None]], axis=1)
 
 
 class _Filter:

@@ -102,10 +102,15 @@ class SquareRootLeastSquares:
 
     def widen(self, increase: Array) -> None:
         """Add a diagonal (B, S, P) to P: the parameters may have moved since."""
-        spread = self.P
-        diagonal = np.einsum("...ii->...i", spread)  # a view
-        diagonal += np.minimum(increase, np.maximum(self.prior - diagonal, 0.0))  # no further than P(0)
-        self.root = np.asarray(np.linalg.cholesky(spread), dtype=float)
+        self.root = np.asarray(np.linalg.cholesky(widened(self.P, increase, self.prior)), dtype=float)
+
+
+def widened(spread: Array, increase: Array, prior: float) -> Array:
+    """P (..., P, P) with an increase (..., P) added to its diagonal, no further than P(0)."""
+    wider = spread.copy()
+    diagonal = np.einsum("...ii->...i", wider)  # a view
+    diagonal += np.minimum(increase, np.maximum(prior - diagonal, 0.0))
+    return wider
 
 
 def check_ranges(prior: float, forgetting: float) -> None:

@@ -10,7 +10,6 @@ import gymnasium as gym
 import numpy as np
 
 from estimators.online import Estimates, JointState, OnlineEstimator, SchemeEstimate, SchemeEstimates
-from estimators.online.kalman import OURS, name_of
 from estimators.schemes.six import OnlineScheme
 from estimators.wrappers.options import Names, SampleClock, make
 from pendulum_env._typing import Array
@@ -47,7 +46,6 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         *,
         rate: float | None = None,
         in_observation: bool = False,
-        recursion: str | type = OURS,
         **options: Any,
     ) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`.
@@ -61,19 +59,15 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
                 such as `dead_time`, is taken to be known.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             in_observation: whether theta and the standard errors of all schemes are appended to a Box observation.
-            recursion: what solves the regressions: ours, all at once in square-root form, or filterpy's `KalmanFilter`,
-                `SquareRootKalmanFilter`, `FadingKalmanFilter` or `InformationFilter`, by name or class; they find the
-                same.
             options: of `estimators.online.OnlineEstimator`: `forgetting` (factor for every equation, 1 forgets none),
                 `random_walk` (by which parameters may wander, as a share of their value [1/sqrt(s)]), `reset_every`
                 (time after which P starts anew [s]), `settle` (time that is left out at the start [s]), `prior` (P(0)
-                on the diagonal) and `smoothing`.
+                on the diagonal), `smoothing`, and `recursion` ("KalmanFilter" for filterpy's in the place of ours).
 
         Raises:
             ValueError: if a name is unknown or an option is out of its range; when running, if samples do not come at
                 the rate.
         """
-        options["recursion"] = name_of(recursion)  # a name goes into JSON, a class does not
         gym.utils.RecordConstructorArgs.__init__(
             self, schemes=schemes, terms=terms, rate=rate, in_observation=in_observation, **options
         )

@@ -29,13 +29,13 @@ def test_ratios_and_their_intervals():
 @pytest.fixture(scope="module")
 def two_tone():
     """What the usual signal finds on six plants."""
-    return observe(baseline("two-tone", "peak", 1), "peak", 6, seed=3)
+    return observe(partial(baseline, "two-tone", "peak"), "peak", 6, seed=3)
 
 
 @pytest.mark.slow
 def test_every_policy_meets_the_same_plants_and_the_estimator_finds_them(two_tone):
     first = two_tone
-    again, other = (observe(baseline(name, "peak", 1), "peak", 6, seed=3) for name in ("two-tone", "prbs"))
+    again, other = (observe(partial(baseline, name, "peak"), "peak", 6, seed=3) for name in ("two-tone", "prbs"))
     np.testing.assert_array_equal(first.errors, again.errors)
     assert first.errors[-1].max() < 0.005
     assert np.isfinite(first.close).all() and first.close.max() < 4.0
@@ -47,7 +47,7 @@ def test_every_policy_meets_the_same_plants_and_the_estimator_finds_them(two_ton
 
 @pytest.mark.slow
 def test_no_estimate_beats_the_cramer_rao_bound_and_online_ones_come_near():
-    outcome = observe(baseline("two-tone", "peak", 1), "peak", 60, seed=5)
+    outcome = observe(partial(baseline, "two-tone", "peak"), "peak", 60, seed=5)
     ratio = np.sqrt(np.mean((outcome.errors / outcome.bound) ** 2, axis=1))
     assert (ratio > 0.8).all() and (ratio < 1.4).all()
 
@@ -78,6 +78,6 @@ def test_where_it_is_worked_out_changes_nothing(monkeypatch):
 
 
 def test_hidden_effects_leave_errors(two_tone):
-    hidden = observe(baseline("two-tone", "peak", 1), "peak", 6, seed=3, effects=("stribeck=0.4",))
+    hidden = observe(partial(baseline, "two-tone", "peak"), "peak", 6, seed=3, effects=("stribeck=0.4",))
     assert np.median(hidden.errors[-1]) > 5 * np.median(two_tone.errors[-1])
     assert np.isnan(hidden.bound).all()

@@ -16,7 +16,7 @@ from workbench.until import Apart, Here, told
 
 def test_a_recording_ends_when_the_verdict_stands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "run.csv"
-    command = ["record", "--excitation", "rl", "--until", "diagnosed", "--effect", "cogging", "--rate", "500"]
+    command = ["record", "--until", "diagnosed", "--effect", "cogging", "--rate", "500"]
     assert main([*command, "-o", str(output)]) == 0
     assert "missing: cogging torque (the verdict stands" in capsys.readouterr().out
     assert 3.0 < read_recording(output).duration < 15.0

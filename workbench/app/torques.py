@@ -16,12 +16,7 @@ LEARNT = {f"rl-{policy}": policy for policy in NAMES}  # the only policies that 
 def choices() -> list[dict[str, str]]:
     """All of them, for a control."""
     signals = [{"label": opening(id), "value": id} for id in EXCITATIONS]
-    return signals + [{"label": _label(policy), "value": id} for id, policy in LEARNT.items()]
-
-
-def _label(policy: str) -> str:
-    task, _, bound = policy.rpartition("-")
-    return f"Learnt policy, {bound} torque bounded{', to tell effects apart' if task else ''}"
+    return signals + [{"label": f"Learnt policy, {bound} torque bounded", "value": id} for id, bound in LEARNT.items()]
 
 
 def torque_of(
@@ -38,4 +33,4 @@ def torque_of(
     if amplitude is not None:
         raise ValueError("a learnt policy has a bound of its own: leave the peak torque empty")
     network = load(LEARNT[name])
-    return Pilot(network, network.constraint, seconds, rate, network.discriminates)
+    return Pilot(network, network.constraint, seconds, rate)

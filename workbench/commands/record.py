@@ -7,12 +7,11 @@ import argparse
 import gymnasium as gym
 import numpy as np
 
-from agents.baselines import agent_in_turn
+from agents import multisine
 from agents.network import NAMES as SHIPPED
-from agents.network import Network, load
+from agents.network import load
 from agents.observer import EPISODE
 from agents.pilot import Pilot
-from agents.verdicts import LONGEST
 from estimators.wrappers.options import smoothing_of
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
@@ -40,7 +39,7 @@ from workbench.inputs import (
 from workbench.mistakes import InputError
 from workbench.rig import configured, controller, describe, record_rig
 from workbench.terminal import Terminal
-from workbench.until import DIAGNOSED, Here, told
+from workbench.until import DIAGNOSED, LONGEST, Here, told
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
 BACKENDS = (
@@ -67,15 +66,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--excitation",
         type=argument(_excitation),
         metavar="NAME",
-        help=f"{', '.join(EXCITATIONS)} (default paper); {SUGGESTED}: the experiment that --diagnosis suggests; "
-        f"{LEARNT}: by a policy that sees the motion and what it has taught so far; an arm follows a multisine that is "
-        "designed within the limits of its joints",
+        help=f"{', '.join(EXCITATIONS)} (default paper; with --until, a multisine that was optimised to tell effects "
+        f"apart); {SUGGESTED}: the experiment that --diagnosis suggests; {LEARNT}: by a policy that "
+        "sees the motion and what it has taught so far; an arm follows a multisine that is designed within the limits "
+        "of its joints",
     )
     parser.add_argument(
         "--policy",
         metavar="NAME",
-        help=f"{', '.join(SHIPPED)}, or a file that `train` wrote, for --excitation {LEARNT} (default peak; with "
-        "--until discriminate-peak for three seconds, and then a multisine)",
+        help=f"{', '.join(SHIPPED)}, or a file that `train` wrote, for --excitation {LEARNT} (default peak)",
     )
     parser.add_argument(
         "--until",
@@ -199,6 +198,8 @@ def experiment(
     if arguments.diagnosis is not None:
         raise InputError(f"--diagnosis goes with --excitation {SUGGESTED} only")
     seconds = arguments.seconds or (SECONDS if arguments.until is None else LONGEST)
+    if arguments.until is not None and arguments.excitation is None:
+        return multisine.separating(arguments.amplitude), seconds
     try:
         return excitation(arguments.excitation or USUAL, rng, seconds, arguments.amplitude), seconds
     except ValueError as error:
@@ -216,13 +217,10 @@ def learnt(arguments: argparse.Namespace, rate: float) -> tuple[Pilot, float]:
             raise InputError(f"--{name} does not go with --excitation {LEARNT}: the policy decides as the arm moves")
     if arguments.backend == "simulated":
         raise InputError(f"--excitation {LEARNT} needs a backend that answers step by step: use --backend pymunk")
-    until = arguments.until is not None
-    seconds = arguments.seconds or (LONGEST if until else EPISODE)
+    seconds = arguments.seconds or (EPISODE if arguments.until is None else LONGEST)
     try:
-        if until and arguments.policy is None:
-            return Pilot(agent_in_turn(), "peak", seconds, rate, discriminates=True), seconds
-        network: Network = load(arguments.policy or "peak")
-        return Pilot(network, network.constraint, seconds, rate, network.discriminates), seconds
+        network = load(arguments.policy or "peak")
+        return Pilot(network, network.constraint, seconds, rate), seconds
     except ValueError as error:
         raise InputError(str(error)) from None
 
