@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
+from scipy.stats import sem
 from scipy.stats import t as students_t
 
 from benchmarks.independent_plant import Experiment, Plant, simulate, steer
@@ -195,12 +196,6 @@ def tried(work: Work) -> Work:
     return work._replace(at_home=home, on_joint=Tried.of(on_joint, policy, target))
 
 
-def interval(values: Sequence[float]) -> tuple[float, float]:
-    """Mean, and half width of its 95 % interval."""
-    spread = np.std(values, ddof=1) / np.sqrt(len(values))
-    return float(np.mean(values)), float(students_t.ppf(0.975, len(values) - 1) * spread)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Print what the joint is taken for, and a row for each simulator: means over seeds with 95 % intervals."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.sim_to_real", description=__doc__.splitlines()[0])
@@ -225,7 +220,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for quantity in Tried._fields:
             for where in ("at_home", "on_joint"):
                 values = [getattr(getattr(work, where), quantity) for work in done if work.name == name]
-                cells.append("{:.1f} ± {:.1f}".format(*interval(values)))
+                cells.append(f"{np.mean(values):.1f} ± {students_t.ppf(0.975, len(values) - 1) * sem(values):.1f}")
         rows.append((name, *cells))
     terminal.heading("Errors at the end, and targets reached, in the simulator of the training and on the joint")
     terminal.table(("trained in", "error [mrad]", "on the joint", "reached [%]", "on the joint"), rows)

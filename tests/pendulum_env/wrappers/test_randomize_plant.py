@@ -42,18 +42,16 @@ def test_batched_pendulums_get_new_plants_with_each_episode():
 
 
 def test_plants_are_drawn_as_an_identified_model_knows_its_linear_parameters():
-    model = Model.build((*BASE, Stribeck()), [0.09, 2.0, 0.35, 0.9, 0.001], [0.004, 0.1, 0.02, 0.05, 0.0005])
-    names = list(model.estimates)[:5]
-    together = np.diag([estimate.std**2 for estimate in model.estimates.values()])[:5, :5]
-    together[2, 3] = together[3, 2] = -0.9 * 0.02 * 0.05
-    model = model.correlated(names, together)
+    std = np.array([0.004, 0.1, 0.02, 0.05])
+    covariance = np.diag(std**2)
+    covariance[2, 3] = covariance[3, 2] = -0.9 * std[2] * std[3]
+    model = Model.build((*BASE, Stribeck()), [0.09, 2.0, 0.35, 0.9, 0.001], [*std, 0.0005])
+    model = model.correlated(list(PAPER), covariance)
     env = RandomizePlantVector(gym.make_vec(PENDULUM, num_envs=20_000, model=model), "covariance")
     drawn = env.reset(seed=5)[1]["plant"]
-    base = drawn[:, :4]
-    np.testing.assert_allclose(base.mean(axis=0), model.theta[:4], rtol=0.01)
-    np.testing.assert_allclose(
-        np.cov(base.T), together[:4, :4], atol=0.03 * np.outer(*[np.diag(together)[:4] ** 0.5] * 2)
-    )
+    base = (drawn[:, :4] - model.theta[:4]) / std
+    np.testing.assert_allclose(base.mean(axis=0), 0.0, atol=0.03)
+    np.testing.assert_allclose(np.cov(base.T), covariance / np.outer(std, std), atol=0.05)
     assert (drawn[:, 4] == 0).any() and (drawn[:, 4] >= 0).all()  # friction does not drive
 
 
