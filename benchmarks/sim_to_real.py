@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -192,7 +193,7 @@ def tried(work: Work) -> Work:
     """Train, and try the policy."""
     policy = train(work.model, work.seed, work.spread)
     target = np.random.default_rng(1000 + work.seed).uniform(-FURTHEST, FURTHEST, TRIALS)
-    home = Tried.of(lambda count, act: in_simulator(work.model, count, act), policy, target)
+    home = Tried.of(partial(in_simulator, work.model), policy, target)
     return work._replace(at_home=home, on_joint=Tried.of(on_joint, policy, target))
 
 

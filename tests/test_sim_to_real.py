@@ -1,5 +1,7 @@
 """Policies from simulation to a joint: the task is what it says, is the same on both, and can be learnt."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -51,9 +53,10 @@ def test_where_model_and_joint_are_the_same_so_is_the_motion_in_training_in_the_
     assert np.ptp(real, axis=0).max() > 0.3
 
 
-def test_a_short_training_brings_the_joint_closer():
-    target = np.linspace(-1.0, 1.0, 32)
+def test_a_short_training_brings_a_joint_without_much_friction_closer():
+    easy, target = make_plant({"coulomb": 0.1}), np.linspace(-1.0, 1.0, 32)
     short, longer = (
-        benchmark.Tried.of(benchmark.on_joint, benchmark.train(KNOWN, 0, steps=steps), target) for steps in (1, 30_000)
+        benchmark.Tried.of(partial(benchmark.in_simulator, easy), benchmark.train(easy, 0, steps=steps), target)
+        for steps in (1, 30_000)
     )
-    assert longer.error < 0.9 * short.error
+    assert longer.error < 0.7 * short.error

@@ -26,7 +26,8 @@ class Spread:
         """
         self.names = [column.name for column in nominal.columns]
         self._nominal = nominal.theta
-        self._bounds = [np.array([[getattr(c, end)] for c in nominal.columns]) for end in ("least", "most")]
+        self._least = np.array([[column.least] for column in nominal.columns])
+        self._most = np.array([[column.most] for column in nominal.columns])
         self._uniform = spread != OWN
         self._root = _root(nominal, self.names) if spread == OWN else np.diag(self._nominal * self._widths(spread))
 
@@ -46,7 +47,7 @@ class Spread:
         """Parameters of `count` plants (P, count)."""
         shape = len(self.names), count
         unit = rng.uniform(-1.0, 1.0, shape) if self._uniform else rng.standard_normal(shape)
-        return np.clip(self._nominal[:, None] + self._root @ unit, *self._bounds)
+        return np.clip(self._nominal[:, None] + self._root @ unit, self._least, self._most)
 
 
 def _root(nominal: Model, names: list[str]) -> Array:
