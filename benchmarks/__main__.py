@@ -15,7 +15,7 @@ SHORT = (  # about two minutes on two cores
 COMMANDS = (
     "environments", "schemes", "joint_state", "watching", "diagnosis_time", "hidden_effects", "known_truth",
     "cramer_rao", "ambiguity", "fleet", "independent_plant", "mutations", "reproducibility", "rig", "rig_faults",
-    "servos", "six_joint", "survey", "sysid", "timing",
+    "servos", "sim_to_real", "six_joint", "survey", "sysid", "timing",
 )  # fmt: skip
 
 

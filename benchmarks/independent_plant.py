@@ -18,7 +18,7 @@ import gzip
 import json
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from benchmarks.excitation import CLOSED_LOOP, EXCITATIONS, OPEN_LOOP
 
 Array = NDArray[np.float64]
+Policy = Callable[[Array], Array]  # positions (B,) [rad], one for each plant, to torques (B,) [N m]
 
 MAX_STEP = 1e-3  # s, inner step of a rigid joint
 STIFF_STEP = 0.5e-3  # s, inner step with walls or presliding
@@ -457,6 +458,7 @@ class _Clock:
         columns: where these recordings are in the batch.
         every: inner steps per sample.
         commands: a command (N,) for each recording, replacing its excitation where not None.
+        policy: decides all commands from the positions that are read, (B,) both.
     """
 
     def __init__(
@@ -465,8 +467,9 @@ class _Clock:
         columns: NDArray[np.intp],
         every: int,
         commands: Sequence[Array | None],
+        policy: Policy | None,
     ) -> None:
-        self.columns, self.every = columns, every
+        self.columns, self.every, self.policy = columns, every, policy
         self.plants, self.experiments = zip(*cases, strict=True)
         count, longest = len(cases), max(experiment.samples for experiment in self.experiments)
         self.samples = longest
@@ -532,6 +535,8 @@ class _Clock:
             self.integral += np.where((np.abs(by_speed) > self.limit) & (by_speed * slow > 0), 0.0, slow / rate)
             torque = np.clip(np.where(self.control == "speed", by_speed, wanted), -self.limit, self.limit)
             self.command[k] = np.where(self.closed, torque, self.command[k])
+        if self.policy is not None:
+            self.command[k] = self.policy(self.position[k])
 
     def acting(self, i: int) -> Array:
         """The command that acts during inner step i, after its dead time."""
@@ -590,7 +595,9 @@ def _inner_steps(plant: Plant, experiment: Experiment) -> int:
     return max(1, int(np.ceil(1 / (experiment.rate * longest) - 1e-9)))
 
 
-def _simulate_batch(cases: Sequence[tuple[Plant, Experiment]], commands: Sequence[Array | None]) -> list[Any]:
+def _simulate_batch(
+    cases: Sequence[tuple[Plant, Experiment]], commands: Sequence[Array | None], policy: Policy | None = None
+) -> list[Any]:
     """Recordings of plants that share an inner step and the side of friction, in the order given."""
     plants, experiments = zip(*cases, strict=True)
     model = _Model(frozenset().union(*(plant.effects for plant in plants)), plants[0].friction_side == "motor")
@@ -604,7 +611,7 @@ def _simulate_batch(cases: Sequence[tuple[Plant, Experiment]], commands: Sequenc
     for n in np.unique(every).tolist():
         columns = np.flatnonzero(every == n)
         members = columns.tolist()
-        clocks.append(_Clock([cases[j] for j in members], columns, n, [commands[j] for j in members]))
+        clocks.append(_Clock([cases[j] for j in members], columns, n, [commands[j] for j in members], policy))
     seconds = max(experiment.seconds for experiment in experiments)
     pushed = [j for j, plant in enumerate(plants) if {"knocks", "random_walk_torque"} & plant.effects.keys()]
     pushes = np.array([_pushes(plants[j], experiments[j], seconds) for j in pushed])
@@ -640,6 +647,12 @@ def _simulate_batch(cases: Sequence[tuple[Plant, Experiment]], commands: Sequenc
         for j, recording in zip(clock.columns.tolist(), clock.recordings(), strict=True):
             done[j] = recording
     return done
+
+
+def steer(cases: Sequence[tuple[Plant, Experiment]], policy: Policy) -> list[SimulatedRecording]:
+    """Simulate plants of one inner step and rate under a policy that is asked once a sample."""
+    recordings: list[SimulatedRecording] = _simulate_batch(cases, [None] * len(cases), policy)
+    return recordings
 
 
 def simulate(

@@ -18,12 +18,13 @@ class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
     `info["plant"]` of the reset holds them, by name.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], spread: float | Mapping[str, float] = 0.3) -> None:
+    def __init__(self, env: gym.Env[Any, Any], spread: float | Mapping[str, float] | str = 0.3) -> None:
         """Wrap a simulated pendulum.
 
         Args:
             env: the environment.
-            spread: relative half width of the four base parameters, or of some linear parameters by name.
+            spread: relative half width of the four base parameters, or of some linear parameters by name; "covariance"
+                draws all linear parameters as an identified model knows them (shape parameters stay as they are).
 
         Raises:
             ValueError: if the environment's plant cannot be drawn, or see `Spread`.

@@ -15,7 +15,7 @@ from pendulum_env.wrappers.spread import Spread
 class RandomizePlantVector(VectorWrapper):
     """`RandomizePlant` for the batched pendulums; `info["plant"]` holds the linear parameters (B, P)."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], spread: float | Mapping[str, float] = 0.3) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], spread: float | Mapping[str, float] | str = 0.3) -> None:
         """Wrap batched pendulums; see `RandomizePlant` for the spread."""
         super().__init__(env)
         plants = env.unwrapped

@@ -4,6 +4,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from pendulum_env.physics import BASE, Model
+from pendulum_env.physics.friction import Stribeck
 from pendulum_env.plant import PAPER
 from pendulum_env.registration import PENDULUM
 from pendulum_env.wrappers import RandomizePlant, RandomizePlantVector
@@ -39,6 +41,20 @@ def test_batched_pendulums_get_new_plants_with_each_episode():
     assert (env.reset(seed=3)[1]["plant"] == first).all()
 
 
+def test_plants_are_drawn_as_an_identified_model_knows_its_linear_parameters():
+    std = np.array([0.004, 0.1, 0.02, 0.05])
+    covariance = np.diag(std**2)
+    covariance[2, 3] = covariance[3, 2] = -0.9 * std[2] * std[3]
+    model = Model.build((*BASE, Stribeck()), [0.09, 2.0, 0.35, 0.9, 0.001], [*std, 0.0005])
+    model = model.correlated(list(PAPER), covariance)
+    env = RandomizePlantVector(gym.make_vec(PENDULUM, num_envs=20_000, model=model), "covariance")
+    drawn = env.reset(seed=5)[1]["plant"]
+    base = (drawn[:, :4] - model.theta[:4]) / std
+    np.testing.assert_allclose(base.mean(axis=0), 0.0, atol=0.03)
+    np.testing.assert_allclose(np.cov(base.T), covariance / np.outer(std, std), atol=0.05)
+    assert (drawn[:, 4] == 0).any() and (drawn[:, 4] >= 0).all()  # friction does not drive
+
+
 def test_what_cannot_be_drawn_is_refused():
     with pytest.raises(ValueError, match="a recording or a rig is as it is"):
         RandomizePlant(gym.make("Pendulum-v1"))
@@ -46,3 +62,7 @@ def test_what_cannot_be_drawn_is_refused():
         RandomizePlant(gym.make(PENDULUM), {"mass": 0.1})
     with pytest.raises(ValueError, match="a share from 0 to below 1"):
         RandomizePlant(gym.make(PENDULUM), 1.0)
+    with pytest.raises(ValueError, match="by 'covariances': give shares"):
+        RandomizePlant(gym.make(PENDULUM), "covariances")
+    with pytest.raises(ValueError, match="no covariance can be drawn: take a model that was fitted"):
+        RandomizePlant(gym.make(PENDULUM), "covariance")
