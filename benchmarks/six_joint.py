@@ -190,9 +190,9 @@ def main(arguments: Sequence[str] = ()) -> int:
     print("  " + ", ".join(f"{error.joint} {100 * error.share:.2f} %" for error in errors))
     right = alarms = 0
     longest = 0.0
-    effects = [Hidden(EFFECTS[run % 6], (run + run // 6) % 6) for run in range(runs)]
-    effects[: runs // 6] = [Hidden("coupling", run % 5) for run in range(runs // 6)]
-    for run, hidden in enumerate(effects):
+    hidden_ones = [Hidden(EFFECTS[run % 6], (run + run // 6) % 6) for run in range(runs)]
+    hidden_ones += [Hidden("coupling", run % 5) for run in range(runs // 6)]
+    for run, hidden in enumerate(hidden_ones):
         recording = simulate(100 + run, hidden)
         began = time.process_time()
         diagnosis = diagnose_arm(recording, arm)
@@ -203,7 +203,7 @@ def main(arguments: Sequence[str] = ()) -> int:
         diagnosis = diagnose_arm(simulate(200 + run), arm)
         alarms += bool(diagnosis.selected)
         print(f"{'nothing':32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
-    print(f"named right: {right} of {runs}; false alarms: {alarms} of {runs // 3}")
+    print(f"named right: {right} of {len(hidden_ones)}; false alarms: {alarms} of {runs // 3}")
     print(f"longest diagnosis: {longest:.1f} s of one core")
     return 0
 

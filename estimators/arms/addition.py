@@ -20,7 +20,7 @@ from pendulum_env.arms.joints import Links, kind_at
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import ModelError
-from pendulum_env.physics.term import places
+from pendulum_env.physics.term import loads
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,4 +110,4 @@ def add_arm(
     against = objection(steps[1], steps[0], models.train.motions)
     if against is None and models.gain(trial.terms, base).chance > criterion.chance:
         against = CHANCE
-    return ArmAddition(effect, body.joints.index(places(kind.at)[0]), before, after, against)
+    return ArmAddition(effect, body.joints.index(next(iter(loads(kind.at)))), before, after, against)

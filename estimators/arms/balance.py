@@ -9,7 +9,7 @@ The rigid body's columns come from `Body`, those of a joint's terms from the pen
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,9 +20,8 @@ from estimators.schemes.six import View, energy_view, impulse_view, increments, 
 from estimators.signals.measurements import Measurements
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling
 from pendulum_env.physics import Term
-from pendulum_env.physics.term import places
+from pendulum_env.physics.term import loads
 
 
 @dataclass(frozen=True)
@@ -71,31 +70,26 @@ def rows(m: ArmMeasurements, body: Body, terms: Sequence[Term], view: ArmView) -
     phi[:, :, :first] = links
     y = np.column_stack([view.supplied(joint) for joint in m.joints])
     for own in terms:
-        at = [order[joint] for joint in places(own.at)]
-        joint = m.joints[at[0]] if len(at) == 1 else _turning(m.joints[at[0]], m.joints[at[1]], own)
+        factors = {order[joint]: factor for joint, factor in loads(own.at).items()}
+        joint, place = _along(m, factors), next(iter(factors))
         for column in own.columns:
             values = view.of_column(joint, column)
-            for place, factor in zip(at if not view.adds_up else [0], (1.0, _sign(own)), strict=False):
-                phi[:, place, first] = factor * values
+            for row, factor in ({0: 1.0} if view.adds_up else factors).items():
+                phi[:, row, first] = factor * values
             first += 1
         for column in own.fixed:
-            y[:, at[0]] -= view.of_column(joint, column)
+            y[:, place] -= view.of_column(joint, column)
     if view.adds_up:
         y = y.sum(axis=1, keepdims=True)
     return [Equations(phi[:, k], y[:, k]) for k in range(y.shape[1])]
 
 
-def _sign(term: Term) -> float:
-    """By which the second joint turns a motor that two share."""
-    return term.sign() if isinstance(term, Coupling) else 1.0
-
-
-def _turning(first: Measurements, second: Measurements, term: Term) -> Measurements:
-    """Measurements of a motor that turns with two joints."""
-    sign = _sign(term)
-    return replace(
-        first,
-        position=first.position + sign * second.position,
-        velocity=first.velocity + sign * second.velocity,
-        acceleration=first.acceleration + sign * second.acceleration,
-    )
+def _along(m: ArmMeasurements, factors: Mapping[int, float]) -> Measurements:
+    """Measurements of what turns with some joints, each by its factor; with one, those of the joint."""
+    first, *others = (m.joints[place] for place in factors)
+    if not others:
+        return first
+    turns = np.array(list(factors.values()))
+    motion = (part[:, list(factors)] @ turns for part in (m.position, m.velocity, m.acceleration))
+    position, velocity, acceleration = motion
+    return replace(first, position=position, velocity=velocity, acceleration=acceleration)

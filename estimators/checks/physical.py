@@ -11,7 +11,7 @@ from estimators.selection.data import Step
 from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, Samples, Shape, Term, effects
-from pendulum_env.physics.term import LOAD, places
+from pendulum_env.physics.term import LOAD, loads
 from pendulum_env.words import listing
 
 SELDOM = 0.1  # share of the samples at which friction may come out as negative
@@ -149,7 +149,7 @@ def objection(after: Step, before: Step, motions: Mapping[str, Samples]) -> str 
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
     first, second = (_forms(step.model.terms) for step in (after, before))
-    changed = {joint for (_, at, _) in first ^ second for joint in places(at)} or set(motions)
+    changed = {joint for (_, at, _) in first ^ second for joint in loads(at)} or set(motions)
     wrong = impossible(after.model, {at: motions[at] for at in motions if at in changed})
     if wrong:
         return f"would mean {listing(wrong)}, which no body has"

@@ -21,14 +21,12 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import HELD_OUT, Setting
 from estimators.in_loop.comparison import with_gain
 from estimators.in_loop.evidence import InLoop
-from estimators.in_loop.fit import linear
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.selection.data import Evidence, Step, fit_terms
 from estimators.selection.models import Models
 from estimators.selection.moves import best, ids, loosened, settle
 from estimators.selection.search import Selection, select
 from estimators.simulation.output_error import Point
-from estimators.weak_form.shapes import continuous
 from estimators.weak_form.windows import WHOLE
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.actuation import BackEmf
@@ -140,10 +138,11 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
 def _timed(model: Model, servos: InLoop) -> Model:
     """A fitted model whose standard errors count that a log's clock is off by a share of a sample."""
     point = Point(model.terms, np.asarray(model.theta))
-    near = linear(servos.data, point, servos.screen.typical(model.terms), True)
-    late = np.column_stack([other.misses([point])[:, 0] for other in servos.data.mistimed]) - near.error[:, None]
-    moved = np.linalg.lstsq(near.weights[:, None] * near.slopes, -near.weights[:, None] * late, rcond=None)[0]
-    shapes = [term.full(shape.name) for term in model.terms for shape in continuous(term)]
+    near, weights = servos.screen.near(model.terms), servos.screen.weights(model.terms)[:, None]
+    by_shapes, shapes = servos.screen.shape_jacobian(model.terms, point.theta)
+    slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_shapes])
+    late = np.column_stack([other.misses([point])[:, 0] for other in servos.data.mistimed])
+    moved = np.linalg.lstsq(weights * slopes, -weights * (late - servos.data.misses([point])), rcond=None)[0]
     told = dict(zip([*(column.name for column in model.columns), *shapes], moved, strict=True))
     estimates = {
         name: replace(own, std=float(np.linalg.norm([own.std, *told.get(name, ())])))

@@ -17,7 +17,7 @@ from estimators.weak_form.dataset import Dataset, prepare
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import BASE, Model, Samples, Term
-from pendulum_env.physics.term import places
+from pendulum_env.physics.term import loads
 from pendulum_env.recording import Recording
 
 REPEATED = 2  # knocks, below which that may be an accident
@@ -74,7 +74,7 @@ class Errors:
 
 def error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:
     """Root mean square of the errors of the joints that a term loads, of all joints by name [N m]."""
-    own = [joints[joint] for joint in places(at) if joint in joints]
+    own = [joints[joint] for joint in loads(at) if joint in joints]
     return float(np.sqrt(np.mean(np.square(own)))) if own else otherwise
 
 
@@ -144,7 +144,7 @@ class Evidence:
 
     def reach_of(self, joint: str) -> tuple[float, float]:
         """The same of a joint, or of the joints that a term loads."""
-        positions = [w.recording.position for w in self.data.windows if w.at in places(joint)]
+        positions = [w.recording.position for w in self.data.windows if w.at in loads(joint)]
         return float(min(q.min() for q in positions)), float(max(q.max() for q in positions))
 
     def watching(self, model: Model) -> Evidence:

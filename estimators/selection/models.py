@@ -22,7 +22,7 @@ from estimators.simulation import output_error
 from estimators.simulation.link_segments import has_link
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term, effects
-from pendulum_env.physics.term import places
+from pendulum_env.physics.term import loads
 
 MOMENT = 0.2  # [s], over which a torque that wanders hardly changes
 
@@ -168,7 +168,7 @@ class Models:
 
     def is_possible(self, terms: Terms) -> bool:
         """Whether a body can have the effects of some terms: what the base model has at other joints is not theirs."""
-        where = {joint for term in terms[len(self.base) :] for joint in places(term.at)}
+        where = {joint for term in terms[len(self.base) :] for joint in loads(term.at)}
         motions = {at: x for at, x in self.train.motions.items() if at in where}
         return not impossible(self.model(terms), motions)
 

@@ -20,7 +20,8 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.physics.term import places
+from pendulum_env.physics import Term
+from pendulum_env.physics.term import loads
 
 FEWEST = 20  # windows of each joint
 PLACES = 50  # samples of each recording over which a joint's inertia is averaged
@@ -60,25 +61,29 @@ def prepare_arm(recordings: Sequence[ArmRecording], links: Links, shared: Sequen
 
 
 def _coupled(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> Given:
-    """Columns of a motor that turns with two joints, on the rows of both."""
-    term, (first, second) = kind(), places(kind.at)
-    factors = {first: 1.0, second: kind.sign()}
-    linear, rates = [], []
-    for k in range(len(entries[0])):
-        for own in entries:
-            named = {w.at: w for w in own}
-            w = _turning(own[k], named[first], named[second], kind.sign())
-            factor = factors.get(w.at, 0.0)
-            linear.append(factor * w.columns([term])[0][0])
-            rates.append(factor * np.column_stack([w.rates.column(column, w.samples) for column in term.columns]))
-    return Given(np.concatenate(linear), np.concatenate(rates), np.zeros((len(entries[0]), len(term.columns))))
+    """Columns of a motor that turns with two joints, on the rows of all."""
+    parts = [_shared(own[k], own, kind()) for k in range(len(entries[0])) for own in entries]
+    linear, rates = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return Given(linear, rates, np.zeros((len(entries[0]), linear.shape[1])))
 
 
-def _turning(w: Windows, first: Windows, second: Windows, sign: float) -> Windows:
-    """Windows of a joint in which a motor turns with two joints."""
-    x, y = first.samples, second.samples
-    motion = replace(x, position=x.position + sign * y.position, velocity=x.velocity + sign * y.velocity)
-    return replace(w, samples=motion, acceleration=first.acceleration + sign * second.acceleration)
+def _shared(w: Windows, entries: Sequence[Windows], term: Term) -> tuple[Array, Array]:
+    """Columns (R, P) on the rows of a joint, and their time derivatives, of what turns with several joints."""
+    factors = loads(term.at)
+    if w.at not in factors:
+        return (np.zeros((len(w.centers), len(term.columns))),) * 2
+    turns = np.array([factors.get(own.at, 0.0) for own in entries])
+    position, velocity, acceleration = (series @ turns for series in _motion(entries))
+    w = replace(w, samples=replace(w.samples, position=position, velocity=velocity), acceleration=acceleration)
+    rates = np.column_stack([w.rates.column(column, w.samples) for column in term.columns])
+    return factors[w.at] * w.columns([term])[0][0], factors[w.at] * rates
+
+
+def _motion(entries: Sequence[Windows]) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration of all joints (N, n) each."""
+    parts = ((w.samples.position, w.samples.velocity, w.acceleration) for w in entries)
+    q, v, a = (np.column_stack(series) for series in zip(*parts, strict=True))
+    return q, v, a
 
 
 @dataclass(frozen=True)
@@ -91,10 +96,7 @@ class _Columns:
 
 
 def _columns(entries: Sequence[Windows], body: Body) -> _Columns:
-    q, v, a = (
-        np.column_stack(series)
-        for series in zip(*((w.samples.position, w.samples.velocity, w.acceleration) for w in entries), strict=True)
-    )
+    q, v, a = _motion(entries)
     smooth, heavy = body.torque(q, v, np.zeros_like(v)), body.momentum(q, a)  # (N, n, P)
 
     def averaged(rows: Rows, k: int) -> Array:

@@ -352,6 +352,10 @@ def _refuse_others(path: Path, model: Any) -> None:
         raise BodyError(f"{path}: has no joint that moves")
     for name, joint, inertia in list(zip(model.names, model.joints, model.inertias, strict=True))[1:]:
         kind = joint.shortname().removeprefix("JointModel")
+        if "," in name or name.startswith("-"):
+            raise BodyError(
+                f"{path}: joint '{name}': rename it, as a comma or a first minus names a coupling of joints"
+            )
         if not kind.startswith("R"):
             raise BodyError(f"{path}: joint '{name}' is {kind}: only revolute joints, one a link, can be identified")
         if not inertia.mass > LIGHTEST:

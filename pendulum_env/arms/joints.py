@@ -17,7 +17,7 @@ from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Column, Term, effects
 from pendulum_env.physics.base import Coulomb, Viscous
-from pendulum_env.physics.term import one, places
+from pendulum_env.physics.term import loads, one
 
 if TYPE_CHECKING:
     from pendulum_env.arms.body import Body
@@ -86,11 +86,6 @@ class Coupling(Term):
         )
         return (Column(f"coupling.inertia@{self.at}", "kg m^2", mass=one), *friction) if self.is_heavy else friction
 
-    @classmethod
-    def sign(cls) -> float:
-        """Which way the motor turns with the second joint, s."""
-        return -1.0 if ",-" in cls.at else 1.0
-
 
 def coupled(at: str, is_heavy: bool = True) -> type[Coupling]:
     """The coupling of two joints, `elbow,wrist` or `elbow,-wrist`, with or without an inertia of its motor."""
@@ -120,15 +115,10 @@ def couplings(body: Body) -> tuple[type[Coupling], ...]:
 
 def coupling(at: str, body: Body) -> type[Coupling]:
     """The coupling of two joints of an arm; without inertia where a link's may be what its motor's would be."""
-    kind = coupled(at)
-    first, second = (body.joints.index(joint) for joint in places(at))
+    factors = np.array([loads(at).get(joint, 0.0) for joint in body.joints])
     q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(body.joints)))
-    felt = np.zeros_like(a)
-    felt[:, first] = a[:, first] + kind.sign() * a[:, second]
-    felt[:, second] = kind.sign() * felt[:, first]
-    links = body.torque(q, v, a)
-    links = links.reshape(-1, links.shape[-1])
-    left = felt.ravel() - links @ np.linalg.lstsq(links, felt.ravel(), rcond=None)[0]
+    felt, links = np.outer(a @ factors, factors).ravel(), body.torque(q, v, a).reshape(a.size, -1)
+    left = felt - links @ np.linalg.lstsq(links, felt, rcond=None)[0]
     return coupled(at, bool(np.linalg.norm(left) > OF_NO_LINK * np.linalg.norm(felt)))
 
 
@@ -144,7 +134,7 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
         ValueError: with the term, and the joints that there are.
     """
     for term in terms:
-        if not set(places(term.at)) <= set(joints):
+        if not set(loads(term.at)) <= set(joints):
             raise Mistake(
                 f"{term.id} is at none of the joints {', '.join(joints)}: place it, placed(term, {joints[0]!r})"
             )
@@ -169,8 +159,8 @@ def kind_at(text: str, body: Body) -> type[Term]:
     joints, (id, _, at) = body.joints, text.partition("@")
     if id != Coupling.id:
         return at_joint(*effect_at(text, joints))
-    pair = [find("joint", joint, {name: name for name in joints}) for joint in places(at)]
-    if len(set(pair)) != 2 or at.startswith("-"):
+    pair = [find("joint", joint, {name: name for name in joints}) for joint in loads(at)]
+    if len(pair) != 2 or at.startswith("-"):
         raise Mistake(f"'{text}' should name two joints, such as {id}@{joints[0]},{joints[-1]}, with - for the second")
     return coupling(at, body)
 

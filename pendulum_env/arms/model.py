@@ -15,7 +15,7 @@ from pendulum_env.arms.joints import Coupling, Links, at_joint, coupled
 from pendulum_env.files import write_whole
 from pendulum_env.physics import Estimate, Model, ModelError, Term, library
 from pendulum_env.physics.model import ARM_SCHEMA
-from pendulum_env.physics.term import places
+from pendulum_env.physics.term import loads
 from pendulum_env.reading import Unreadable, Value, read_json
 
 HINT = "an arm's model is what `identify --robot` or `diagnose --robot` write with -o"
@@ -134,7 +134,7 @@ def parameter_names(body: Body, terms: Sequence[Term]) -> tuple[str, ...]:
 
 def _term(item: Value, joints: Sequence[str], is_heavy: bool) -> Term:
     joint, shape = item["joint"].text(), item["shape"]
-    for place in places(joint):
+    for place in loads(joint):
         if place not in joints:
             raise ModelError(f"has a term at joint '{place}', the robot has {', '.join(joints)}")
     if item["id"].text() == Coupling.id:

@@ -279,9 +279,9 @@ def written(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
     return type(term)(**shapes | symbols), values
 
 
-def places(at: str) -> tuple[str, ...]:
-    """Joints that a term loads, by where it is."""
-    return tuple(joint.removeprefix("-") for joint in at.split(","))
+def loads(at: str) -> dict[str, float]:
+    """Joints that a term loads, by where it is, each with the factor by which it turns with the joint and loads it."""
+    return {joint.removeprefix("-"): -1.0 if joint.startswith("-") else 1.0 for joint in at.split(",")}
 
 
 def upper(duration: ArrayLike) -> float:

@@ -141,10 +141,11 @@ def test_a_callback_without_a_drive_takes_a_torque():
     assert off(np.array(path), model.simulate(STEP, torque, 0.0, 0.0).position[:, 0]) < 0.01
 
 
-def test_a_payload_that_changes_is_refused_as_no_body_of_mujoco_s_does():
+@pytest.mark.parametrize("effect", ["payload_change", "encoder_eccentricity"])
+def test_what_makes_an_inertia_that_changes_is_refused_as_no_body_of_mujoco_s_does(effect):
     pytest.importorskip("mujoco")
-    with pytest.raises(ExportError, match=r"payload_change.inertia: no body"):
-        export(joint("payload_change=0.1"), "mjcf", Request(callback="python"))
+    with pytest.raises(ExportError, match=rf"{effect}.*: no body"):
+        export(joint(f"{effect}=0.1"), "mjcf", Request(callback="python"))
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no C compiler")
@@ -254,6 +255,8 @@ def test_mistakes_about_servos_are_one_sentence(recorded, capsys):
     pytest.importorskip("mujoco")
     for arguments, said in (
         (["--to", "mjlab"], "say its controller with --drive"),
+        (["--to", "python", "--drive", "output=duty,kp=0.5,gain=1"], "a duty is a share of the bus: say its voltage"),
+        (["--to", "mjlab", "--drive", "output=duty,kp=0.5,gain=1"], "a duty is a share of the bus: say its voltage"),
         (["--to", "urdf", "--drive", "output=torque,kp=4"], "--drive is of a servo"),
         (["--to", "c", "--callback", "a.py"], "--callback goes with mjcf"),
         (["--to", "mjcf", "--callback", "a.txt"], "should end in .py or .c"),

@@ -35,11 +35,13 @@ def inertia_of(model: Model, terms: Sequence[Term]) -> float:
     columns = [column for term in terms for column in term.columns]
     times = np.array([0.0, 1.0, 1e3, 1e6])
     x = Samples(times, times, times, 0.0 * times)
-    varying = [c for c in columns if c.unit == "kg m^2" and np.ptp(np.broadcast_to(c.mass(x), times.shape))]
-    if varying:
-        raise ExportError(f"mjcf cannot hold {varying[0].name}: no body of MuJoCo's changes its inertia")
-    masses = [model.estimates[c.name].value * np.max(c.mass(x)) for c in columns if c.unit == "kg m^2"]
-    return float(sum(masses))
+    total = 0.0
+    for column in columns:
+        masses = model.estimates[column.name].value * np.broadcast_to(column.mass(x), times.shape)
+        if np.ptp(masses):
+            raise ExportError(f"mjcf cannot hold {column.name}: no body of MuJoCo's changes its inertia")
+        total += float(masses[0])
+    return total
 
 
 def _use_in_python(dynamics: Dynamics) -> str:

@@ -114,9 +114,13 @@ def refuse_loads(recordings: Sequence[Recording]) -> None:
 def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array:
     """Positions of servos in MuJoCo at the start and after every so many steps, (N / every + 1, 1, B) [rad]."""
     mujoco = needed("mujoco")
-    made = {drive: mjcf.export(model, replace(request, drive=drive)) for drive in dict.fromkeys(servos.drives)}
-    paths = np.empty((len(servos.goal) // every + 1, 1, len(servos.drives)))
-    for lane, drive in enumerate(servos.drives):
+    drives = [  # a supply that was recorded, and not said, is that at the start
+        drive if drive.supply or drive.output != "duty" else replace(drive, supply=float(servos.supply[0, lane]))
+        for lane, drive in enumerate(servos.drives)
+    ]
+    made = {drive: mjcf.export(model, replace(request, drive=drive)) for drive in dict.fromkeys(drives)}
+    paths = np.empty((len(servos.goal) // every + 1, 1, len(drives)))
+    for lane, drive in enumerate(drives):
         world = mujoco.MjModel.from_xml_string(made[drive].content)
         data = mujoco.MjData(world)
         data.qpos[0], data.qvel[0] = servos.position[lane], servos.velocity[lane]

@@ -18,8 +18,9 @@ from pendulum_env.physics.simulation import LONGEST_STEP, Balance, step
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, in_order, labelled, name
 from pendulum_env.physics.term import Memory
 from pendulum_env.servo.drive import UNIT, Drive
-from pendulum_env.servo.loop import Given, State, control, gains_of, taps
+from pendulum_env.servo.loop import GAINS, Given, State, control, gains_of, taps
 from workbench.export.request import ExportError
+from workbench.export.servo import supply_of
 
 RESERVED = frozenset(  # names that the exported programs and their languages have themselves
     """time position velocity torque commands state step start sign State STEP math abs max min
@@ -274,20 +275,19 @@ class _Held:
     @classmethod
     def of(cls, model: Model, drive: Drive, x: Samples, seconds: float) -> _Held:
         looks_always = drive.rate is None or drive.rate * seconds >= 1.0
-        kp, ki, kd, most, seen, turn = gains_of(drive, seconds)
+        gains: dict[str, Any] = dict(zip(GAINS, gains_of(drive, seconds), strict=True))
         output = {"duty": "1", "voltage": "V", "current": "A", "torque": model.torque_unit}[drive.output]
-        told = {"kp": kp, "ki": ki, "kd": kd, "most": most, "seen": seen, "turn": turn}
         per = "s/rad" if drive.acts_on_speed else "rad"
-        units = {"kp": f"{output}/{per}", "ki": f"{output}/({per} s)", "kd": f"{output} s/rad", "limit": output}
-        told["limit"] = most
-        named = [text for text in units if told[text] not in (0.0, math.inf)]
-        parameters = [Parameter(text, told[text], units[text], 0.0) for text in named]
-        gains: dict[str, Any] = told | {text: name(text) for text in named}
-        gains["most"] = gains["limit"]
+        units = {"kp": f"{output}/{per}", "ki": f"{output}/({per} s)", "kd": f"{output} s/rad", "most": output}
+        parameters = []
+        for text, unit in units.items():
+            if gains[text] not in (0.0, math.inf):
+                parameters.append(Parameter("limit" if text == "most" else text, gains[text], unit, 0.0))
+                gains[text] = name(parameters[-1].name)
         scale: Any = 1.0
         given = [Quantity("goal", "rad/s" if drive.acts_on_speed else "rad")]
         if drive.output == "duty":
-            given.append(Quantity("supply", "V", drive.supply or 1.0))
+            given.append(Quantity("supply", "V", supply_of(drive)))
             scale = name("supply")
         if drive.gain is not None:
             parameters.append(Parameter("gain", drive.gain, f"N m/{UNIT[drive.output]}", 0.0))
@@ -296,7 +296,7 @@ class _Held:
         weights = taps(np.array((drive.delay + sum(term.delay for term in model.terms)) / seconds)).tolist()
         due = 1.0 if looks_always else name("phase") - (1.0 - 1e-6)
         before = tuple(name(f"before_{k + 1}") for k in range(len(weights) - 1))
-        speed = x.velocity if looks_always and seen == 1.0 else name("speed")
+        speed = x.velocity if looks_always and gains["seen"] == 1.0 else name("speed")
         state = State(name("held"), before, name("integral"), speed)
         if not drive.ki:
             state = state._replace(integral=0.0)

@@ -17,14 +17,14 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.transmission import JointFlexibility
 from pendulum_env.servo.drive import Drive
-from workbench.export.arm import Body, Friction, Stop, arm, value
+from workbench.export.arm import EVERY, Body, Friction, Stop, arm, value
 from workbench.export.callback import ACTUATOR, JOINT, callback, inertia_of
 from workbench.export.extra import needed
 from workbench.export.heading import comment, title
 from workbench.export.request import Exported, Request, keep
 from workbench.export.servo import Servo
 
-BODY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb")
+BODY = tuple(id for id in EVERY if id != "back_emf")  # a motor that is off does not brake
 BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside what every format holds,
 ASKED = ("torque_offset", "coulomb_asymmetry", "actuator_lag", "dead_time")  # and its motors
 # Impedance of the stop: MuJoCo's lower bound of 0.0001. A constraint with impedance d replaces the share d of what else

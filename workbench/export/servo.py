@@ -30,8 +30,8 @@ class Servo:
 
     @classmethod
     def of(cls, drive: Drive) -> Self:
-        """The gains of a drive under its supply."""
-        scale = float(drive.scale(np.array(drive.supply or 1.0)))
+        """The gains of a drive under its supply; raises ExportError if it needs one that nobody says."""
+        scale = float(drive.scale(np.array(supply_of(drive))))
         missing = []
         if drive.ki:
             missing.append("an integral of the error (ki): it is left out")
@@ -43,6 +43,13 @@ class Servo:
             missing.append(f"a delay of {drive.delay:g} s from measuring to acting: it is left out")
         stiffness, damping = (0.0, drive.kp) if drive.acts_on_speed else (drive.kp, drive.kd)
         return cls(stiffness * scale, damping * scale, drive.most * scale, tuple(missing))
+
+
+def supply_of(drive: Drive) -> float:
+    """Voltage of the bus [V], for an output that is a share of it; raises ExportError if nobody says it."""
+    if drive.supply is None and drive.output == "duty":
+        raise ExportError("a duty is a share of the bus: say its voltage, as --drive output=duty,kp=0.6,supply=12")
+    return drive.supply or 1.0
 
 
 def needed_drive(format: str, request: Request) -> Drive:

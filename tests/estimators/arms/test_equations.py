@@ -18,6 +18,7 @@ from pendulum_env.arms.joints import Links, at_joint, coupling, couplings, frict
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Viscous, effect
+from pendulum_env.physics.term import loads
 
 TIME = np.arange(0, 8, 1e-3)
 SIGNAL = Multisine.paper(0, (3.5, 2.2))
@@ -117,10 +118,11 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, motion, tmp_path, a
     position, torque = motion
     kind = coupling(at, body)
     assert kind.is_heavy == is_heavy  # parallel axes: the elbow's link turns with their sum as well
-    turned = position @ [1.0, kind.sign()]
+    factors = list(loads(at).values())
+    turned = position @ factors
     speed = np.gradient(turned, TIME, edge_order=2)
     needed = 0.2 * speed + 0.3 * np.sign(speed) + 0.01 * is_heavy * np.gradient(speed, TIME, edge_order=2)
-    recording = recorded(body, position, torque + needed[:, None] * [1.0, kind.sign()], 0.001)
+    recording = recorded(body, position, torque + needed[:, None] * factors, 0.001)
     model = identify_arm(recording, body, (*friction(body.joints), kind()))["filtered_dynamic"].model
     expected = {"inertia": 0.01, "viscous": 0.2, "coulomb": 0.3}
     found = {
