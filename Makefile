@@ -9,7 +9,7 @@ demo: .venv/core
 	$(BIN)/pendulum-ident demo
 
 # Every module, in eight minutes on two cores; PART=estimators/online takes the tests of one folder or file alone.
-# What runs against the clock mostly waits, so that it runs beside what only computes.
+# What runs against the clock mostly waits, so that it runs beside what only computes, which gives way to it.
 PART ?=
 HERE := $(if $(PART),tests/$(PART:tests/%=%),tests)
 ONE := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
@@ -27,7 +27,7 @@ test-slow: .venv/dev
 WHICH ?= not slow
 NONE_THERE = $(if $(PART),|| test $$? = 5)# a part may have no tests of a kind
 computing: .venv/dev
-	$(ONE) $(BIN)/pytest -q -n 2 --dist worksteal -m "$(WHICH) and not realtime" $(HERE) $(NONE_THERE)
+	$(ONE) nice $(BIN)/pytest -q -n 2 --dist worksteal -m "$(WHICH) and not realtime" $(HERE) $(NONE_THERE)
 
 realtime: .venv/dev
 	$(BIN)/pytest -q -m "$(WHICH) and realtime" $(HERE) $(NONE_THERE)

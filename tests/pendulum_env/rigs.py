@@ -15,6 +15,9 @@ from pathlib import Path
 
 import pytest
 
+from pendulum_env.backends.hardware.check import CheckFailed
+from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.backends.hardware.guard import Fault
 from tests.patience import PATIENCE, wait_until
 
 FIRST = """
@@ -48,7 +51,10 @@ class TooSlow(Exception):
 
 
 class Disturbed(AssertionError):
-    """The rig failed before anything was done to it: a busy machine does that now and then, a mistake every time."""
+    """The rig failed before anything was done to it: a busy machine does that now and then, a mistake every time.
+
+    So does every fault of the rig that a test does not expect, as when its drive does not answer in time.
+    """
 
 
 def until_in_time(test: Callable[..., None]) -> Callable[..., None]:
@@ -63,7 +69,7 @@ def until_in_time(test: Callable[..., None]) -> Callable[..., None]:
         for attempt in range(1, UNHURRIED + 1):
             try:
                 return test(*args, **kwargs)
-            except Disturbed:
+            except (Disturbed, Fault, DriveError, CheckFailed):
                 disturbed += 1
                 if disturbed == ATTEMPTS:
                     raise

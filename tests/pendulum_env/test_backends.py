@@ -11,7 +11,7 @@ from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import read_recording, write_recording
 from pendulum_env.registration import PENDULUM
 from pendulum_env.wrappers import RecordMeasurements
-from tests.pendulum_env.rigs import KINDS, PATIENT
+from tests.pendulum_env.rigs import KINDS, PATIENT, Disturbed
 
 pytestmark = pytest.mark.realtime
 
@@ -35,7 +35,8 @@ def settings(request, tmp_path):
 
 
 def test_an_environment_keeps_its_contract(settings, tmp_path):
-    with RecordMeasurements(gym.make(PENDULUM, **settings), tmp_path / "run.csv") as env:
+    path = tmp_path / "run.csv"
+    with RecordMeasurements(gym.make(PENDULUM, **settings), path, overwrite=True) as env:  # of a disturbed attempt
         rate = env.unwrapped.rate
         for episode in (1, 2):
             observation, info = env.reset(seed=episode)
@@ -45,7 +46,9 @@ def test_an_environment_keeps_its_contract(settings, tmp_path):
             for k in range(1, int(1.02 * rate)):
                 before = info
                 observation, reward, terminated, truncated, info = env.step(PUSH)
-                assert (reward, terminated, truncated) == (0.0, False, False), info.get("fault")
+                if "fault" in info:
+                    raise Disturbed(info["fault"])
+                assert (reward, terminated, truncated) == (0.0, False, False)
                 assert env.observation_space.contains(observation)
                 assert info["time"] == pytest.approx(k / rate, abs=1e-9)
                 assert info["velocity"] == pytest.approx((info["position"] - before["position"]) * rate, abs=1e-6)
