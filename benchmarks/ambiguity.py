@@ -123,7 +123,7 @@ def examine(study: Study) -> Row:
     hidden = tuple(study.case.plant.effects)
     try:
         first = record(study, BRIEF, study.poor, 0)
-        found = diagnose([first])
+        found = diagnose([first], max_angle=np.inf, max_speed=np.inf)
         open_pairs = undecided(found)
         right = is_right(hidden, found)
         if not open_pairs:
@@ -140,7 +140,7 @@ def examine(study: Study) -> Row:
             suggested = found.suggestion.signal
             commands[SUGGESTED] = lambda rng, time: suggested.signal(time)
         for arm, command in commands.items():
-            both = diagnose([first, record(study, SECONDS, command, 1)])
+            both = diagnose([first, record(study, SECONDS, command, 1)], max_angle=np.inf, max_speed=np.inf)
             left[arm], settled[arm] = undecided(both), is_right(hidden, both)
         return Row(hidden, open_pairs, right, left, settled)
     except Exception as error:  # the other cases still count

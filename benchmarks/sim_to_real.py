@@ -56,7 +56,7 @@ class Reach(VectorWrapper):  # type: ignore[misc, type-arg]
     """Bring each joint to an angle of its own and keep it there; it starts at rest, hanging down.
 
     Action (1,): torque over its bound. Reward of a step: minus the error, and less of its root, so that the last
-    millimetres count as well. For observations see `observed`.
+    milliradians count as well. For observations see `observed`.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
@@ -204,6 +204,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the recordings")
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args(argv)
+    if args.seeds < 2:
+        parser.error("--seeds should be 2 or more: the intervals are over them")
     terminal = Terminal()
     base, found = models(args.seed, terminal)
     share = f"{SPREAD:.0%}".replace("%", " %")

@@ -57,8 +57,17 @@ RATE, STEP = 500.0, 2e-4  # [Hz], [s]
 EFFECTS = ("stribeck", "cogging", "torque_offset", "quadratic_drag", "load_dependent_friction", "spring")
 
 
-def urdf() -> str:
-    """The arm as a file."""
+@dataclass(frozen=True)
+class Load:
+    """A body at the flange, in its frame."""
+
+    mass: float  # [kg]
+    center: tuple[float, float, float]  # [m]
+    inertia: tuple[float, float, float]  # about its centre [kg m^2]
+
+
+def urdf(load: Load | None = None) -> str:
+    """The arm as a file, perhaps with a load at its flange."""
     text = ['<robot name="six-joint"><link name="ground"/>']
     for k, joint in enumerate(JOINTS):
         a, b, c = INERTIAS[k]
@@ -68,6 +77,13 @@ def urdf() -> str:
             f'<joint name="{joint}" type="revolute"><parent link="{f"link{k - 1}" if k else "ground"}"/>'
             f'<child link="link{k}"/><origin xyz="{OFFSETS[k]}"/><axis xyz="{AXES[k]}"/>'
             f'<limit lower="-3" upper="3" effort="120" velocity="6"/></joint>'
+        )
+    if load is not None:
+        (x, y, z), (a, b, c) = load.center, load.inertia
+        text.append(
+            f'<link name="load"><inertial><origin xyz="{x} {y} {z}"/><mass value="{load.mass}"/>'
+            f'<inertia ixx="{a}" ixy="0" ixz="0" iyy="{b}" iyz="0" izz="{c}"/></inertial></link>'
+            f'<joint name="held" type="fixed"><parent link="link5"/><child link="load"/></joint>'
         )
     return "".join([*text, "</robot>"])
 
@@ -120,12 +136,12 @@ class Hidden:
         return law
 
 
-def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0) -> ArmRecording:
+def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0, load: Load | None = None) -> ArmRecording:
     """A recording of the arm in MuJoCo."""
     import mujoco
 
     rng = np.random.default_rng(seed)
-    spec = mujoco.MjSpec.from_string(urdf())
+    spec = mujoco.MjSpec.from_string(urdf(load))
     if hidden is not None:
         hidden.tie(spec)
     model = spec.compile()
@@ -133,6 +149,7 @@ def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0) -> 
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     model.dof_damping[:], model.dof_frictionloss[:], model.dof_armature[:] = VISCOUS, COULOMB, ROTORS
     model.dof_solref[:], model.dof_solimp[:, :3] = (2 * STEP, 1.0), (0.95, 0.999, 1e-4)
+    model.tendon_solref_fri[:], model.tendon_solimp_fri[:, :3] = model.dof_solref[:1], model.dof_solimp[:1, :3]
     data = mujoco.MjData(model)
     law = hidden.forces() if hidden is not None else None
     harmonics = np.arange(1, 7)

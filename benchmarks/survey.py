@@ -1,4 +1,4 @@
-"""A survey of ten thousand recordings but for their diagnoses: throughput, memory, kills, and workers one client feeds.
+"""A survey of ten thousand recordings but for their diagnoses: throughput, memory and kills.
 
 Every recording is simulated, written, hashed and read; what a diagnosis finds of one of them stands for what it finds
 of each. What a survey finds is measured by `benchmarks.fleet`. Ends with 1 unless surveys whose client and one of
@@ -23,15 +23,15 @@ from pathlib import Path
 
 import numpy as np
 import psutil
-from distributed import Client, LocalCluster
+from distributed import Client
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import JSON, Array
 from pendulum_env.excitation import excitation
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.vector_env import DirectDrivePendulumVector
 from workbench.commands.survey import configure
 from workbench.report.fleet import render
-from workbench.survey import Case, Dataset, Findings, Fleet, Settings, Tally, find_cases, look, survey
+from workbench.survey import Case, Dataset, Fleet, Settings, Tally, find_cases, look, survey
 from workbench.survey.cluster import connected
 from workbench.survey.work import Look, content_hash
 from workbench.terminal import Terminal
@@ -41,8 +41,6 @@ NOISE = 0.01  # of the torque [N m]
 HIDDEN = 0.25  # Stribeck friction where it is missing [N m]
 GROWTH = 0.2  # of the Coulomb friction where it drifts, over all weeks
 BATCH = 64  # recordings that are simulated together
-DIAGNOSIS = 1.5  # [s] asleep in its place: of a recording of 20 s at 200 Hz, it takes 1.7 s of a core
-MANY = 100  # workers that are tried, most of them asleep
 FOUND = "found.pickle"  # what stands for every diagnosis
 COMPARED = ("name", "status", "hash", "verdict", "selected", "parameters", "candidates", "diagnosis")
 
@@ -89,10 +87,9 @@ def day(week: int) -> datetime:
     return BEGAN + timedelta(weeks=week)
 
 
-def record(folder: Path, plan: Plan, rate: float = 500.0, everything: Sequence[tuple[int, int]] | None = None) -> None:
-    """Simulate the fleet and write a file for each joint and week, or for some."""
-    if everything is None:
-        everything = [(joint, week) for joint in range(plan.joints) for week in range(plan.weeks)]
+def record(folder: Path, plan: Plan, rate: float = 500.0) -> None:
+    """Simulate the fleet and write a file for each joint and week."""
+    everything = [(joint, week) for joint in range(plan.joints) for week in range(plan.weeks)]
     rng = np.random.default_rng(len(everything))
     for start in range(0, len(everything), BATCH):
         part = everything[start : start + BATCH]
@@ -110,7 +107,7 @@ def record(folder: Path, plan: Plan, rate: float = 500.0, everything: Sequence[t
             write_recording(Recording(path.stem, **columns), path)
 
 
-def stub(case: Case, settings: Settings) -> Findings:
+def stub(case: Case, settings: Settings) -> JSON:
     """Read a recording, and tell what was found of another."""
     case.source.read()
     assert settings.folder is not None
@@ -118,15 +115,9 @@ def stub(case: Case, settings: Settings) -> Findings:
 
 
 @cache
-def _found(folder: Path) -> Findings:
-    found: Findings = pickle.loads((folder / FOUND).read_bytes())
+def _found(folder: Path) -> JSON:
+    found: JSON = pickle.loads((folder / FOUND).read_bytes())
     return found
-
-
-def asleep(case: Case, settings: Settings) -> Findings:
-    """The same, for which a worker waits as long as a diagnosis would take it."""
-    time.sleep(DIAGNOSIS)
-    return stub(case, settings)
 
 
 def cases_of(folder: Path) -> list[Case]:
@@ -172,7 +163,7 @@ def killed(command: Sequence[str], out: Path, rows: int) -> tuple[int, int]:
     """Rows that a survey has written when it is killed, once there are so many, and processes that outlive it."""
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while len(Dataset(out).rows(["name"])) < rows and process.poll() is None:
-        time.sleep(10.0)  # looking takes time itself
+        time.sleep(3.0)  # looking takes time itself
     children = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
     process.kill()
     process.wait()
@@ -204,7 +195,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(folder: Path, arguments: argparse.Namespace, terminal: Terminal) -> int:
-    data, whole, broken, wide = (folder / name for name in ("data", "whole", "broken", "wide"))
+    data, whole, broken = (folder / name for name in ("data", "whole", "broken"))
     workers, settings = arguments.workers, Settings(folder=folder)
     begun = time.process_time()
     record(data, Plan(20, arguments.n // 20, 0, 0, arguments.seconds), arguments.rate)
@@ -229,13 +220,6 @@ def _run(folder: Path, arguments: argparse.Namespace, terminal: Terminal) -> int
     rows, orphans = killed([sys.executable, "-c", command], broken, count // 3)
     rest = gone_on(folder, workers, 2 * count / 3)
     same = Dataset(whole).rows(COMPARED) == Dataset(broken).rows(COMPARED)
-    with (
-        LocalCluster(workers, threads_per_worker=MANY // workers, dashboard_address="127.0.0.1:0") as cluster,
-        Client(cluster) as client,
-    ):
-        before = time.process_time()
-        many, _ = measured(client, cases, wide, asleep, settings)
-        own_of_many = (time.process_time() - before) / count
     begun = time.perf_counter()
     page = render(Fleet.of(Dataset(whole)), whole)
     shown = time.perf_counter() - begun
@@ -247,17 +231,17 @@ def _run(folder: Path, arguments: argparse.Namespace, terminal: Terminal) -> int
         ("hashed and read, each", f"{1e3 * read:.1f} ms"),
         ("throughput", f"{count / seconds:.0f} a second"),
         ("client and scheduler, each", f"{1e3 * own:.1f} ms"),
-        (f"the same with {MANY} workers that sleep for {DIAGNOSIS:g} s", f"{1e3 * own_of_many:.1f} ms"),
-        ("all of them by those", f"{many:.0f} s; asleep for {count * DIAGNOSIS / MANY:.0f} s of it"),
-        (f"workers that one client can feed with {DIAGNOSIS:g} s each", f"{DIAGNOSIS / own_of_many:.0f}"),
         ("most memory, client / worker", f"{meter.own:.0f} / {meter.worker:.0f} MB"),
-        ("second run", f"{again:.1f} s ({known.unchanged} known)"),
+        ("second run", f"{again:.1f} s ({known.known.total()} known)"),
         ("client killed", f"with {rows} written, {orphans} processes left behind"),
-        ("gone on with, and a worker killed", f"{rest.done} done, {rest.failed} failed; result the same: {same}"),
+        (
+            "gone on with, and a worker killed",
+            f"{rest.new['done']} done, {rest.new['failed']} failed; result the same: {same}",
+        ),
         ("page of all", f"{shown:.0f} s, {len(page) / 1e6:.0f} MB"),
     ]
     terminal.table(("what", "measured"), table, left=("measured",))
-    return int(not same or bool(orphans or rest.failed))
+    return int(not same or bool(orphans or rest.new["failed"]))
 
 
 if __name__ == "__main__":

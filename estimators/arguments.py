@@ -74,7 +74,7 @@ def chosen_effects(
     barred, allowed = ({id: find("effect", id, known) for id in _listed(ids)} for ids in (without, only or ()))
     chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in barred}
     if not chosen and known:
-        raise Mistake("no effect is left to look for: name fewer in `without`, or more in `only`")
+        raise Mistake("no effect is left to look for: leave out fewer, or look for more")
     return chosen
 
 

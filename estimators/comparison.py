@@ -171,7 +171,7 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     together = joined(parts)
     joint = distance("all", together, model)
     joint = replace(joint, errors=in_loop(model, recordings, joint.errors))
-    maps = profiles(together.samples, together.residual(model.terms, model.theta), joint.noise_floor)
+    left = together.samples, together.residual(model.terms, model.theta), joint.noise_floor
     distances = [distance(recording.name, part, model) for recording, part in zip(recordings, parts, strict=True)]
     distances = [
         replace(own, errors=in_loop(model, [recording], own.errors))
@@ -179,7 +179,13 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
     ]
     odd = (*disagreements_with(model, together.data), *misfits(together.data, model.terms))
     return Comparison(
-        model, tuple(distances), joint, tuple(maps), tuple(stand_out(maps)), odd, recordings[0].torque_constant
+        model,
+        tuple(distances),
+        joint,
+        tuple(profiles(*left)),
+        tuple(stand_out(*left)),
+        odd,
+        recordings[0].torque_constant,
     )
 
 

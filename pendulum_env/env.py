@@ -20,6 +20,7 @@ from pendulum_env.interface import (
     RESET_OPTIONS,
     VELOCITIES,
     check_positive,
+    is_beyond,
     spaces,
     warn_learner,
 )
@@ -49,9 +50,10 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
 
     `info` carries the measurement that estimators and recordings use: `time` [s] since the reset, `position` [rad]
     unwrapped as the encoder reads it, `velocity` [rad/s], `torque` [N m] as it was applied over the period that ends at
-    `time` (0 after a reset), and `follows`: False where the action is ignored, as in a replay. A rig adds `jitter` [s],
-    how late after its tick a sample was taken, `overruns`, how many ticks were missed so far, and on a fault `fault`,
-    what happened and what to do.
+    `time` (0 after a reset), `clipped`: True where the action asked for more than max_torque and got that, and
+    `follows`: False where the action is ignored, as in a replay. A rig adds `jitter` [s], how late after its tick a
+    sample was taken, `overruns`, how many ticks were missed so far, and on a fault `fault`, what happened and what to
+    do.
     """
 
     metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
@@ -189,7 +191,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             self.backend.disable()
             raise ValueError(f"the action is {torque}: a torque in N m is needed")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
-        observation, info = self._show(sample)
+        observation, info = self._show(sample, clipped=is_beyond(torque, self.max_torque))
         if self.simulated:
             self._steps += 1
             warn_learner(self, self._steps)
@@ -197,7 +199,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             self.render()
         return observation, 0.0, sample.status is Status.FAULT, sample.status is Status.ENDED, info
 
-    def _show(self, sample: Sample) -> tuple[Observation, dict[str, Any]]:
+    def _show(self, sample: Sample, clipped: bool = False) -> tuple[Observation, dict[str, Any]]:
         """What the agent and the estimators see of a sample."""
         position, velocity = sample.position, sample.velocity
         if velocity is None:
@@ -211,6 +213,7 @@ class DirectDrivePendulum(gym.Env[Observation, Action]):
             "position": position,
             "velocity": velocity,
             "torque": sample.torque,
+            "clipped": clipped,
             "follows": self.traits.follows,
         }
         if sample.timing is not None:

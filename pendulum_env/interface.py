@@ -26,6 +26,11 @@ def spaces(max_torque: float) -> tuple[gym.spaces.Box[np.float32], gym.spaces.Bo
     )
 
 
+def is_beyond(torque: Any, most: float) -> Any:
+    """Whether torques are clipped at a bound, as exactly as the action space knows it: in single precision."""
+    return np.abs(torque).astype(np.float32) > np.float32(most)
+
+
 def check_positive(of: str, **values: float) -> None:
     """Refuse numbers that are not positive, or not whole where they count something.
 

@@ -6,6 +6,8 @@ import difflib
 from collections.abc import Mapping
 from typing import TypeVar
 
+from pendulum_env.mistake import Mistake
+
 T = TypeVar("T")
 LONGEST = 60  # characters of a name that a sentence quotes
 
@@ -14,11 +16,11 @@ def find(kind: str, name: str, known: Mapping[str, T]) -> T:
     """What is known under that name.
 
     Raises:
-        ValueError: if nothing is; the message names the nearest and all that exist.
+        Mistake: if nothing is; the message names the nearest and all that exist.
     """
     if name not in known:
         name = name if len(name) <= LONGEST else f"{name[: LONGEST - 3]}..."
         near = difflib.get_close_matches(name, known, n=1)
         hint = f" did you mean {near[0]}?" if near else ""
-        raise ValueError(f"unknown {kind} '{name}':{hint} Known: {', '.join(sorted(known))}")
+        raise Mistake(f"unknown {kind} '{name}':{hint} Known: {', '.join(sorted(known))}")
     return known[name]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 from typing import Any, Protocol, runtime_checkable
 
 import gymnasium as gym
@@ -57,6 +58,41 @@ class OpenLoop:
         return np.asarray(torque, dtype=np.float32)[..., None], (steps + 1,)
 
 
+def transitions(
+    env: gym.Env[Any, Any], policy: Policy | Controller, seed: int | None = None
+) -> Iterator[tuple[tuple[float, float, float] | None, dict[str, Any]]]:
+    """Run a policy or a controller to the end of the episode, as long as somebody asks for the next step.
+
+    Args:
+        env: whose `info` carries `time`, `position` and `torque`.
+        policy: what chooses the torque.
+        seed: of the reset.
+
+    Raises:
+        ValueError: if the policy is laid out for another rate than the environment's.
+
+    Yields:
+        Time [s] and position [rad] before each step and the torque from then on [N m], None with a fault, when nothing
+        was measured; and the step's `info`.
+    """
+    rates = [getattr(part, "rate", None) for part in (policy, env.unwrapped)]
+    if None not in rates and not math.isclose(*rates):  # type: ignore[arg-type]
+        raise ValueError(f"the policy is laid out for {rates[0]:g} Hz, the environment runs at {rates[1]:g} Hz")
+    note_identifier(env)
+    observation, info = env.reset(seed=seed)
+    state: State = None
+    ended, first = False, True
+    while not ended:
+        if isinstance(policy, Controller):
+            action: Any = np.array([policy.torque(info)])
+        else:
+            action, state = policy.predict(observation, state, np.array(first))
+        time, position, first = info["time"], info["position"], False
+        observation, _, terminated, truncated, info = env.step(action)
+        ended = terminated or truncated
+        yield None if "fault" in info else (time, position, info["torque"]), info
+
+
 def rollout(
     env: gym.Env[Any, Any],
     policy: Policy | Controller,
@@ -84,24 +120,13 @@ def rollout(
     Returns:
         One sample for each step; its torque acts from its time on.
     """
-    rates = [getattr(part, "rate", None) for part in (policy, env.unwrapped)]
-    if None not in rates and not math.isclose(*rates):  # type: ignore[arg-type]
-        raise ValueError(f"the policy is laid out for {rates[0]:g} Hz, the environment runs at {rates[1]:g} Hz")
-    note_identifier(env)
-    observation, info = env.reset(seed=seed)
-    state: State = None
-    rows = np.empty((steps, 3))
-    for k in range(steps):
-        if isinstance(policy, Controller):
-            action: Any = np.array([policy.torque(info)])
-        else:
-            action, state = policy.predict(observation, state, np.array(k == 0))
-        time, position = info["time"], info["position"]
-        observation, _, terminated, truncated, info = env.step(action)
-        rows[k] = time, position, info["torque"]
+    rows: list[tuple[float, float, float]] = []
+    for row, info in islice(transitions(env, policy, seed), steps):
+        if row is not None:
+            rows.append(row)
         if watch is not None:
             watch(info)
-        if terminated or truncated or (until is not None and until(info)):
-            rows = rows[: k + ("fault" not in info)]  # with a fault, nothing was measured
+        if until is not None and until(info):
             break
-    return Recording(name=name, time=rows[:, 0], position=rows[:, 1], torque=rows[:, 2])
+    measured = np.array(rows).reshape(-1, 3)
+    return Recording(name=name, time=measured[:, 0], position=measured[:, 1], torque=measured[:, 2])

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.backends.sensing import COUNTS, Sensor
-from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, RESET_OPTIONS, VELOCITIES, check_positive, spaces
+from pendulum_env.interface import (
+    MAX_TORQUE,
+    MAX_VELOCITY,
+    RESET_OPTIONS,
+    VELOCITIES,
+    check_positive,
+    is_beyond,
+    spaces,
+)
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import Balance, CommandLine, step
@@ -124,7 +132,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         if not np.isfinite(position + velocity).all():
             raise ValueError("pendulums start at positions and velocities that are numbers")
         self._before = self.sensor.position(position - velocity / self.rate)
-        observation, info = self._show(np.zeros(count))
+        observation, info = self._show(np.zeros(count), clipped=np.zeros(count, dtype=bool))
         return observation, {**info, "torque": np.zeros(count)}
 
     def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
@@ -139,7 +147,8 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
             raise gym.error.ResetNeeded("the pendulums have not been started: call reset before step")
         if np.shape(actions) != (self.num_envs, 1):
             raise ValueError(f"the actions have shape {np.shape(actions)}, {self.num_envs} pendulums need one each")
-        torque = np.clip(np.asarray(actions, dtype=float)[:, 0], -self.max_torque, self.max_torque)
+        asked = np.asarray(actions, dtype=float)[:, 0]
+        torque = np.clip(asked, -self.max_torque, self.max_torque)
         if np.isnan(torque).any():
             raise ValueError(f"the action of pendulum {int(np.isnan(torque).argmax())} is NaN: a torque is needed")
         revived = self._ended if self.autoreset is AutoresetMode.NEXT_STEP else np.zeros_like(self._ended)
@@ -147,7 +156,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         if revived.any():
             torque = np.where(revived, 0.0, torque)
             self._restart(revived)
-        observation, info = self._show(torque)
+        observation, info = self._show(torque, clipped=is_beyond(asked, self.max_torque) & ~revived)
         truncated = np.zeros(self.num_envs, dtype=bool)
         if self.max_episode_steps is not None:
             truncated = self.steps >= self.max_episode_steps
@@ -156,8 +165,8 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
             info = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
             self._restart(truncated)
             observation = np.where(truncated[:, None], AT_REST, observation)
-            for name in ("time", "position", "velocity", "torque"):
-                info[name] = np.where(truncated, 0.0, info["final_info"][name])
+            for name in ("time", "position", "velocity", "torque", "clipped"):
+                info[name] = np.where(truncated, np.zeros_like(info["final_info"][name]), info["final_info"][name])
             info |= {name: self._everyone for name in info["final_info"] if name not in info}
         return observation, np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool), truncated, info
 
@@ -189,8 +198,8 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
         )  # fmt: skip
         self._before = fresh(self._before, still.position)
 
-    def _show(self, torque: Array) -> tuple[Batch, dict[str, Any]]:
-        """Observation and info of the pendulums as they are, after `torque` (B,)."""
+    def _show(self, torque: Array, clipped: Bools) -> tuple[Batch, dict[str, Any]]:
+        """Observation and info of the pendulums as they are, after `torque` (B,), of which some were `clipped`."""
         assert self._x is not None
         position = self.sensor.position(self._x.position)
         velocity: ArrayLike | None = self.sensor.velocity(self._x.velocity)
@@ -205,6 +214,7 @@ class DirectDrivePendulumVector(VectorEnv[Batch, Batch, Array]):
             "position": position,
             "velocity": np.asarray(velocity),
             "torque": np.asarray(self.sensor.torque(torque, self.np_random)),
+            "clipped": clipped,
             "follows": self._everyone,
         }
         return observation, seen | {f"_{name}": self._everyone for name in seen}

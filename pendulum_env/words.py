@@ -111,6 +111,19 @@ def per(text: str, torque_unit: str) -> str:
     return text
 
 
+def along(text: str) -> str:
+    """Text about a joint that turns, as it is for one that slides: `N m s/rad` becomes `N s/m`."""
+    for turning, sliding in (
+        (r"kg m\^2", "kg"),
+        (r"N m\b", "N"),
+        (r"\brad\b", "m"),
+        ("torque", "force"),
+        ("angle", "position"),
+    ):
+        text = re.sub(turning, sliding, text)
+    return text
+
+
 def json_per(data: Any, torque_unit: str) -> Any:
     """Plain data for JSON with every text as `per` has it."""
     if isinstance(data, dict):

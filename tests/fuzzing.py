@@ -31,6 +31,8 @@ from scipy.io import savemat
 
 from agents.config import Config, read_settings
 from agents.network import SHIPPED, Network
+from benchmarks.two_link import TwoLink
+from pendulum_env.arms import read_body
 from pendulum_env.backends.hardware.config import load as load_rig
 from pendulum_env.physics import Model
 from pendulum_env.plant import hide, paper_plant
@@ -58,6 +60,11 @@ SUGGESTION = {
     "settles": [{"effect": "spring", "instead": None}, {"effect": "cogging", "instead": "gravity"}],
     "signal": {"kind": "multisine", "amplitude": 3.0, "base": 0.1, "harmonics": [2, 9], "phases": [0.1, 2.0]},
 }
+MJCF = (
+    '<mujoco model="one"><default><joint armature="0.01"/></default><worldbody><body name="arm" pos="0 0 1">'
+    '<joint name="shoulder" axis="0 -1 0" range="-90 90"/>'
+    '<inertial pos="0 0 -0.2" mass="1" diaginertia="0.1 0.1 0.01"/></body></worldbody></mujoco>'
+)
 DIAGNOSIS = {"schema": "pendulum-ident/diagnosis@1", "suggestion": SUGGESTION, "inseparable": [["a", "b"]]}
 
 
@@ -137,8 +144,14 @@ def bag(path: Path, kind: str = "mcap") -> bytes:
         return inner.read_bytes()
 
 
+def read_elbow(path: Path) -> Recording:
+    topic = "/joint_states/elbow"
+    columns = {"position": f"{topic}/position", "velocity": f"{topic}/velocity", "torque": f"{topic}/effort"}
+    return read_recording(path, columns=columns)
+
+
 Reader = Callable[[Path], object]
-READERS: dict[str, tuple[str, Reader, Callable[[Path], bytes]]] = {  # a file's ending, its reader, and a good one
+ALL: dict[str, tuple[str, Reader, Callable[[Path], bytes]]] = {  # a file's ending, its reader, and a good one
     "model": (".json", Model.load, lambda _: json.dumps(hide(paper_plant(), "stribeck").json()).encode()),
     "diagnosis": (".json", lambda path: read_suggestion(str(path)), lambda _: json.dumps(DIAGNOSIS).encode()),
     "rig": (".toml", load_rig, lambda _: RIG.encode()),
@@ -146,16 +159,16 @@ READERS: dict[str, tuple[str, Reader, Callable[[Path], bytes]]] = {  # a file's 
     "training": (".toml", train, lambda _: TRAINING.encode()),
     "policy": (".npz", Network.load, lambda _: (SHIPPED / "peak.npz").read_bytes()),
     **{f"recording{end}": (end, read_recording, written) for end in (".csv", ".csv.gz", ".npz", ".parquet")},
-}
-BINARY: dict[str, tuple[str, Reader, Callable[[Path], bytes]]] = {  # what the libraries of others unpack
+    # what a helper reads with the libraries of others
     "recording.mat": (".mat", read_recording, matlab),
     "recording.h5": (".h5", read_recording, hdf5),
     "recording.ods": (".ods", read_recording, ods),
-    "recording.mcap": (".mcap", read_recording, bag),
-    "recording.bag": (".bag", read_recording, functools.partial(bag, kind="ros1")),
-    "recording.db3": (".db3", read_recording, functools.partial(bag, kind="sqlite3")),
+    "recording.mcap": (".mcap", read_elbow, bag),
+    "recording.bag": (".bag", read_elbow, functools.partial(bag, kind="ros1")),
+    "recording.db3": (".db3", read_elbow, functools.partial(bag, kind="sqlite3")),
+    "robot.urdf": (".urdf", read_body, lambda _: TwoLink().urdf().encode()),
+    "robot.xml": (".xml", read_body, lambda _: MJCF.encode()),
 }
-ALL = READERS | BINARY
 
 
 @functools.cache
@@ -228,8 +241,8 @@ class Page:
         def idle(*_: object) -> None:
             raise InputError("nothing is started here")
 
-        self._before = Session.start, live.Run.__init__
-        Session.start = live.Run.__init__ = idle  # type: ignore[assignment, method-assign]
+        self._before = Session.work, live.Run.__init__
+        Session.work = live.Run.__init__ = idle  # type: ignore[assignment, method-assign]
         self.bench = make_app()
         self.client = self.bench.app.server.test_client()
         self.client.get("/_dash-layout")
@@ -240,8 +253,8 @@ class Page:
         from workbench.app import live
         from workbench.app.session import Session
 
-        Session.start, live.Run.__init__ = self._before  # type: ignore[method-assign]
-        self.bench.close()
+        Session.work, live.Run.__init__ = self._before  # type: ignore[method-assign]
+        self.bench.sessions.close()
 
     def ask(self, callback: dict[str, Any], values: list[Any]) -> int:
         """Ask a callback with values for what it depends on; returns the status."""

@@ -39,7 +39,9 @@ def test_where_nothing_is_suggested_the_case_counts_as_not_settled(monkeypatch):
     clear = {"ambiguous": (), "inseparable": (), "suggestion": None, "selected": (effect,), "unexplained": ()}
     first = clear | {"ambiguous": ((effect, "gravity_tilt"),), "selected": ()}
     monkeypatch.setattr(ambiguity, "record", lambda *_: None)
-    monkeypatch.setattr(ambiguity, "diagnose", lambda runs: SimpleNamespace(**(first if len(runs) == 1 else clear)))
+    monkeypatch.setattr(
+        ambiguity, "diagnose", lambda runs, **_: SimpleNamespace(**(first if len(runs) == 1 else clear))
+    )
     row = examine(study)
     assert row.failure == "" and row.open
     assert {arm: bool(left) for arm, left in row.left.items()} == {arm: arm == SUGGESTED for arm in ambiguity.ARMS}

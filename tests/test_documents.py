@@ -78,6 +78,17 @@ def test_what_a_page_names_exists(path):
     assert not set(named) - {*extras, ""}
 
 
+def test_the_extra_all_has_all_that_the_readme_lists_and_constraints_pin_it():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (everything,) = extras["all"]
+    listed = re.search(r"Extras, .*, and `all` of them", README.read_text(encoding="utf-8"), re.S)[0]
+    user = re.search(r"\[(.+)\]", everything)[1].split(",")
+    assert sorted([*user, "all"]) == sorted(re.findall(r"`(\w+)`", listed)) == sorted(set(extras) - {"docs", "dev"})
+    pinned = re.findall(r"(?m)^([\w-]+)==", (ROOT / "constraints.txt").read_text(encoding="utf-8"))
+    asked = {re.match(r"[\w-]+", one)[0] for extra in extras.values() for one in extra} - {"pendulum-ident"}
+    assert asked <= set(pinned)
+
+
 def test_numbers_in_the_prose_are_those_of_the_code():
     library_size = f"a library of {len(library.BUILT_IN)} effects"
     assert library_size in " ".join(README.read_text(encoding="utf-8").split())

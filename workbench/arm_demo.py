@@ -20,7 +20,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import draw_effect
-from workbench.arms import simulated, tell_diagnosis
+from workbench.arms import simulated, story
 from workbench.inputs import check_outputs, wrote
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
@@ -29,7 +29,9 @@ RATE = 1000.0  # [Hz]
 SPREAD = 0.25  # of what nobody told, to either side
 
 
-def run(report: Path, files: Sequence[Path], seconds: float, seed: int, terminal: Terminal) -> None:
+def run(
+    report: Path, files: Sequence[Path], seconds: float, seed: int, terminal: Terminal, verbose: bool = False
+) -> None:
     """Hide an effect at a joint, record, diagnose, report, reveal."""
     from workbench.report.arm import write_arm_report  # plotly takes a while to import
 
@@ -51,7 +53,7 @@ def run(report: Path, files: Sequence[Path], seconds: float, seed: int, terminal
     terminal.say(f"recorded twice for {seconds:g} s: once to learn from, once to check on")
     with terminal.progress("diagnosing") as progress:
         found = diagnose_arm(train, body, [holdout], progress)
-    tell_diagnosis(found, terminal)
+    story(found).tell(terminal, verbose, more=False)
     with terminal.progress("writing the report"):
         write_arm_report(report, [train], [holdout], found)
     reveal(arm, read_body(truth), hidden, found, terminal)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -17,11 +17,13 @@ from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
 from estimators.arms.excitation import PERIOD, design_excitation
 from estimators.arms.following import follow
 from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
-from estimators.show.tables import candidates_table
+from estimators.arms.payload import Payload, find_payload
+from estimators.regression.equations import IdentificationError
+from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import joint_effects, kind_at
-from pendulum_env.arms.model import ArmModel, has_rotors
+from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.planar import Link
 from pendulum_env.arms.plane import planar_links
 from pendulum_env.arms.recording import ArmRecording, read_arm_source, write_arm_recording
@@ -30,14 +32,17 @@ from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
+from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import Source
 from pendulum_env.words import Table
-from workbench.inputs import check_outputs, given, wrote
+from workbench.inputs import check_outputs, given, sources_of, wrote
 from workbench.mistakes import InputError
+from workbench.story import Story, judged, parameters_line
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
 SAVED = "filtered_dynamic"  # whose model is written, if it was asked for
+AWAY = 0.01  # [rad] or [m], from where a joint is held: beyond, it is said
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
 
 
@@ -49,7 +54,8 @@ def record(
     for name, own in (("excitation", "multisine"), ("backend", "pymunk")):
         if (asked := getattr(arguments, name)) not in (None, own):
             raise InputError(f"--{name} {asked} is for pendulums: arms know {own} alone, leave it out with --robot")
-    body = read_body(arguments.robot, rotors=True if arguments.rotors else None)
+    body = _body(arguments, Asked(arguments.joints))
+    _tell_held(body, [], terminal)
     try:
         arm = simulated(
             planar_links(body), body.joints, arguments.effects, arguments.rate, arguments.counts, arguments.noise
@@ -144,23 +150,69 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print how far the torque of a model is from recordings, joint by joint."""
     _refuse(arguments, "align")
+    if arguments.without and arguments.payload is None:
+        raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]
     asked = _given(arguments, outputs, terminal, arguments.model)
     body, recordings = asked.body, [*asked.recordings, *asked.held]
     model = ArmModel.load(arguments.model, body)
+    empty = [_read(source, body, terminal) for name in arguments.without for source in sources_of(name, arguments)]
     with terminal.progress("comparing"):
         errors = compare_arm(model, recordings)
+        carried = _carried(model, recordings, empty, arguments.payload)
     if arguments.report is not None:
         from workbench.report.arm import write_arm_comparison_report  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
             write_arm_comparison_report(arguments.report, recordings, model, errors)
     terminal.heading("Torque errors, clear of stick and reversals")
-    terminal.table(*errors_table([errors], ("torque error [N m]",)))
+    terminal.table(*errors_table([errors], ("torque error",)))
+    if carried is not None and arguments.payload is not None:
+        _tell_payload(carried, body, terminal)
+    elif carried is not None and carried.stands_out:
+        mass = carried.estimates["m"].text
+        terminal.say(f"\nA payload of {mass} kg behind {carried.joint} would explain most of it: see --payload")
     if arguments.json is not None:
-        content = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
+        content: JSON = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
+        if carried is not None and arguments.payload is not None:
+            content["payload"] = carried.json()
         write_whole(arguments.json, json.dumps(content, indent=1) + "\n")
     wrote(outputs, terminal)
+
+
+def _carried(
+    model: ArmModel, recordings: Sequence[ArmRecording], empty: Sequence[ArmRecording], joint: str | None
+) -> Payload | None:
+    """What the arm carries; None if that was not asked for and cannot be told."""
+    try:
+        return find_payload(model, recordings, empty, joint or None)
+    except IdentificationError:
+        if joint is None:
+            return None
+        raise
+    except ValueError as error:  # no such joint
+        raise InputError(str(error)) from None
+
+
+def _tell_payload(found: Payload, body: Body, terminal: Terminal) -> None:
+    """Print what an arm carries, and what it explains."""
+    terminal.heading(f"Payload at the link behind {found.joint}, in that joint's frame")
+    rows = [(name, one.text, one.unit) for name, one in found.estimates.items()]
+    rows += [(f"centre {axis}", one.text, one.unit) for axis, one in zip("xyz", found.center or (), strict=False)]
+    terminal.table(("parameter", "estimate", "unit"), rows, left=("unit",))
+    if found.hidden:
+        terminal.say(f"{enumerate_words(found.hidden)}: no motion of the joints shows them")
+    if found.exists is False:
+        terminal.say("no body has these moments: something else changed as well, or the motion says too little")
+    terminal.heading("Torque left, friction fitted anew")
+    terminal.table(
+        ("joint", "without payload", "with it", "unit"),
+        [
+            (joint, f"{before:.4g}", f"{after:.4g}", body.said(joint, "N m"))
+            for joint, (before, after) in found.left.items()
+        ],
+        left=("unit",),
+    )
 
 
 def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -185,7 +237,7 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
         with terminal.progress("writing the report"):
             write_arm_report(arguments.report, recordings, held, found)
-    tell_diagnosis(found, terminal, arguments.all)
+    story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)
     wrote(outputs, terminal)
 
 
@@ -207,7 +259,7 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     for part, what in (("train", "fitted"), ("holdout", "held-out")):
         terminal.heading(f"Torque errors on {what} data, the model refitted without and with the effect")
         errors = [getattr(side, part) for side in (added.before, added.after)]
-        terminal.table(*errors_table(errors, ("before [N m]", "after [N m]")))
+        terminal.table(*errors_table(errors, ("before", "after")))
     terminal.say(added.text)
     terminal.heading("Parameters")
     rows = [(name, e.text, e.unit) for name, e in added.after.model.estimates.items()]
@@ -232,11 +284,12 @@ def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str]
         (
             errors[0].joint,
             *(f"{error.torque_rms:.4g}" for error in errors),
+            errors[-1].unit,
             "" if errors[-1].share is None else f"{100 * errors[-1].share:.2g} %",
         )
         for errors in zip(*columns, strict=True)
     ]
-    return Table(("joint", *headers, "of its torque"), rows)
+    return Table(("joint", *headers, "unit", "of its torque"), rows, left=("unit",))
 
 
 def _tell_body(body: Body, terminal: Terminal) -> None:
@@ -246,24 +299,26 @@ def _tell_body(body: Body, terminal: Terminal) -> None:
             terminal.say(f"  {parameter.name} stands for {parameter.text}")
 
 
-def tell_diagnosis(found: ArmDiagnosis, terminal: Terminal, every: bool = False) -> None:
-    """Print what is missing at which joints, errors before and after, and candidates (or every one)."""
-    terminal.say(f"\n{found.headline}{'' if found.selected else '.'}", style="bold")
-    for group in found.ambiguous:
-        terminal.say(f"{enumerate_words(group)} look the same in these data")
-    terminal.heading("Torque errors on held-out data, clear of stick and reversals")
-    terminal.table(*errors_table([found.before, found.after], ("before [N m]", "after [N m]")))
-    found_parameters = [(name, one.text, one.unit) for name, one in found.parameters.items()]
-    if found_parameters:
-        terminal.heading("Parameters of what was found")
-        terminal.table(("parameter", "value", "unit"), found_parameters, left=("unit",))
-    terminal.heading("Candidates")
-    ranking, more = candidates_table(found.candidates, every)
-    terminal.table(*ranking)
-    if more:
-        terminal.say(f"and {more}: --all shows them")
-    for joint, size in found.unexplained.items():
-        terminal.say(f"{joint}: {size:.2g} N m are left that nothing in the library explains", style="yellow")
+def story(found: ArmDiagnosis, every: bool = False) -> Story:
+    """A diagnosis of an arm, with the candidates that matter or every one."""
+    falls = ", ".join(
+        f"{before.joint} {f'{before.torque_rms:.4g} -> ' if found.selected else ''}{after.torque_rms:.4g} {after.unit}"
+        for before, after in zip(found.before, found.after, strict=True)
+    )
+    said = found.model.body.said
+    lines = [f"{own.id}: {own.law}" for own in found.model.terms if own.id in found.selected]
+    lines += [f"error held out: {falls}", *parameters_line(found.parameters, bool(found.unexplained))]
+    lines += [f"left: {size:.2g} {said(joint, NEWTON_METRE)} at {joint}" for joint, size in found.unexplained.items()]
+    parameters = [(name, one.text, one.unit) for name, one in found.model.estimates.items()]
+    parts: list[tuple[str, Sequence[Table | str]]] = [
+        (
+            "Torque errors on held-out data, clear of stick and reversals",
+            [errors_table([found.before, found.after], ("before", "after"))],
+        ),
+        ("Parameters", [Table(("parameter", "estimate", "unit"), parameters, left=("unit",))]),
+        judged(found.candidates, every),
+    ]
+    return Story(found.headline, lines, found.next_step, parts)
 
 
 @dataclass(frozen=True)
@@ -280,15 +335,48 @@ def _given(
 ) -> _Given:
     asked = given(arguments)
     check_outputs(outputs, [*asked.files, *([model] if model else []), arguments.robot])
-    told = has_rotors(model) if model else None
-    body = read_body(arguments.robot, rotors=True if arguments.rotors else told)
-    return _Given(
-        body, *([_read(source, body, terminal) for source in part] for part in (asked.fitted, asked.held_out))
+    sources = (*asked.fitted, *asked.held_out)
+    told = Asked.of_model(model) if model else Asked()
+    named = {arguments.joints, *(source.joints for source in sources)} - {None}
+    if len(named) > 1:
+        raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
+    told = replace(told, joints=named.pop() if named else told.joints)
+    body = _body(arguments, told)
+    recordings = [_read(source, body, terminal) for source in sources]
+    if not told.held:
+        seen = {joint: [np.mean(one.still[joint]) for one in recordings if joint in one.still] for joint in body.held}
+        body = _body(arguments, replace(told, held={joint: float(np.mean(at)) for joint, at in seen.items() if at}))
+    _tell_held(body, recordings, terminal)
+    return _Given(body, recordings[: len(asked.fitted)], recordings[len(asked.fitted) :])
+
+
+def _body(arguments: argparse.Namespace, told: Asked) -> Body:
+    """The robot as the arguments, or else a model or a study, ask for it."""
+    return read_body(
+        arguments.robot,
+        joints=told.joints,
+        held=told.held,
+        bolted=arguments.base is not None,
+        rotors=True if arguments.rotors else told.rotors,
     )
 
 
+def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:
+    """Say which joints are held, and where recordings have them elsewhere."""
+    units = {joint: body.said(joint, "rad") for joint in body.held}
+    places = [f"{joint} at {f'{q:.4g} {units[joint]}' if q else 'zero'}" for joint, q in body.held.items()]
+    if places:
+        terminal.say(f"held: {', '.join(places)}")
+    for recording, (joint, q) in product(recordings, body.held.items()):
+        if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > AWAY:
+            away = f"{joint} gets {off:.2g} {units[joint]} away from there in {recording.name}"
+            terminal.say(f"warning: {away}: name it in --joints if it moves", style="yellow")
+
+
 def _read(source: Source, body: Body, terminal: Terminal) -> ArmRecording:
-    recording = read_arm_source(source, body.joints)
+    with terminal.progress(f"reading {source.file.name}"):
+        others = [joint for joint in (*body.held, *body.robot.links) if joint not in body.joints]
+        recording = read_arm_source(source, body.joints, others)
     terminal.say(f"{source.file}: {recording.summary}")
     for note in dict.fromkeys(note for joint in recording.joints for note in joint.notes):
         terminal.say(f"  {note}")
@@ -298,6 +386,6 @@ def _read(source: Source, body: Body, terminal: Terminal) -> ArmRecording:
 def _refuse(arguments: argparse.Namespace, *options: str) -> None:
     """Refuse options that say nothing of an arm."""
     for option in options:
-        if getattr(arguments, option) not in (None, False, {}, math.inf):
+        if getattr(arguments, option) not in (None, False, {}):
             name = {"fixed": "fix", "bounds": "bound"}.get(option, option.replace("_", "-"))
             raise InputError(f"--{name} is for pendulums: leave it out with --robot")

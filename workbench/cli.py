@@ -88,6 +88,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of a pipe has seen enough
         _abandon(sys.stdout)
         return SUCCESS
+    except SystemExit as done:
+        if isinstance(done.code, int) and done.code > 128:  # a signal: see `entry.py`
+            return done.code
+        return _complain("a plugin ended it by sys.exit: take that out", BAD_INPUT)
     except MISTAKES as mistake:
         if isinstance(mistake, OSError) and mistake.errno == errno.ENOSPC and mistake.filename is None:
             mistake.filename = "standard output"  # whoever writes a file names it
@@ -97,9 +101,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str]) -> int:
     try:
         arguments = parse(argv)
-        arguments.run(arguments, Terminal())
-    except SystemExit as done:  # argparse leaves so after --help
-        return SUCCESS if done.code is None else int(done.code)
+    except SystemExit as done:
+        if not done.code:  # argparse leaves so after --help
+            return SUCCESS
+        raise
+    arguments.run(arguments, Terminal())
     return SUCCESS
 
 

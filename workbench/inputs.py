@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -18,11 +19,11 @@ from estimators.diagnosis.suggestion import Suggestion
 from pendulum_env.files import check_output
 from pendulum_env.physics import Model, ModelError, effect
 from pendulum_env.plant import hide, paper_plant, read_parameters
-from pendulum_env.reading import DIGITS, LARGE, Unreadable, Value, read_json, shown
+from pendulum_env.reading import DIGITS, LARGE, LARGEST, Unreadable, Value, read_json, shown
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.columns import refuse_unknown_quantity
-from pendulum_env.recording.study import read_sources
-from pendulum_env.recording.table import LARGEST
+from pendulum_env.recording.record import WARNING
+from pendulum_env.recording.study import format_of, named_twice, read_as, read_sources
 from pendulum_env.recording.vocabulary import TOLD
 from pendulum_env.servo.drive import KEYS, Drive
 from workbench.mistakes import InputError
@@ -200,6 +201,23 @@ def take_robot(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="with --robot: motors have inertia of their own (default: if MJCF has any)",
     )
+    parser.add_argument(
+        "--joints",
+        type=argument(_names),
+        metavar="A,B,...",
+        help="with --robot: joints that move; all others, as those of a gripper, are held where the recording has "
+        "them, or at zero (default: all move)",
+    )
+    parser.add_argument(
+        "--base", choices=("fixed",), help="with --robot: a base that floats in the file is bolted down"
+    )
+
+
+def _names(text: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise InputError(f"{shown(text)} should be names of joints with commas between them")
+    return names
 
 
 def take_limits(parser: argparse.ArgumentParser) -> None:
@@ -221,6 +239,16 @@ def take_limits(parser: argparse.ArgumentParser) -> None:
         default={},
         metavar="NAME=LOW:HIGH,...",
         help="parameters that lie within bounds, as viscous=0:0.5 or cogging.order=10:14 (may be repeated)",
+    )
+
+
+def take_verbose(parser: argparse.ArgumentParser) -> None:
+    """Declare how much of a diagnosis is printed."""
+    parser.add_argument(
+        "-v",
+        "--verbose",
+        action="store_true",
+        help="print errors, parameters and candidates as tables, and all remarks",
     )
 
 
@@ -318,6 +346,14 @@ class Given:
     held_out: tuple[Source, ...]
     files: tuple[str, ...]  # all that must not be written to
 
+    def read_as(self, model: Model, path: str) -> Given:
+        """The same, of which a model file says what nobody else did."""
+
+        def known(part: tuple[Source, ...]) -> tuple[Source, ...]:
+            return tuple(read_as(source, model.log_format, path) for source in part)
+
+        return replace(self, fitted=known(self.fitted), held_out=known(self.held_out))
+
 
 def given(arguments: argparse.Namespace) -> Given:
     """The recordings that the arguments name, alone or in studies.
@@ -326,10 +362,14 @@ def given(arguments: argparse.Namespace) -> Given:
         InputError: if one is named twice, or none is to be fitted.
         StudyError: if a study makes no sense.
     """
+    for name in ("joints", "base"):
+        if getattr(arguments, name, None) is not None and arguments.robot is None:
+            raise InputError(f"--{name} is of an arm: give its links with --robot ARM.urdf")
     names, held = list(arguments.recordings), list(getattr(arguments, "holdout", []))
     sources = [source for name in names for source in sources_of(name, arguments)]
     sources += [replace(source, role="holdout") for name in held for source in sources_of(name, arguments)]
-    keep_apart(sources)
+    if (twice := named_twice(sources)) is not None:
+        raise InputError(f"{twice.file}: is named twice: a recording that is held out must not be fitted as well")
     fitted = tuple(source for source in sources if source.role == "fit")
     if names and not fitted:
         raise InputError(f'{names[0]}: holds every recording out: give one of them role = "fit"')
@@ -385,23 +425,21 @@ def read_recordings(sources: Sequence[Source], terminal: Terminal) -> list[Recor
     """Read recordings and say what they are and what was changed at reading."""
     recordings = []
     for source in sources:
-        recording = source.read()
+        with terminal.progress(f"reading {source.file.name}"):
+            recording = source.read()
         terminal.say(f"{source.file}: {recording.summary}")
+        if source.said_by:
+            terminal.say(f"  read as {source.said_by} says: {_told(source)}")
         for note in recording.notes:
-            terminal.say(f"  {note}")
+            terminal.say(f"  {note}", style="yellow" if note.startswith(WARNING) else None)
         recordings.append(recording)
     return recordings
 
 
-def keep_apart(sources: Sequence[Source]) -> None:
-    """Refuse recordings that are named twice: what is held out must not be fitted.
-
-    Raises:
-        InputError: if samples are named twice.
-    """
-    for k, source in enumerate(sources):
-        if any(source.overlaps(other) for other in sources[:k]):
-            raise InputError(f"{source.file}: is named twice: a recording that is held out must not be fitted as well")
+def _told(source: Source) -> str:
+    """How a source is read, in a line."""
+    columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
+    return enumerate_words([*columns, *(f"with its {key}" for key in source.format if key != "columns")])
 
 
 def read_model(path: str) -> Model:
@@ -455,16 +493,18 @@ def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> 
         OSError: if a file cannot be written there.
     """
     given = [check_output(path) for path in outputs if path is not None]
-    resolved = [path.resolve() for path in given]
+    resolved = [os.path.realpath(path) for path in given]  # unlike Path.resolve, also of links that go round
     for path, place in zip(given, resolved, strict=True):
-        if place in {Path(name).resolve() for name in inputs}:
+        if place in map(os.path.realpath, inputs):
             raise InputError(f"{path}: is one of the inputs: name another file to write to")
         if resolved.count(place) > 1:
             raise InputError(f"{path}: is named for two outputs: name two files")
 
 
-def write_model(model: Model, path: str | None, terminal: Terminal) -> str | None:
+def write_model(model: Model, path: str | None, fitted: Sequence[Source], terminal: Terminal) -> str | None:
     """Write a model if that was asked for, and give its path; one that no command could read again is not written.
+
+    How the recordings were read that it was fitted to stands in it.
 
     No body is without inertia, but where a motion hardly tells it, a fit may come out so.
     """
@@ -478,7 +518,7 @@ def write_model(model: Model, path: str | None, terminal: Terminal) -> str | Non
         )
         return None
     if path is not None:
-        model.save(path)
+        replace(model, log_format=format_of(fitted)).save(path)
     return path
 
 

@@ -27,5 +27,10 @@ def sentence(mistake: Exception) -> str:
         text = f"{where}{mistake.strerror}"
     else:
         text = str(mistake)
-    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in " ".join(text.split()))
+    text = printable(" ".join(text.split()))
     return text if len(text) <= LONGEST else f"{text[: LONGEST // 2 - 3]} ... {text[-(LONGEST // 2 - 2) :]}"
+
+
+def printable(text: str) -> str:
+    """Text in which every character can be printed and stored: what a name of a file may hold beyond is escaped."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

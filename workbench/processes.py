@@ -10,13 +10,24 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from importlib import import_module
 from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
 
-from pendulum_env.reading import LIMITS
+from pendulum_env.physics import load_plugin
+from pendulum_env.physics.plugin import plugins
+from workbench.mistakes import MISTAKES, sentence
+
+LOST = "the work ended unexpectedly: try again"
+DRAIN = 0.02  # [s] between two looks at a process that is about to end
 
 
 @contextmanager
@@ -45,7 +56,7 @@ class Quiet(SpawnProcess):
 
     def start(self) -> None:
         """Begin, in a new interpreter: a copy of a process with threads would be unsound."""
-        with LIMITS, interrupts_wait():
+        with interrupts_wait():
             super().start()
 
 
@@ -75,3 +86,79 @@ def end_workers() -> None:
         worker.terminate()
     for worker in workers:
         worker.join()
+
+
+@dataclass(frozen=True)
+class Done:
+    """The last word of a task that came to something."""
+
+    result: Any
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The last word of a task that came to nothing; `why` is a sentence."""
+
+    why: str
+
+
+class Worker:
+    """A process that does one task, at the other end of a pipe; its libraries are loaded while it waits for the task.
+
+    The task is called with its end of the pipe and may talk through it; what it returns is sent as `Done`, a user's
+    mistake as `Failed`. It should call `attend` if nothing has to be brought to an end once this process is killed.
+    """
+
+    def __init__(self, name: str, libraries: Sequence[str] = ()) -> None:
+        """Start the process."""
+        self.connection, theirs = multiprocessing.Pipe()
+        self.process = Quiet(target=_work, args=(theirs, plugins(), libraries), daemon=True, name=name)
+        self.process.start()
+        theirs.close()
+
+    def begin(self, task: Callable[[Connection[Any, Any]], object]) -> None:
+        """Give it the task, which travels to it."""
+        self.send(task)
+
+    def send(self, message: object) -> None:
+        """Tell the task something, if it still listens."""
+        with suppress(OSError):
+            self.connection.send(message)
+
+    def hear(self) -> Any:
+        """The next thing that it tells, whenever that comes; `Failed` if the process has died."""
+        try:
+            return self.connection.recv()
+        except (EOFError, OSError):
+            return Failed(LOST)
+
+    def end(self, grace: float = 0.0) -> None:
+        """See to it that the process ends: by itself within a time [s], else whatever it does."""
+        until = time.monotonic() + grace
+        while self.process.is_alive() and time.monotonic() < until:
+            with suppress(EOFError, OSError):
+                while self.connection.poll():
+                    self.connection.recv()  # else it could wait for somebody to listen
+            self.process.join(DRAIN)
+        if self.process.is_alive():
+            self.process.terminate()
+        self.process.join()
+        self.connection.close()
+
+
+def _work(connection: Connection[Any, Any], files: Sequence[Path], libraries: Sequence[str]) -> None:
+    """Do the task that comes, with the users' effects that are known to who began this."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for library in libraries:
+        import_module(library)
+    with suppress(EOFError, OSError):  # whoever asked is gone
+        word: Done | Failed
+        try:
+            for file in files:
+                load_plugin(file)
+            word = Done(connection.recv()(connection))
+        except (EOFError, BrokenPipeError):
+            return
+        except MISTAKES as mistake:
+            word = Failed(sentence(mistake))
+        connection.send(word)

@@ -1,51 +1,100 @@
-"""A diagnosis told on the terminal."""
+"""A diagnosis told on the terminal: what counts in a few lines, the rest where it is asked for."""
 
 from __future__ import annotations
 
-from estimators.diagnosis.result import Diagnosis
-from estimators.show.tables import candidates_table, errors_table, fit_text, noise_text
-from pendulum_env.physics import effect
-from pendulum_env.words import BIASED, parameters_table
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from estimators.diagnosis.result import Candidate, Diagnosis
+from estimators.selection.data import Step
+from estimators.show.tables import SCORE, candidates_table, detectable_table, errors_table, fit_text, noise_text
+from pendulum_env.physics import Estimate, effect
+from pendulum_env.words import BIASED, Table, parameters_table
 from workbench.terminal import Terminal
-from workbench.words import enumerate_words
+
+REMARKS = 2  # that are made without being asked for
+MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"
 
 
-def tell(diagnosis: Diagnosis, terminal: Terminal, every: bool = False) -> None:
-    """Print what was found: errors falling, parameters, candidates (or every one), what is left, what to do next."""
-    base = diagnosis.steps[0].model
-    terminal.heading("What is missing")
-    if diagnosis.selected:
-        for id in diagnosis.selected:
-            terminal.say(f"- {id}: {effect(id).law}")
-        if diagnosis.unexplained:
-            terminal.say("- and more, which no effect of the library explains: see what is left unexplained")
-    elif diagnosis.unexplained:
-        terminal.say("something, but no effect of the library explains it: see what is left unexplained")
-    else:
-        terminal.say(f"nothing: {enumerate_words([term.id for term in base.terms])} explain these recordings")
-    if diagnosis.disagreements:
-        terminal.heading("Recordings that disagree")
-        for disagreement in diagnosis.disagreements:
-            terminal.say(f"- {disagreement.text}")
-        terminal.say("what disagrees is not fitted: diagnose it on its own, or find out what was changed")
-    terminal.heading("Errors")
-    terminal.table(*errors_table(diagnosis.steps))
-    terminal.say(fit_text(diagnosis.steps))
-    terminal.say(noise_text(diagnosis.noise_floor, diagnosis.is_in_loop))
-    terminal.heading("Parameters")
-    terminal.table(*parameters_table(diagnosis.model))
-    if diagnosis.unexplained:
-        terminal.say(BIASED)
-    terminal.heading("Candidates")
-    ranking, more = candidates_table(diagnosis.candidates, every)
-    terminal.table(*ranking)
-    if more:
-        terminal.say(f"and {more}: --all shows them")
-    if diagnosis.unexplained:
-        terminal.heading("Left unexplained")
-        for region in diagnosis.unexplained:
-            terminal.say(f"- {region.text}")
-    if diagnosis.advice:
-        terminal.heading("What to do next")
-        for line in diagnosis.advice:
-            terminal.say(f"- {line}")
+@dataclass(frozen=True)
+class Story:
+    """A diagnosis in words.
+
+    Attributes:
+        headline: what is missing.
+        lines: what everybody wants to know of it.
+        next_step: what to do now.
+        parts: titles and contents of what is told where it is asked for.
+        remarks: what else is worth knowing, the most telling first.
+    """
+
+    headline: str
+    lines: Sequence[str]
+    next_step: str
+    parts: Sequence[tuple[str, Sequence[Table | str]]]
+    remarks: Sequence[str] = ()
+
+    def tell(self, terminal: Terminal, verbose: bool = False, more: bool = True) -> None:
+        """Print it; `more` says how to see what is not printed."""
+        told = self.remarks[: None if verbose else REMARKS]
+        terminal.heading(self.headline)
+        for line in (*self.lines, *(f"note: {remark}" for remark in told), f"next: {self.next_step}"):
+            terminal.say(line)
+        if more and not verbose:
+            terminal.say(MORE)
+        for title, content in self.parts if verbose else ():
+            terminal.heading(title)
+            for item in content:
+                if isinstance(item, Table):
+                    terminal.table(*item)
+                else:
+                    terminal.say(item)
+
+
+def story(found: Diagnosis, every: bool = False) -> Story:
+    """A diagnosis of a pendulum, with the candidates that matter or every one."""
+    lines = [f"{id}: {effect(id).law}" for id in found.selected]
+    lines += [errors_line(found.steps, found.noise_floor)]
+    lines += parameters_line(found.model.estimates, bool(found.unexplained))
+    lines += [f"left: {region.text}" for region in found.unexplained[:1] if region.text != found.next_step]
+    lines += [f"{one.text}, and is not fitted: diagnose it on its own" for one in found.disagreements]
+    parts: list[tuple[str, Sequence[Table | str]]] = [
+        (
+            "Errors",
+            [errors_table(found.steps), fit_text(found.steps), noise_text(found.noise_floor, found.is_in_loop)],
+        ),
+        ("Parameters", [parameters_table(found.model), *([BIASED] if found.unexplained else [])]),
+        judged(found.candidates, every),
+    ]
+    if found.detectable:
+        parts.append(("What would have shown", [detectable_table(found.detectable)]))
+    if found.unexplained:
+        parts.append(("Left unexplained", [f"- {region.text}" for region in found.unexplained]))
+    return Story(found.headline, lines, found.next_step, parts, found.remarks)
+
+
+def errors_line(steps: Sequence[Step], floor: float) -> str:
+    """Held-out errors before and after, and what noise alone would leave."""
+    first, last = (step.errors["holdout"] for step in (steps[0], steps[-1]))
+
+    def fall(before: float, after: float, unit: str) -> str:
+        return f"{f'{before:.4g} -> ' if len(steps) > 1 else ''}{after:.4g} {unit}"
+
+    if last.is_in_loop:
+        return f"error held out: in the loop {fall(first.in_loop, last.in_loop, 'rad')} (encoder alone {floor:.2g})"
+    return (
+        f"error held out: torque {fall(first.torque_rms, last.torque_rms, 'N m')} (noise alone {floor:.3g}), "
+        f"free-running position {fall(first.position_rms, last.position_rms, 'rad')}"
+    )
+
+
+def parameters_line(estimates: Mapping[str, Estimate], is_biased: bool) -> list[str]:
+    """Parameters with standard errors on one line, if there are any."""
+    told = ", ".join(f"{name} {own.text}{'' if own.unit == '1' else f' {own.unit}'}" for name, own in estimates.items())
+    return [f"parameters{' (biased by what is left)' if is_biased else ''}: {told}"] if told else []
+
+
+def judged(candidates: Sequence[Candidate], every: bool) -> tuple[str, list[Table | str]]:
+    """The candidates that matter or every one, and what their score means."""
+    ranking, more = candidates_table(candidates, every)
+    return "Candidates", [ranking, *([f"and {more}: --all shows them"] if more else []), SCORE]

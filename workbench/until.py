@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Sequence
-from contextlib import suppress
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
@@ -12,9 +11,9 @@ import numpy as np
 
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
-from pendulum_env.backends.hardware.pacing import ordinary
+from pendulum_env.backends.hardware.priority import ordinary
 from pendulum_env.words import listing, name
-from workbench.processes import Quiet, attend
+from workbench.processes import Done, Failed, Worker, attend
 
 DIAGNOSED = "diagnosed"  # what a recording may go on until
 TOGETHER = 50  # samples that are sent at once
@@ -86,13 +85,11 @@ class Apart:
         Raises:
             OSError: if it does not come up.
         """
-        self._connection, theirs = multiprocessing.Pipe()
-        self._process = Quiet(target=_apart, args=(theirs, rate, smoothing), daemon=True, name="diagnosis")
-        self._process.start()
-        theirs.close()
-        if not self._connection.poll(READY):
+        self._worker = Worker("diagnosis")
+        self._worker.begin(partial(_judge, rate, smoothing))
+        if not self._worker.connection.poll(READY) or isinstance(self._worker.hear(), Failed):
+            self._worker.end()
             raise OSError("the process that diagnoses did not start: try again on a machine that does less")
-        self._connection.recv()
         self._waiting: list[Sample] = []
         self._stands = False
 
@@ -100,34 +97,38 @@ class Apart:
         """Take in a sample; whether a verdict stood some samples ago."""
         self._waiting.append((info["time"], info["position"], info["torque"]))
         if len(self._waiting) >= TOGETHER and not self._stands:
-            self._connection.send(self._waiting)
+            self._worker.send(self._waiting)
             self._waiting = []
-            while self._connection.poll():
-                self._stands = self._connection.recv() or self._stands
+            while self._worker.connection.poll():
+                self._stands = self._worker.hear() is True or self._stands
         return self._stands
 
     def close(self) -> OnlineDiagnosis:
-        """What was said in the end; waits until all has been taken in."""
+        """What was said in the end; waits until all has been taken in.
+
+        Raises:
+            OSError: if the process has died.
+        """
         if self._waiting and not self._stands:
-            self._connection.send(self._waiting)
-        self._connection.send(None)
-        said: object = None
-        while not isinstance(said, OnlineDiagnosis):
-            said = self._connection.recv()
-        self._process.join()
-        self._connection.close()
+            self._worker.send(self._waiting)
+        self._worker.send(None)
+        while not isinstance(word := self._worker.hear(), Done | Failed):
+            pass
+        self._worker.end()
+        if isinstance(word, Failed):
+            raise OSError(f"what was measured has no verdict: {word.why}")
+        said: OnlineDiagnosis = word.result
         return said
 
 
-def _apart(connection: Connection[Any, Any], rate: float, smoothing: Smoothing) -> None:
+def _judge(rate: float, smoothing: Smoothing, connection: Connection[Any, Any]) -> OnlineDiagnosis:
     attend()
     ordinary()  # a motor's loop, which began this, may be more urgent
     judge = Here(rate, smoothing)
-    with suppress(EOFError, OSError):  # whoever asked is gone
-        connection.send(False)
-        while (samples := connection.recv()) is not None:
-            connection.send(judge.take(samples))
-        connection.send(judge.close())
+    connection.send(False)
+    while (samples := connection.recv()) is not None:
+        connection.send(judge.take(samples))
+    return judge.close()
 
 
 def told(said: OnlineDiagnosis, stood: bool) -> str:

@@ -13,6 +13,7 @@ from estimators.arms.identification import (
     identify_arm,
 )
 from estimators.arms.online import ArmEstimator
+from estimators.arms.payload import Payload, find_payload
 from estimators.arms.standard import standard_parameters
 from estimators.arms.wrapper import EstimateArmParameters
 
@@ -27,10 +28,12 @@ __all__ = [
     "Excited",
     "Follow",
     "JointError",
+    "Payload",
     "add_arm",
     "compare_arm",
     "design_excitation",
     "diagnose_arm",
+    "find_payload",
     "follow",
     "identify_arm",
     "standard_parameters",

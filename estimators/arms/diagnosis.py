@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.arms.identification import JointError, compare_arm
 from estimators.diagnosis.judge import judge
-from estimators.diagnosis.result import Candidate
+from estimators.diagnosis.result import SETTLED, UNNAMED, Candidate
 from estimators.diagnosis.setting import HELD_OUT
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
@@ -20,7 +20,7 @@ from estimators.weak_form.dataset import TRIFLE
 from estimators.weak_form.links import prepare_arm
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling, Links, at_joint, couplings, friction, joint_effects
+from pendulum_env.arms.joints import Coupling, Links, at_joints, couplings, friction, joint_effects, kind_at
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Estimate, Model, Term
@@ -62,11 +62,18 @@ class ArmDiagnosis:
         return "No effect of the library is missing at any joint"
 
     @property
+    def next_step(self) -> str:
+        """What would settle what is open, or that nothing would."""
+        if self.ambiguous:
+            group = self.ambiguous[0]
+            reveal = kind_at(group[-1], self.model.body).reveal
+            return f"{listing(group)} look the same in these data; to tell them apart: {reveal}"
+        return UNNAMED if self.unexplained else SETTLED
+
+    @property
     def parameters(self) -> dict[str, Estimate]:
         """Parameters of the effects that were found, by name."""
-        found = [term for term in self.model.terms if term.id in self.selected]
-        names = [name for term in found for name in Model.build([term], np.zeros(len(term.columns))).estimates]
-        return {name: self.model.estimates[name] for name in names}
+        return {name: own for id in self.selected for name, own in self.model.of(id).items()}
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
@@ -158,10 +165,9 @@ def diagnose_arm(
         IdentificationError: if a joint hardly moves.
     """
     train, held = parted(recordings, holdout)
-    kinds = (joint_effects() if library is None else library).values()
-    placed: list[type[Term]] = [at_joint(kind, joint) for joint in body.joints for kind in kinds]
+    placed = at_joints((joint_effects() if library is None else library).values(), body)
     placed += couplings(body) if library is None else ()
-    base = (Links(body), *friction(body.joints))
+    base = (Links(body), *friction(body))
     models = models_of_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress)
     found = select(models)
     candidates, groups = judge(found, found.terms)

@@ -18,7 +18,8 @@ from pendulum_env.excitation import USUAL_SPEED
 
 PERIOD = 10.0  # [s]
 POINTS = 120  # instants at which a series is judged
-USUAL_RANGE = np.pi  # [rad] to either side, where the file has no limits
+USUAL_RANGE, USUAL_STROKE = np.pi, 0.2  # [rad] and [m] to either side, where the file has no limits
+USUAL_SLIDE = 0.5  # [m/s]
 MARGIN = 0.9  # of the limits that is used
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the motion that is tried until the torque suffices
 
@@ -73,12 +74,12 @@ def design_excitation(
     """The best of `tries` random series within the joints' limits of position, speed and torque.
 
     Args:
-        body: with the limits of its file; half a turn to either side where it has none.
+        body: with the limits of its file; half a turn, or 0.2 m, to either side where it has none.
         period: of the motion [s].
         harmonics: of each joint.
-        max_angle: bound of every joint's angle to either side of zero [rad], if less than the file's.
-        max_speed: bound of every joint's speed [rad/s], if less than the file's; 4 rad/s without one.
-        max_torque: bound of every joint's torque [N m], if less than the file's.
+        max_angle: bound of every angle to either side of zero [rad], if less than the file's.
+        max_speed: bound of every angle's speed [rad/s], if less than the file's; 4 rad/s, or 0.5 m/s, without one.
+        max_torque: bound of every torque [N m], if less than the file's.
         tries: series that are drawn.
         rng: that draws them.
 
@@ -87,15 +88,19 @@ def design_excitation(
     """
     rng = rng or np.random.default_rng(0)
     low, high = body.position_limits
-    low, high = np.where(np.isfinite(low), low, -USUAL_RANGE), np.where(np.isfinite(high), high, USUAL_RANGE)
+    slides = np.array(body.slides)
+    usual = np.where(slides, USUAL_STROKE, USUAL_RANGE)
+    low, high = np.where(np.isfinite(low), low, -usual), np.where(np.isfinite(high), high, usual)
     if max_angle is not None:
-        low, high = np.maximum(low, -max_angle), np.minimum(high, max_angle)
+        reach = np.where(slides, np.inf, max_angle)
+        low, high = np.maximum(low, -reach), np.minimum(high, reach)
         for joint in np.array(body.joints)[low >= high]:
             raise IdentificationError(
                 f"{body.name}: joint '{joint}' is never within {max_angle:g} rad of zero: allow a larger angle"
             )
-    speed = np.minimum(body.velocity_limits, USUAL_SPEED if max_speed is None else max_speed)
-    most = np.minimum(body.torque_limits, np.inf if max_torque is None else max_torque)
+    speed = np.where(slides, USUAL_SLIDE, USUAL_SPEED if max_speed is None else max_speed)
+    speed = np.minimum(body.velocity_limits, speed)
+    most = np.minimum(body.torque_limits, np.where(slides, np.inf, np.inf if max_torque is None else max_torque))
     time = np.linspace(0, period, POINTS, endpoint=False)
     best: Excited | None = None
     for _ in range(tries):

@@ -22,6 +22,7 @@ from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
 from pendulum_env.physics import Term
+from pendulum_env.recording.record import NEWTON_METRE
 
 SCHEMA = "pendulum-ident/arm-identification@1"
 HARDLY = 1e4  # condition number from which the data hardly tell some parameters apart
@@ -44,8 +45,8 @@ class ArmIdentified:
         scheme: its id.
         model: body and terms with estimates, and standard errors that hold under correlated residuals.
         convergence: the recursive estimate on its way.
-        residual_rms: of the scheme's own residual, of each joint or of all together, in `unit`.
-        unit: of y and the residual.
+        residual_rms: of the scheme's own residual, of each joint or of all together, in `units`.
+        units: of y and the residual, as many.
         condition: of the regressor, columns scaled to equal length.
         hardly: parameters that the recording hardly tells apart.
         used: equations that were used, of all there are.
@@ -55,7 +56,7 @@ class ArmIdentified:
     model: ArmModel
     convergence: Convergence
     residual_rms: tuple[float, ...]
-    unit: str
+    units: tuple[str, ...]
     condition: float
     hardly: tuple[str, ...]
     used: tuple[int, int]
@@ -64,7 +65,7 @@ class ArmIdentified:
         """Plain dictionary for JSON."""
         return {
             "theta": {name: estimate.json() for name, estimate in self.model.estimates.items()},
-            "residual": {"rms": list(self.residual_rms), "unit": self.unit},
+            "residual": {"rms": list(self.residual_rms), "units": list(self.units)},
             "condition": self.condition,
             "hardly": list(self.hardly),
             "used": list(self.used),
@@ -116,7 +117,7 @@ def identify_arm(
         ValueError: if a scheme borrows from one that was not used before, or a term is at no joint.
     """
     recordings = [recordings] if isinstance(recordings, ArmRecording) else list(recordings)
-    terms = friction(body.joints) if terms is None else tuple(terms)
+    terms = friction(body) if terms is None else tuple(terms)
     check_places(terms, body.joints)
     measured = [m for recording in recordings for m in measure_arm(recording)]
     names = tuple(recording.name for recording in recordings)
@@ -126,7 +127,7 @@ def identify_arm(
     results: dict[str, ArmIdentified] = {}
     balances = {view: [rows(m, body, terms, VIEWS[view]) for m in measured] for view in {s.view for s in schemes}}
     for scheme in schemes:
-        data = _stack(scheme, measured, balances[scheme.view])
+        data = stack(scheme, measured, balances[scheme.view])
         if len(np.unique(data.clusters[data.usable])) < FEWEST:
             raise IdentificationError(
                 f"{', '.join(names)}: too little of the motion is clear of stick and reversals: record longer, faster "
@@ -146,7 +147,7 @@ def identify_arm(
 
 
 @dataclass(frozen=True, eq=False)
-class _Stack:
+class Stack:
     """Equations of all samples (R,), those of the joints at one instant in a row."""
 
     equations: Equations
@@ -156,9 +157,8 @@ class _Stack:
     time: Array  # seconds of recording taken in [s]
 
 
-def _stack(
-    scheme: OnlineScheme, measured: Sequence[ArmMeasurements], balances: Sequence[Sequence[Equations]]
-) -> _Stack:
+def stack(scheme: OnlineScheme, measured: Sequence[ArmMeasurements], balances: Sequence[Sequence[Equations]]) -> Stack:
+    """What a scheme makes of the balances of all recordings, one after the other."""
     length = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS)
     parts, clusters, times, seconds = [], [], [], 0.0
     for m, own in zip(measured, balances, strict=True):
@@ -177,7 +177,7 @@ def _stack(
     phi, y, usable = (np.concatenate(whole) for whole in zip(*parts, strict=True))
     joint = np.tile(np.arange(y.shape[1]), len(y))
     equations = Equations(phi.reshape(-1, phi.shape[2]), y.ravel())
-    return _Stack(equations, usable.ravel(), joint, np.concatenate(clusters), np.concatenate(times))
+    return Stack(equations, usable.ravel(), joint, np.concatenate(clusters), np.concatenate(times))
 
 
 def through(scheme: OnlineScheme, equations: Equations, m: ArmMeasurements, joint: int) -> Regression:
@@ -191,19 +191,14 @@ def through(scheme: OnlineScheme, equations: Equations, m: ArmMeasurements, join
 
 
 def _fit(
-    scheme: OnlineScheme, data: _Stack, body: Body, terms: Sequence[Term], lender: ArmModel | None, points: int
+    scheme: OnlineScheme, data: Stack, body: Body, terms: Sequence[Term], lender: ArmModel | None, points: int
 ) -> ArmIdentified:
     use, count = data.usable, data.equations.phi.shape[1]
     given = np.flatnonzero(_of_momentum(body)) if lender is not None else np.empty(0, dtype=np.intp)
     free = np.setdiff1d(np.arange(count), given)
     lent = np.array([]) if lender is None else lender.theta[given]
     equations = give(data.equations, given.tolist(), lent)
-    phi, y, joint = equations.phi[use], equations.y[use], data.joint[use]
-    clusters = np.unique(data.clusters[use], return_inverse=True)[1]
-    weights = 1.0 / _levels(y, joint)
-    for _ in range(2):  # joints with less noise count more
-        fit = solve(Equations(phi, y), weights[joint], clusters)
-        weights = 1.0 / _levels(fit.residual, joint)
+    fit, weights = weighted(Equations(equations.phi[use], equations.y[use]), data.joint[use], data.clusters[use])
     theta, std = np.empty(count), np.zeros(count)
     theta[free], theta[given], std[free] = fit.theta, lent, fit.std
     if lender is not None:
@@ -216,11 +211,21 @@ def _fit(
         model=model,
         convergence=_converge(data, equations, weights, fit, free, theta, std, points),
         residual_rms=tuple(float(one) for one in 1.0 / weights),
-        unit=scheme.unit,
+        units=(scheme.unit,) if VIEWS[scheme.view].adds_up else tuple(body.said(at, scheme.unit) for at in body.joints),
         condition=fit.condition,
         hardly=tuple(str(name) for name in hardly),
         used=(int(use.sum()), len(use)),
     )
+
+
+def weighted(equations: Equations, joint: Index, clusters: Index) -> tuple[Fit, Array]:
+    """Least squares in which joints with less noise count more, and the weight of each joint [1/(N m)]."""
+    clusters = np.unique(clusters, return_inverse=True)[1]
+    weights = 1.0 / _levels(equations.y, joint)
+    for _ in range(2):
+        fit = solve(equations, weights[joint], clusters)
+        weights = 1.0 / _levels(fit.residual, joint)
+    return fit, weights
 
 
 def _levels(values: Array, joint: Index) -> Array:
@@ -236,7 +241,7 @@ def _of_momentum(body: Body) -> Mask:
 
 
 def _converge(
-    data: _Stack, equations: Equations, weights: Array, fit: Fit, free: Index, theta: Array, std: Array, points: int
+    data: Stack, equations: Equations, weights: Array, fit: Fit, free: Index, theta: Array, std: Array, points: int
 ) -> Convergence:
     """The recursion over all rows, those of one instant one after the other; errors end at the batch estimate's."""
     w = weights[data.joint]
@@ -255,17 +260,19 @@ class JointError:
 
     Attributes:
         joint: its name.
-        torque_rms: measured minus modelled torque [N m].
+        torque_rms: measured minus modelled torque, in `unit`.
         share: of the root mean square of the measured torque; None of a joint without a motor.
+        unit: N m, or N of a joint that slides.
     """
 
     joint: str
     torque_rms: float
     share: float | None
+    unit: str = NEWTON_METRE
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        return {"joint": self.joint, "torque_rms": self.torque_rms, "share": self.share}
+        return {"joint": self.joint, "torque_rms": self.torque_rms, "share": self.share, "unit": self.unit}
 
 
 def compare_arm(model: ArmModel, recordings: ArmRecording | Sequence[ArmRecording]) -> tuple[JointError, ...]:
@@ -290,5 +297,5 @@ def compare_arm(model: ArmModel, recordings: ArmRecording | Sequence[ArmRecordin
                 f"{recordings[0].name}: joint '{joint}' is never clear of stick and reversals: its error cannot be told"
             )
         rms, size = (float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for parts in (own, all_torque))
-        found.append(JointError(joint, rms, rms / size if size else None))
+        found.append(JointError(joint, rms, rms / size if size else None, model.body.said(joint, NEWTON_METRE)))
     return tuple(found)

@@ -63,7 +63,7 @@ class ArmEstimator:
                 f"{scheme.id} cannot run on an arm as it is set: let it borrow nothing, and give it a window"
             )
         self.body, self.scheme = body, scheme
-        self.terms = friction(body.joints) if terms is None else tuple(terms)
+        self.terms = friction(body) if terms is None else tuple(terms)
         self._weights = np.ones(len(body.joints)) if noise is None else 1.0 / np.asarray(noise, dtype=float)
         self._smoothing = Smoothing.of_encoder(counts, rate)
         self._rate, self._prior = rate, prior

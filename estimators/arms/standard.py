@@ -35,11 +35,11 @@ def standard_parameters(model: ArmModel) -> dict[str, Estimate]:
     first, scale = _factors(body)
 
     def misfit(x: Array) -> Array:
-        base = body.combine @ _standard(first + scale * x, len(body.joints))
+        base = body.combine @ _standard(first + scale * x, len(body.robot.links))
         return np.concatenate([(base - theta) / std, x / OPEN])
 
     found = least_squares(misfit, np.zeros(len(first)), x_scale="jac", max_nfev=TURNS)
-    values = _standard(first + scale * found.x, len(body.joints)).tolist()
+    values = _standard(first + scale * found.x, len(body.robot.links)).tolist()
     return {name: Estimate(value, 0.0, unit) for (name, unit), value in zip(body.standard_units, values, strict=True)}
 
 
@@ -54,7 +54,7 @@ def pseudo_inertia(standard: Array) -> Array:
 
 def _factors(body: Body) -> tuple[Array, Array]:
     """Logarithms of the diagonals and rows below of each link's L, and of rotors; and how far each may usually move."""
-    links, below = len(body.joints), np.tril_indices(4, -1)
+    links, below = len(body.robot.links), np.tril_indices(4, -1)
     values, scales = [], []
     for own in body.standard_values[: 10 * links].reshape(links, 10):
         matrix = pseudo_inertia(own)

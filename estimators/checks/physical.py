@@ -27,26 +27,28 @@ def impossible(model: Model, motions: Mapping[str, Samples]) -> list[str]:
         model: with parameters.
         motions: samples of each joint, by its name.
     """
-    return [
-        text
-        for at, x in motions.items()
-        for text in _impossible(replace(model, terms=tuple(term for term in model.terms if term.at == at)), x)
-    ]
-
-
-def _impossible(model: Model, x: Samples) -> list[str]:
-    found = [f"{column.name} = {value:.3g} {column.unit}" for column, value in beyond(model.terms, model.theta)]
+    here = replace(model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(loads(term.at))))
+    found = [f"{column.name} = {value:.3g} {column.unit}" for column, value in beyond(here.terms, here.theta)]
     found += [
         f"{term.full(shape.name)} = {shape.high:.3g} {shape.unit}, the most that it may be"
-        for term, shape in at_their_most(model.terms)
+        for term, shape in at_their_most(here.terms)
     ]
+    for at, x in motions.items():
+        own = replace(model, terms=tuple(term for term in model.terms if term.at == at))
+        found += _impossible(own, x, any(at in loads(term.at) for term in model.terms if term.at != at))
+    return found
+
+
+def _impossible(model: Model, x: Samples, is_coupled: bool) -> list[str]:
+    """The same of what is at one joint; where it is coupled, only the power of both joints is known."""
+    found = []
     if "inertia" in model.estimates and model.estimates["inertia"].value <= 0:
         found.append("negative inertia")
     rubbing = [(term, column, value) for term, column, value in _parts(model) if term.kind == "dissipative"]
     power = sum(
         (value * column.power(x) for term, column, value in rubbing if not term.remembers), np.zeros_like(x.time)
     )
-    if np.mean(power < 0) > SELDOM:
+    if np.mean(power < 0) > SELDOM and not is_coupled:
         found.append("friction that drives")
     pushing = [(column, value) for term, column, value in _parts(model) if _pushes(term)]
     pushed = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *pushing]), np.zeros_like(x.time))
@@ -100,40 +102,17 @@ def at_their_most(terms: Sequence[Term]) -> list[tuple[Term, Shape]]:
     return found
 
 
-def wrong_signs(model: Model, carried: float = 0.0) -> list[str]:
-    """A word on parameters whose sign says that a column of the recording has another sign, or another zero.
-
-    Args:
-        model: that was fitted.
-        carried: gravity of what is known to hang on the joint besides [N m], which tells where down is.
-    """
-    if _surely_negative(model, "inertia"):
-        return ["inertia came out negative: torque and position have opposite signs, turn one of them round"]
-    if _surely_negative(model, "gravity") and model.estimates["gravity"].value + carried < 0:
-        return ["gravity came out negative: position 0 seems to be the upright position, it should hang down"]
-    return []
-
-
 def driving_friction(model: Model) -> list[str]:
     """A word on dry or viscous friction that surely came out negative, where no other friction outweighs it."""
     if {term.id for term in model.terms if term.kind == "dissipative"} - {"viscous", "coulomb"}:
         return []
-    wrong = [name for name in ("viscous", "coulomb") if _surely_negative(model, name)]
+    wrong = [name for name in ("viscous", "coulomb") if surely_negative(model, name)]
     return (
         [f"{listing(wrong)} came out negative, and no friction drives: diagnose what the model lacks"] if wrong else []
     )
 
 
-def turned_round(model: Model) -> str | None:
-    """What to do if every parameter of the base model came out negative, as where the torque is logged turned round."""
-    known = [name for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
-    clear = sum(_surely_negative(model, name) for name in known)
-    if clear < 3 or not _surely_negative(model, known[0]) or any(model.estimates[name].value > 0 for name in known):
-        return None
-    return wrong_signs(model)[0]
-
-
-def _surely_negative(model: Model, name: str) -> bool:
+def surely_negative(model: Model, name: str) -> bool:
     """Whether an estimate is; a value that a user has fixed, without a standard error, is none."""
     estimate = model.estimates.get(name)
     return estimate is not None and estimate.std > 0 and estimate.value < -3 * estimate.std

@@ -14,6 +14,10 @@ from pendulum_env.physics import Samples
 AXES = {"position": "rad", "velocity": "rad/s", "torque": "N m", "time": "s"}
 SYMBOLS = {"position": "q", "velocity": "q'", "torque": "tau", "time": "t", "frequency": "f"}
 BINS = 24
+TURNS = 2.0  # turns of the joint, from which on its angle is told within one
+FINE = 4  # times as many bins over a turn: what repeats along it repeats often
+SHARE = 0.03  # of what the first finding tells, that another has to
+WITHIN = "rad within a turn"
 STANDS_OUT = 5.0  # standard errors
 COUNTABLE = 100.0  # standard errors, above which their number says nothing more to people
 
@@ -61,14 +65,33 @@ class Region:
         }
 
 
+def turns(position: Array) -> bool:
+    """Whether a joint turns and turns, so that its angle (R,) [rad] counts within a turn."""
+    return bool(np.ptp(position) > TURNS * 2 * np.pi)
+
+
+def wrapped(position: Array) -> Array:
+    """Angles (N,) within a turn [rad]."""
+    return (np.asarray(position) + np.pi) % (2 * np.pi) - np.pi
+
+
 def profile(axis: str, values: Array, residual: Array, noise: float) -> Profile:
-    """Bin the residual (R,) over `values` (R,), bins of equal count; `noise` is its deviation from noise alone."""
-    count = max(2, min(BINS, len(values) // 8))
+    """Bin the residual (R,) over `values` (R,), bins of equal count; `noise` is its deviation from noise alone.
+
+    The angle of a joint that turns is taken within a turn.
+    """
+    around = axis == "position" and turns(values)
+    values, most, unit = (wrapped(values), FINE * BINS, WITHIN) if around else (np.asarray(values), BINS, AXES[axis])
+    count = max(2, min(most, len(values) // 8))
     edges = np.quantile(values, np.linspace(0, 1, count + 1))
-    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
+    which = _bins(values, edges)
     number = np.maximum(np.bincount(which, minlength=count), 1)
     mean = np.bincount(which, weights=residual, minlength=count) / number
-    return Profile(axis, AXES[axis], edges, mean, noise / np.sqrt(number))
+    return Profile(axis, unit, edges, mean, noise / np.sqrt(number))
+
+
+def _bins(values: Array, edges: Array) -> Array:
+    return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
 
 
 def spectrum(time: Array, residual: Array, noise: float) -> Profile:
@@ -86,44 +109,92 @@ def spectrum(time: Array, residual: Array, noise: float) -> Profile:
     return Profile("frequency", "Hz", edges, amplitude, np.full(len(frequency), noise * np.sqrt(2 / len(residual))))
 
 
-def profiles(x: Samples, residual: Array, noise: float) -> list[Profile]:
-    """Profiles over position, velocity, torque and time, and the spectrum."""
-    axes = [profile(axis, np.asarray(getattr(x, axis)), residual, noise) for axis in AXES]
-    return [*axes, spectrum(np.asarray(x.time), residual, noise)]
+def profiles(x: Samples, residual: Array, noise: float, axes: Sequence[str] = tuple(SYMBOLS)) -> list[Profile]:
+    """Profiles over position, velocity, torque and time, and the spectrum, or some of them."""
+    return [
+        spectrum(np.asarray(x.time), residual, noise)
+        if axis == "frequency"
+        else profile(axis, np.asarray(getattr(x, axis)), residual, noise)
+        for axis in axes
+    ]
 
 
-def _in_words(axis: str, low: float, high: float, residual: float, significance: float) -> str:
-    if axis == "frequency":
+def stand_out(
+    x: Samples, residual: Array, noise: float, axes: Sequence[str] = tuple(SYMBOLS), most: int = 6
+) -> list[Region]:
+    """Regions whose mean residual exceeds five standard errors of the noise, the most telling first.
+
+    Each finding is told once: over the quantity whose profile tells most of it for the number of its bins, or as a
+    constant; over others, what that leaves. Where each finding shows most comes first.
+    """
+    places: list[Region] = []
+    more: list[Region] = []
+    left, first = np.asarray(residual, dtype=float), 0.0
+    for _ in range(len(axes) + 1):
+        laws = [law for law in (_constant(x, left, noise), *profiles(x, left, noise, axes)) if _regions(law)]
+        law = max(laws, key=_weight, default=None)
+        if law is None or _weight(law) < SHARE * first:
+            break
+        place, *others = _regions(law)
+        places, more, first = [*places, place], [*more, *others], first or _weight(law)
+        left = left - _of(law, x, left)
+    return [*places, *more][:most]
+
+
+def _constant(x: Samples, residual: Array, noise: float) -> Profile:
+    """The mean, as a profile of one bin: all of the time."""
+    edges = np.array([np.min(x.time), np.max(x.time)], dtype=float)
+    return Profile("time", "s", edges, np.array([residual.mean()]), np.array([noise / np.sqrt(len(residual))]))
+
+
+def _weight(law: Profile) -> float:
+    """What a profile tells of a residual: its sum of squares, in terms of the noise, less two a parameter."""
+    squares = (law.mean / np.maximum(law.error, 1e-12)) ** 2
+    if law.axis == "frequency":  # one tone, the largest of many
+        return float(squares.max() - 2 * (2 + np.log(len(squares))))
+    return float(squares.sum() - 2 * len(squares))
+
+
+def _of(law: Profile, x: Samples, residual: Array) -> Array:
+    """What a profile says of each row of the residual (R,) [N m]."""
+    if law.axis == "frequency":
+        peak = int(np.argmax(law.mean))
+        phase = np.pi * (law.edges[peak] + law.edges[peak + 1]) * np.asarray(x.time)
+        tone = np.column_stack([np.cos(phase), np.sin(phase)])
+        return np.asarray(tone @ np.linalg.lstsq(tone, residual, rcond=None)[0])
+    values = np.asarray(getattr(x, law.axis))
+    return np.asarray(law.mean[_bins(wrapped(values) if law.unit == WITHIN else values, law.edges)])
+
+
+def _regions(item: Profile) -> list[Region]:
+    """Stretches of a profile that stand out, the most telling first; of a spectrum, its peak."""
+    score = np.abs(item.mean) / np.maximum(item.error, 1e-12)
+    signs = np.sign(item.mean) * (score > STANDS_OUT)
+    if item.axis == "frequency":
+        signs = np.where(np.arange(len(score)) == np.argmax(score), signs, 0)
+    regions = []
+    for part in np.split(np.arange(len(signs)), np.flatnonzero(np.diff(signs)) + 1):
+        if signs[part[0]] == 0:
+            continue
+        weight = 1 / np.maximum(item.error[part], 1e-12) ** 2
+        mean = float(np.average(item.mean[part], weights=weight))
+        sigma = abs(mean) * float(np.sqrt(weight.sum()))
+        low, high = float(item.edges[part[0]]), float(item.edges[part[-1] + 1])
+        regions.append(Region(item.axis, low, high, mean, sigma, _in_words(item, low, high, mean, sigma)))
+    return sorted(regions, key=lambda region: -region.significance)
+
+
+def _in_words(item: Profile, low: float, high: float, residual: float, significance: float) -> str:
+    if item.axis == "frequency":
         place = f"around {0.5 * (low + high):.3g} Hz"
         return f"{place} the residual oscillates by {residual:.3g} N m ({_chance(significance)})"
-    unit, symbol = AXES[axis], SYMBOLS[axis]
+    is_constant = len(item.mean) == 1
+    place = "everywhere" if is_constant else f"for {SYMBOLS[item.axis]} from {low:.3g} to {high:.3g} {item.unit}"
     side = "more" if residual > 0 else "less"
     return (
-        f"for {symbol} from {low:.3g} to {high:.3g} {unit} the joint needs {abs(residual):.3g} N m {side} torque "
-        f"than the model says ({_chance(significance)})"
+        f"{place} the joint needs {abs(residual):.3g} N m {side} torque than the model says ({_chance(significance)})"
     )
 
 
 def _chance(significance: float) -> str:
     return f"{significance:.0f} standard errors" if significance <= COUNTABLE else "far beyond chance"
-
-
-def stand_out(maps: Sequence[Profile], most: int = 6) -> list[Region]:
-    """Regions whose mean residual exceeds five standard errors of the noise, the most telling first."""
-    regions = []
-    for item in maps:
-        score = np.abs(item.mean) / np.maximum(item.error, 1e-12)
-        signs = np.sign(item.mean) * (score > STANDS_OUT)
-        if item.axis == "frequency":
-            peak = int(np.argmax(score))
-            signs = np.where(np.arange(len(score)) == peak, signs, 0)
-        cuts = np.flatnonzero(np.diff(signs)) + 1
-        for part in np.split(np.arange(len(signs)), cuts):
-            if signs[part[0]] == 0:
-                continue
-            weight = 1 / np.maximum(item.error[part], 1e-12) ** 2
-            mean = float(np.average(item.mean[part], weights=weight))
-            sigma = abs(mean) * float(np.sqrt(weight.sum()))
-            low, high = float(item.edges[part[0]]), float(item.edges[part[-1] + 1])
-            regions.append(Region(item.axis, low, high, mean, sigma, _in_words(item.axis, low, high, mean, sigma)))
-    return sorted(regions, key=lambda region: -region.significance)[:most]

@@ -12,10 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from estimators.checks.identifiability import Doubt
+from estimators.checks.residual import Region, turns
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
 from estimators.regression.equations import Equations
@@ -25,7 +27,7 @@ from estimators.weak_form.dataset import Dataset, dataset
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array
 from pendulum_env.excitation import Excitation, family
-from pendulum_env.physics import Model, Term, simulate
+from pendulum_env.physics import Model, Samples, Term, simulate
 from pendulum_env.plant import typical
 from pendulum_env.recording import Recording
 from pendulum_env.words import listing
@@ -35,36 +37,51 @@ USUAL = 6.0  # [N m], the paper's peak torque: what a motor is trusted with unle
 SHOWN = 0.7  # times the noise floor: a difference as large as this is found
 PLENTY = 20.0  # times the noise floor: enough to show a twentieth part of it, too
 ALIKE = 0.05  # of the worth, a logarithm: signals as close as this are as good, and the smallest swing is chosen
-NEAREST = 3  # effects that come closest to what none explains, which are looked for
 FEWEST = 40  # windows clear of stick that an experiment has to give
 GENTLER = (1.0, 0.3, 0.1)  # of the torque: what small angles and low speeds call for
 FASTER = 30.0  # times the highest speed that was recorded: of a motion beyond, a model knows nothing
-SAFE = 0.9  # share of a bounded angle or speed that is used: the model that foretells the motion is in doubt
+HANGING = 0.1  # [rad], as near to which a recording began where any motion begins
+SAFE = 0.9  # share of an angle or speed that is used: the model that foretells the motion is in doubt
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the rig bears: torque [N m], angle to either side of hanging down [rad], and speed [rad/s]."""
+    """What an experiment may ask of the rig: a bound that is not given is what was recorded.
+
+    Attributes:
+        torque: largest [N m].
+        angle: to either side of hanging down [rad].
+        speed: largest [rad/s].
+    """
 
     torque: float
-    angle: float = np.inf
-    speed: float = np.inf
-
-    @property
-    def moves_freely(self) -> bool:
-        """Whether neither angle nor speed is bounded."""
-        return bool(np.isinf(self.angle) and np.isinf(self.speed))
+    angle: float | None = None
+    speed: float | None = None
 
     @property
     def text(self) -> str:
-        """`0.5 N m and 2 rad/s`."""
+        """`0.5 N m, 2 rad/s and the recorded angles`."""
         bounds = ((self.torque, "N m"), (self.angle, "rad"), (self.speed, "rad/s"))
-        return listing([f"{bound:.3g} {unit}" for bound, unit in bounds if np.isfinite(bound)])
+        told = [f"{bound:.3g} {unit}" for bound, unit in bounds if bound is not None and np.isfinite(bound)]
+        recorded = [name for name, bound in (("angles", self.angle), ("speeds", self.speed)) if bound is None]
+        return listing([*told, *([f"the recorded {listing(recorded)}"] if recorded else [])])
 
-    def bear(self, position: Array, velocity: Array) -> bool:
-        """Whether a motion stays well within them."""
-        angle, speed = np.abs(position).max(), np.abs(velocity).max()
-        return bool(angle <= SAFE * self.angle and speed <= SAFE * self.speed)
+    def reach(self, recordings: Sequence[Recording]) -> tuple[float, float]:
+        """Lowest and highest angle that a motion may go to [rad]; a joint that turned may turn as far either way.
+
+        Any motion begins hanging down, which may be beyond the angles that were recorded.
+        """
+        if self.angle is not None:
+            return -SAFE * self.angle, SAFE * self.angle
+        position = np.concatenate([recording.position for recording in recordings])
+        low, high = float(position.min()), float(position.max())
+        if turns(position):
+            return low - high, high - low
+        return (SAFE * min(low, 0.0), SAFE * max(high, 0.0)) if -HANGING < high and low < HANGING else (low, high)
+
+    def fastest(self, recorded: Samples) -> float:
+        """Highest speed of a motion [rad/s]."""
+        return SAFE * (float(np.abs(recorded.velocity).max()) if self.speed is None else self.speed)
 
 
 @dataclass(frozen=True)
@@ -99,7 +116,6 @@ def questions(
     groups: Sequence[tuple[str, ...]],
     candidates: Sequence[Candidate],
     doubts: Sequence[Doubt],
-    is_open: bool,
 ) -> list[Question]:
     """What a diagnosis leaves open."""
     pairs = [(id, selected) for selected, *alike in groups for id in alike]
@@ -118,10 +134,6 @@ def questions(
         asked_already = candidate.effect in {question.aim.effect for question in asked}
         if candidate.verdict is Verdict.NOT_EXCITED and not out_of_reach and not asked_already:
             asked.append(Question(Aim(candidate.effect), tuple(terms), of_typical_size(kind)))
-    if not asked and is_open:  # something is there that no effect explains: what comes closest is worth another look
-        nearest = sorted(candidates, key=lambda candidate: -candidate.score)
-        rejected = [one.effect for one in nearest if one.verdict is Verdict.REJECTED][:NEAREST]
-        asked = [Question(Aim(id), tuple(terms), of_typical_size(models.library[id])) for id in rejected]
     return asked
 
 
@@ -133,9 +145,14 @@ def of_typical_size(kind: type[Term]) -> tuple[Term, Array]:
 
 
 def suggest(
-    models: Models, model: Model, asked: Sequence[Question], limits: Limits, usual: float
+    models: Models,
+    model: Model,
+    asked: Sequence[Question],
+    limits: Limits,
+    usual: float,
+    left: Sequence[Region] = (),
 ) -> tuple[Suggestion | None, list[Aim], str | None]:
-    """The experiment that settles most.
+    """The experiment that settles most of what is open, and goes to the angle where most is left unexplained.
 
     Args:
         models: what the diagnosis worked with.
@@ -143,31 +160,45 @@ def suggest(
         asked: what is open.
         limits: of the rig.
         usual: torque that is trusted without limits [N m].
+        left: what no effect explains, the most telling first.
 
     Returns:
         It, if there is one; what no torque up to the usual settles, whatever the limits; and what only the limits keep
         from being settled, in one sentence.
     """
-    suggestion, unsettled = _choose(models, model, asked, limits)
-    free = Limits(max(limits.torque, usual))
-    if not unsettled or limits == free:
-        return suggestion, unsettled, None
-    hopeless = _choose(models, model, [question for question in asked if question.aim in unsettled], free)[1]
-    forbidden = [aim.text for aim in unsettled if aim not in hopeless]
+    if not asked:
+        return None, [], None
+    recorded = models.train.samples
+    (low, high), fastest = limits.reach(models.train.recordings), limits.fastest(recorded)
+    runs = rehearse(models, model, limits.torque)
+    allowed = [run for run in runs if low <= run.reach[0] and run.reach[1] <= high and run.peak_speed <= fastest]
+    place = next((0.5 * (own.low + own.high) for own in left[:1] if own.axis == "position"), None)
+    if place is not None and not turns(recorded.position):
+        allowed = [run for run in allowed if run.reach[0] <= place <= run.reach[1]]
+    suggestion, unsettled = _choose(models, allowed, asked)
+    if not unsettled:
+        return suggestion, [], None
+    if usual > limits.torque:
+        runs = [*runs, *rehearse(models, model, usual)]
+    if not runs:  # the model runs away under every torque: nobody knows
+        return None, [], None
+    _, hopeless = _choose(models, runs, unsettled)
+    aims = [question.aim for question in hopeless]
+    forbidden = [question.aim.text for question in unsettled if question.aim not in aims]
     if not forbidden:
-        return suggestion, hopeless, None
-    more = "more torque" if limits.moves_freely else "more"
-    text = f"no experiment within {limits.text} would {listing(forbidden, 'or')}: allow {more} if the rig bears it"
-    return suggestion, hopeless, text
+        return suggestion, aims, None
+    there = "" if place is None else f" and go to {np.degrees(place):.0f} degrees, where most is left,"
+    text = (
+        f"no experiment within {limits.text} would {listing(forbidden, 'or')}{there}: allow more "
+        "(--max-angle, --max-speed, --max-torque) if the rig bears it"
+    )
+    return suggestion, aims, text
 
 
-def _choose(
-    models: Models, model: Model, asked: Sequence[Question], limits: Limits
-) -> tuple[Suggestion | None, list[Aim]]:
-    """The experiment within limits that settles most, and what none of them settles."""
-    runs = rehearse(models, model, limits) if asked else []
-    if not runs:  # within limits there is none; without, the model ran away under all, and nobody knows
-        return None, [] if limits.moves_freely else [question.aim for question in asked]
+def _choose(models: Models, runs: Sequence[Run], asked: Sequence[Question]) -> tuple[Suggestion | None, list[Question]]:
+    """The experiment of some that settles most, and what none of them settles."""
+    if not runs:
+        return None, list(asked)
     shown = np.zeros((len(runs), len(asked)))  # against the noise floor
     for j, run in enumerate(runs):
         if len(run.data.weights) >= FEWEST:
@@ -177,35 +208,51 @@ def _choose(
     answerable = shown.max(axis=0) > SHOWN
     # one question well settled and one open is worse than both settled
     worth = np.log1p(np.minimum(shown[:, answerable], PLENTY)).sum(axis=1)
-    best = min(np.flatnonzero(worth >= worth.max() - ALIKE), key=lambda j: runs[j].swing)
+    best = min(np.flatnonzero(worth >= worth.max() - ALIKE).tolist(), key=lambda j: runs[j].swing)
     settled = tuple(question.aim for question, ratio in zip(asked, shown[best], strict=True) if ratio > SHOWN)
-    hopeless = [question.aim for question, hope in zip(asked, answerable, strict=True) if not hope]
+    hopeless = [question for question, hope in zip(asked, answerable, strict=True) if not hope]
     return (runs[best].suggestion(settled) if settled else None), hopeless
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
-    """A candidate signal with the motion that the fitted model makes of it, as windowed equations."""
+    """A candidate signal with the motion that the fitted model makes of it.
+
+    Attributes:
+        signal: torque over time.
+        recording: as it would be recorded.
+        half_width: of windows [s].
+        peak_speed: its highest speed [rad/s].
+    """
 
     signal: Excitation
-    data: Dataset
-    peak_speed: float  # [rad/s]
+    recording: Recording
+    half_width: float
+    peak_speed: float
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Lowest and highest angle [rad]."""
+        return float(self.recording.position.min()), float(self.recording.position.max())
 
     @property
     def swing(self) -> float:
-        """Between the lowest and the highest angle [rad]."""
-        return float(np.ptp(self.data.windows[0].recording.position))
+        """Between them [rad]."""
+        return self.reach[1] - self.reach[0]
+
+    @cached_property
+    def data(self) -> Dataset:
+        """The motion as windowed equations."""
+        return dataset([cut(self.recording, self.half_width)])
 
     def suggestion(self, settled: tuple[Aim, ...]) -> Suggestion:
         """The experiment, with what to expect of it."""
-        (windows,) = self.data.windows
-        position, torque = windows.recording.position, windows.recording.torque
-        reach = float(position.min()), float(position.max())
-        return Suggestion(self.signal, SECONDS, settled, float(np.abs(torque).max()), reach, self.peak_speed)
+        peak = float(np.abs(self.recording.torque).max())
+        return Suggestion(self.signal, SECONDS, settled, peak, self.reach, self.peak_speed)
 
 
-def rehearse(models: Models, model: Model, limits: Limits) -> list[Run]:
-    """Simulate candidate signals, sampled and windowed much as the recordings are; gives those within the limits.
+def rehearse(models: Models, model: Model, torque: float) -> list[Run]:
+    """Simulate candidate signals up to a torque [N m], sampled and windowed much as the recordings are.
 
     Motions that are far faster than any recorded are left out: a light joint with hardly any friction runs away.
     """
@@ -213,18 +260,13 @@ def rehearse(models: Models, model: Model, limits: Limits) -> list[Run]:
     recorded = windows.recording.rate
     rate, half_width = min(RATE, recorded), (len(windows.kernel) // 2) / recorded
     time = np.arange(round(SECONDS * rate)) / rate
-    fastest = FASTER * max(float(np.abs(w.samples.velocity).max()) for w in models.train.data.windows)
-    shares = GENTLER[:1] if limits.moves_freely else GENTLER
-    signals = [signal for s in shares for signal in family(np.random.default_rng(0), SECONDS, s * limits.torque)]
+    fastest = FASTER * float(np.abs(models.train.samples.velocity).max())
+    signals = [signal for share in GENTLER for signal in family(np.random.default_rng(0), SECONDS, share * torque)]
     torques = np.column_stack([signal.signal(time) for signal in signals])
     path = simulate(model.terms, model.theta, 1 / rate, torques, 0.0, 0.0)
     motions = zip(signals, torques.T, path.position[:-1].T, path.velocity.T, strict=True)
     return [
-        Run(
-            signal,
-            dataset([cut(Recording("experiment", time, position, torque), half_width)]),
-            float(np.abs(velocity).max()),
-        )
+        Run(signal, Recording("experiment", time, position, torque), half_width, float(np.abs(velocity).max()))
         for signal, torque, position, velocity in motions
-        if limits.bear(position, velocity) and np.abs(velocity).max() <= fastest
+        if np.abs(velocity).max() <= fastest
     ]

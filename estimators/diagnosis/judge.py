@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import TypedDict
 
 import numpy as np
 
+from estimators.checks.identifiability import Doubt
 from estimators.checks.physical import objection
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.selection.data import Step, error_at
@@ -49,8 +52,24 @@ def judge(found: Selection, final: Terms) -> tuple[list[Candidate], list[tuple[s
         if id not in verdicts:
             reason = "what is left is smaller than what such an effect would leave, or no body would have it so"
             verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason)
+    return by_verdict(verdicts.values()), groups
+
+
+def doubted(candidates: Sequence[Candidate], doubts: Sequence[Doubt]) -> list[Candidate]:
+    """Candidates of which those are not rejected that would pass for a term of the model, as these data are."""
+    alike = {doubt.rivals[0]: doubt.text for doubt in doubts if doubt.rivals is not None}
+    return by_verdict(
+        replace(one, verdict=Verdict.NOT_EXCITED, reason=alike[one.effect])
+        if one.verdict is Verdict.REJECTED and one.effect in alike
+        else one
+        for one in candidates
+    )
+
+
+def by_verdict(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Candidates by what became of them, the likelier first."""
     order = list(Verdict)
-    return sorted(verdicts.values(), key=lambda candidate: (order.index(candidate.verdict), -candidate.score)), groups
+    return sorted(candidates, key=lambda candidate: (order.index(candidate.verdict), -candidate.score))
 
 
 def _judge_selected(found: Selection, final: Terms, before: Step, after: Step) -> list[Candidate]:
@@ -70,8 +89,12 @@ def _judge_selected(found: Selection, final: Terms, before: Step, after: Step) -
     alike = [id for id, probability in odds.items() if id != term.id and probability > models.criterion.rival]
     share = models.criterion.certain * known
     total = sum(odds[id] for id in (term.id, *alike))
-    less, more = (step.errors["holdout"].at(term.at) for step in (after, before))
-    ratio, reason = less / more, _falls(before, after, term.at)
+    if models.train.flights or before.errors["holdout"].is_in_loop:
+        less, more = (step.errors["holdout"].at(term.at) for step in (after, before))
+        ratio, reason = less / more, _falls(before, after)
+    else:  # no simulation follows: windows tell it of the final model, as they tell the score
+        less, more = (_held_out_rms(models, terms, term.at) for terms in (final, others))
+        ratio, reason = less / more, f"lowers the held-out torque error of {term.at} to {less / more:.1%}"
     windowed: _Gained = {} if is_hidden(term) else _gained(models, final, others)
     return [
         Candidate(term.id, share * total, Verdict.SELECTED, ratio, reason, **windowed),
@@ -102,7 +125,8 @@ def _judge_left_out(found: Selection, longer: Terms) -> Candidate:
     if not is_excited(models, longer):
         reason = f"these data hardly depend on it; it needs {term.reveal}"
         return Candidate(term.id, score, Verdict.NOT_EXCITED, ratio, reason, **gained)
-    told = f"predicts better by {gain.total:.3g} ± {gain.error:.2g} nats"
+    side = "better" if gain.total > 0 else "worse"
+    told = f"predicts {side} by {abs(gain.total):.3g} ± {gain.error:.2g} nats"
     return Candidate(term.id, score, Verdict.REJECTED, ratio, f"{told}: {_why_rejected(found, longer)}", **gained)
 
 
@@ -131,14 +155,12 @@ def is_excited(models: Models, longer: Terms) -> bool:
     return float(np.max(np.linalg.norm(left, axis=0) / np.linalg.norm(own, axis=0))) > SEEN
 
 
-def _falls(before: Step, after: Step, at: str) -> str:
+def _falls(before: Step, after: Step) -> str:
     """How held-out errors fell, in words."""
     old, new = before.errors["holdout"], after.errors["holdout"]
     if new.is_in_loop:
         return f"lowers the held-out error in the loop: {old.in_loop:.3g} -> {new.in_loop:.3g} rad"
-    torque = f"torque {old.at(at):.3g} -> {new.at(at):.3g} N m"
-    if np.isnan(new.position_rms):
-        return f"lowers the held-out torque error of {at} to {new.at(at) / old.at(at):.1%}"
+    torque = f"torque {old.torque_rms:.3g} -> {new.torque_rms:.3g} N m"
     position = f"free-running position {old.position_rms:.3g} -> {new.position_rms:.3g} rad"
     return f"lowers the held-out errors: {torque}, {position}"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 
 from estimators.checks.alignment import Alignment
@@ -18,6 +18,8 @@ from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import json_per, listing, name, opening
 
 SCHEMA = "pendulum-ident/diagnosis@1"
+SETTLED = "nothing is left open that an experiment would settle"
+UNNAMED = "no effect of the library is open, so that no experiment would name what is left"
 
 
 class Verdict(StrEnum):
@@ -63,6 +65,27 @@ class Candidate:
         }
 
 
+@dataclass(frozen=True)
+class Detectable:
+    """An effect that would have shown: above a size in its unit, or wherever it is between two angles [rad]."""
+
+    effect: str
+    above: float | None = None
+    unit: str = "rad"
+    between: tuple[float, float] | None = None
+
+    @property
+    def text(self) -> str:
+        """`above 0.05 N m`, `between -1.2 and 0.9 rad`."""
+        if self.between is not None:
+            return "between {:.3g} and {:.3g} rad".format(*self.between)
+        return f"above {self.above:.2g}{'' if self.unit == '1' else ' ' + self.unit}"
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        return asdict(self) | {"between": None if self.between is None else list(self.between)}
+
+
 @dataclass(frozen=True, repr=False)
 class Diagnosis:
     """What a diagnosis found.
@@ -75,13 +98,14 @@ class Diagnosis:
         noise_floor: torque error that measurement noise alone gives [N m].
         advice: experiments that would settle what is open, in words.
         suggestion: the experiment that would settle most of what is open, None if nothing is, or none would.
-        forbidden: what the limits of the rig keep any experiment from settling, in words; None if nothing.
+        forbidden: why no experiment settles what is open or left, above all the limits of the rig; None if nothing is.
         inseparable: groups that no torque would tell apart, whatever it was.
         window_share: length of the windows used, relative to the length that the noise asks for.
         knocks_beside: terms of the model beside which turns that miss torque are among these; None where they are not.
         disagreements: recordings that show another plant than the others; fitted ones among them are set apart.
         alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
             filtered was corrected by it.
+        detectable: what would have shown, where nothing is missing.
         torque_unit: `N m`, or that of a current in whose stead parameters and errors are per unit of it.
         torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
     """
@@ -99,6 +123,7 @@ class Diagnosis:
     knocks_beside: tuple[Term, ...] | None = None
     disagreements: tuple[Disagreement, ...] = ()
     alignments: tuple[Alignment, ...] = ()
+    detectable: tuple[Detectable, ...] = ()
     torque_unit: str = NEWTON_METRE
     torque_constant: TorqueConstant | None = None
 
@@ -130,6 +155,20 @@ class Diagnosis:
         if self.unexplained:
             return "Something is missing, and no known effect explains it"
         return "Nothing is missing"
+
+    @property
+    def next_step(self) -> str:
+        """The experiment worth doing, or why there is none, in one sentence."""
+        if self.suggestion is not None or self.forbidden is not None:
+            return self.suggestion.text if self.suggestion is not None else str(self.forbidden)
+        if self.inseparable:
+            return f"no torque would tell {' from '.join(self.inseparable[0])}"
+        return SETTLED
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Advice besides the next step."""
+        return tuple(text for text in self.advice if text != self.next_step)
 
     def __repr__(self) -> str:
         return f"<Diagnosis: {self.headline}>"
@@ -164,6 +203,7 @@ class Diagnosis:
             "inseparable": [list(group) for group in self.inseparable],
             "disagreements": [disagreement.json() for disagreement in self.disagreements],
             "alignments": [alignment.json() for alignment in self.alignments],
+            "detectable": [one.json() for one in self.detectable],
         }
-        worded = ("candidates", "unexplained", "regions", "advice", "forbidden", "disagreements")
+        worded = ("candidates", "unexplained", "regions", "advice", "forbidden", "disagreements", "detectable")
         return data | json_per({key: data[key] for key in worded}, self.torque_unit)

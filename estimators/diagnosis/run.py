@@ -12,13 +12,14 @@ from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
 from estimators.checks.homogeneity import disagreements
 from estimators.checks.identifiability import identifiability, untold
-from estimators.checks.physical import impossible, turned_round, wrong_signs
-from estimators.checks.residual import Region, profiles, stand_out
+from estimators.checks.physical import impossible
+from estimators.checks.remedies import remedies, turned_round
+from estimators.checks.residual import Region, stand_out
 from estimators.checks.torque_constant import Calibrated, constant_of, of_the_drive, told
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
-from estimators.diagnosis.judge import judge
-from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.sensitivity import in_words
+from estimators.diagnosis.judge import doubted, judge
+from estimators.diagnosis.result import UNNAMED, Diagnosis
+from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import HELD_OUT, Setting
 from estimators.in_loop.diagnosis import diagnose_in_loop
 from estimators.in_loop.rollouts import are_driven
@@ -100,8 +101,8 @@ def diagnose(
     progress: Progress = no_progress,
     *,
     max_torque: float | None = None,
-    max_angle: float = np.inf,
-    max_speed: float = np.inf,
+    max_angle: float | None = None,
+    max_speed: float | None = None,
     library: Mapping[str, type[Term]] | None = None,
     only: Sequence[str] | None = None,
     without: Sequence[str] = (),
@@ -126,8 +127,9 @@ def diagnose(
         progress: called with what is being done and the share that is done.
         max_torque: bound of the torque in the experiment that is suggested [N m]; without it the paper's 6 N m, but no
             more than ten times the largest recorded, and no less than that.
-        max_angle: bound of its angle to either side of hanging down [rad].
-        max_speed: bound of its speed [rad/s].
+        max_angle: bound of its angle to either side of hanging down [rad], infinity for any; without it the angles
+            that were recorded, or any within the same number of turns where the joint turned.
+        max_speed: bound of its speed [rad/s]; without it the highest that was recorded.
         library: effects that may be named, by id; all that are known if it is not given.
         only: ids of the effects of the library that are looked for; all if it is not given.
         without: ids of effects that the joint cannot have.
@@ -206,17 +208,19 @@ class Prepared:
     def told(self, found: Diagnosis) -> Diagnosis:
         """A diagnosis with what was found of the torque channel."""
         constant = constant_of(found.model, self.calibrated.constant)
+        wrong = remedies(found.model, self.recordings, found.ambiguous)
         return replace(
             found,
             torque_unit=self.calibrated.unit,
             torque_constant=constant,
             alignments=self.aligned.alignments,
             advice=(
+                *wrong,
                 *filter(None, [self.calibrated.doubt]),
                 *(of_the_drive(found.model, constant, self.evidence[0].data) if constant is not None else ()),
                 *_of_timing(self, found),
                 *(loop.text for loop in feedback(self.recordings)),
-                *found.advice,
+                *(text for text in found.advice if text not in wrong),
             ),
         )
 
@@ -251,7 +255,7 @@ def _of_timing(given: Prepared, found: Diagnosis) -> list[str]:
     The latter is asked again beside the effects that were found, and not at all where they explain everything: then
     what looked like a delay of the drive was theirs.
     """
-    mended = "this diagnosis has corrected it, the other commands do with --align"
+    mended = "this diagnosis has corrected it, other steps do where that is asked for (--align)"
     corrected = [f"{text}: {mended}" for text in given.aligned.texts(True)]
     named = {*found.selected, *(id for group in found.ambiguous for id in group)}
     if named & {"dead_time", "actuator_lag"}:
@@ -276,7 +280,7 @@ def _examine(
     """Find the effects that recordings of one plant call for."""
     models = setting.models(evidence)
     followed = fit_by_reference(models.train.data, setting.base) if setting.by_reference else None
-    wrong = turned_round(fit_terms(evidence[0], setting.base)[0])
+    wrong = turned_round(fit_terms(evidence[0], setting.base)[0], recordings)
     if wrong is not None:
         return _mislogged(models, setting.base, wrong)
     rough, window_share, beside = _looked_closer(models, recordings, holdout, evidence, setting)
@@ -292,10 +296,13 @@ def _examine(
     doubts = (*doubts, *untold(steps[-1].model, measured, doubts))
     setting.progress("looking for the next experiment", 0.95)
     left = unexplained(replace(found, steps=steps))
-    asked = questions(models, steps[-1].model.terms, groups, candidates, doubts, bool(left))
+    candidates = doubted(candidates, doubts)
+    asked = questions(models, steps[-1].model.terms, groups, candidates, doubts)
     if impossible(steps[-1].model, models.train.motions):
         asked = []  # nobody knows what motion to expect
-    suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, setting.usual)
+    suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, setting.usual, left)
+    if left and not asked:
+        forbidden = _of_held_out(models, final) or UNNAMED
     look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {models.library[group[-1]].reveal}"
         for group in groups
@@ -309,13 +316,12 @@ def _examine(
         advice=(
             *look_alike,
             *_of_little(evidence[0]),
-            *_of_nothing(models, final, left),
             *(doubt.text for doubt in doubts),
-            *wrong_signs(steps[-1].model, float(np.max(np.abs(evidence[0].samples.load.gravity)))),
             *filter(None, (term.beyond(*evidence[0].reach) for term in steps[-1].model.terms)),
             *([suggestion.text] if suggestion else []),
             *([forbidden] if forbidden else []),
         ),
+        detectable=() if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library),
         suggestion=suggestion,
         forbidden=forbidden,
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
@@ -363,23 +369,19 @@ def _of_little(fitted: Evidence) -> list[str]:
     ]
 
 
-def _of_nothing(models: Models, final: Sequence[Term], left: Sequence[Region]) -> list[str]:
-    """What is said where no effect is named: what would have shown, and whether held-out data show more."""
-    if not left:
-        told = in_words(models, tuple(final), models.library) if len(final) == len(models.base) else None
-        return [told] if told else []
-    fitted, unseen = models.left.are_noise(tuple(final))
-    if fitted and not unseen:
-        names = listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
-        return [f"what was fitted is explained, and what was held out ({names}) is not: fit that, too"]
-    return []
+def _of_held_out(models: Models, final: Sequence[Term]) -> str | None:
+    """What is said where held-out data alone show more."""
+    if models.left.are_noise(tuple(final)) != (True, False):
+        return None
+    names = listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
+    return f"what was fitted is explained, and what was held out ({names}) is not: fit that, too"
 
 
 def _mislogged(models: Models, base: Sequence[Term], text: str) -> Diagnosis:
     """What is said of torque that is logged turned round: no effect is named before that is mended."""
     step = models.report(None, settle(models, tuple(base)))
     region = Region("time", 0.0, float(models.train.samples.time.max()), 0.0, 0.0, text)
-    return Diagnosis((step,), (), (), (region,), models.left.floor, (text,))
+    return Diagnosis((step,), (), (), (region,), models.left.floor, (text,), forbidden=text)
 
 
 def unexplained(found: Selection) -> list[Region]:
@@ -393,16 +395,21 @@ def unexplained(found: Selection) -> list[Region]:
         )
         return [Region("velocity", -np.inf, np.inf, 0.0, 0.0, text)]
     left = models.train.watching(last.model).residual(last.model.terms, last.model.theta)
-    regions = stand_out(profiles(models.train.samples, left, models.left.floor))
+    is_noise = found.unnamed is None and models.left.is_noise(models.train, left)
+    regions = [] if is_noise else stand_out(models.train.samples, left, models.left.floor)
     if found.unnamed is not None:
-        fast = float(np.abs(models.train.samples.velocity).max())
+        law = getattr(found.unnamed, "axis", "velocity")
+        place = next((own for own in regions if own.axis == law), None)
         text = f"{words(found.unnamed)} would explain most of it, and no effect of the library is such a law"
-        return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
-    if not models.left.is_noise(models.train, left):
+        if place is None:
+            fast = float(np.abs(models.train.samples.velocity).max())
+            return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
+        return [replace(place, text=f"{text}; {place.text}"), *(own for own in regions if own is not place)]
+    if not is_noise:
         return regions or _nowhere(models, models.train, left)
     unseen = models.left.unseen(last.model.terms)
     if not models.left.is_noise(models.holdout, unseen):
-        beyond = stand_out(profiles(models.holdout.samples, unseen, models.left.noise_of(models.holdout)))
+        beyond = stand_out(models.holdout.samples, unseen, models.left.noise_of(models.holdout))
         return _held_out(models, beyond or _nowhere(models, models.holdout, unseen))
     if not is_astray(models, last):
         return []

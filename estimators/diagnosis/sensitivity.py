@@ -6,11 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from estimators.checks.residual import turns
 from estimators.diagnosis.experiment import of_typical_size
+from estimators.diagnosis.result import Detectable
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from pendulum_env.physics import Term
-from pendulum_env.words import listing, name
 
 TOLD = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")  # as long as they are known
 CLEAR = 2.0  # times what counts as structure: windows next to each other share about half of it
@@ -46,14 +47,13 @@ def smallest(models: Models, terms: Terms, kind: type[Term]) -> float | None:
     return float(np.linalg.norm(theta)) * least / shown
 
 
-def in_words(models: Models, terms: Terms, library: Mapping[str, type[Term]]) -> str | None:
-    """One sentence: what would have shown, and from which size on; None if nothing would."""
-    told = []
-    for id in TOLD:
-        size = smallest(models, terms, library[id]) if id in library else None
-        if size is not None:
-            unit = of_typical_size(library[id])[0].columns[0].unit
-            told.append(f"{name(id)} above {size:.2g}{'' if unit == '1' else ' ' + unit}")
-    low, high = models.train.reach
-    told.append(f"a stop between {low:.3g} and {high:.3g} rad")
-    return f"{listing(told)} would have shown"
+def detectable(models: Models, terms: Terms, library: Mapping[str, type[Term]]) -> tuple[Detectable, ...]:
+    """What would have shown beside the terms, and from which size on."""
+    sizes = {id: smallest(models, terms, library[id]) for id in TOLD if id in library}
+    found = [
+        Detectable(id, size, of_typical_size(library[id])[0].columns[0].unit)
+        for id, size in sizes.items()
+        if size is not None
+    ]
+    stop = [] if turns(models.train.samples.position) else [Detectable("hard_stop", between=models.train.reach)]
+    return (*found, *stop)

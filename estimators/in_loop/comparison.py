@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from estimators.in_loop.fit import likelihood
-from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
+from estimators.in_loop.rollouts import FINE, Rollouts, are_driven, with_gain
 from estimators.selection.data import Errors
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import UNIT
-
-
-def with_gain(recording: Recording) -> Recording:
-    """A recording with the gain of its drive, if its torque was made with a known one."""
-    known, drive = recording.torque_constant, recording.drive
-    if known is None or drive is None or drive.gain is not None or known.of != UNIT[drive.output]:
-        return recording
-    return replace(recording, drive=replace(drive, gain=known.value))
 
 
 def likelier(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, Array]:
@@ -42,6 +32,6 @@ def followed(model: Model, recording: Recording) -> tuple[Array, Array, Array]:
 
 def in_loop(model: Model, recordings: Sequence[Recording], errors: Errors) -> Errors:
     """Errors of a model with those in the loop, if the recordings have drives."""
-    if not are_driven([with_gain(recording) for recording in recordings]):
+    if not are_driven(recordings):
         return errors
     return errors.with_loop(likelier(model, recordings)[1])

@@ -13,15 +13,15 @@ from typing import cast
 import numpy as np
 
 from estimators.checks.physical import objection
+from estimators.checks.remedies import remedies
 from estimators.checks.residual import Region
 from estimators.checks.torque_constant import Calibrated, constant_of, widened
 from estimators.diagnosis.added import CHANCE, Addition
 from estimators.diagnosis.judge import judge
-from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.result import UNNAMED, Diagnosis
 from estimators.diagnosis.setting import HELD_OUT, Setting
-from estimators.in_loop.comparison import with_gain
 from estimators.in_loop.evidence import InLoop
-from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.in_loop.rollouts import FINE, Rollouts, with_gain
 from estimators.selection.data import Evidence, Step, fit_terms
 from estimators.selection.models import Models
 from estimators.selection.moves import best, ids, loosened, settle
@@ -129,7 +129,8 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         ambiguous=tuple(groups),
         unexplained=tuple(left),
         noise_floor=servos.floor(last),
-        advice=tuple(filter(None, [calibrated.doubt])),
+        advice=(*remedies(model, recordings, groups), *filter(None, [calibrated.doubt])),
+        forbidden=UNNAMED if left else None,
         torque_unit=calibrated.unit,
         torque_constant=constant_of(model, calibrated.constant),
     )
@@ -143,12 +144,14 @@ def _timed(model: Model, servos: InLoop) -> Model:
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_shapes])
     late = np.column_stack([other.misses([point])[:, 0] for other in servos.data.mistimed])
     moved = np.linalg.lstsq(weights * slopes, -weights * (late - servos.data.misses([point])), rcond=None)[0]
-    told = dict(zip([*(column.name for column in model.columns), *shapes], moved, strict=True))
-    estimates = {
-        name: replace(own, std=float(np.linalg.norm([own.std, *told.get(name, ())])))
-        for name, own in model.estimates.items()
+    names = [*(column.name for column in model.columns), *shapes]
+    place = [list(model.estimates).index(name) for name in names]
+    covariance = model.assumed_covariance[np.ix_(place, place)] + moved @ moved.T
+    wider = {
+        name: replace(model.estimates[name], std=float(std))
+        for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True)
     }
-    return replace(model, estimates=estimates)
+    return replace(model, estimates={**model.estimates, **wider}).correlated(names, covariance)
 
 
 def add_in_loop(

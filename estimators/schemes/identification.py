@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -18,16 +19,17 @@ from estimators.arguments import (
 )
 from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
-from estimators.checks.homogeneity import disagreements, misfits
+from estimators.checks.homogeneity import MISFITS, disagreements, misfits, own_fits
 from estimators.checks.identifiability import Doubt, identifiability, is_driven, untold
-from estimators.checks.physical import driving_friction, wrong_signs
+from estimators.checks.physical import driving_friction
+from estimators.checks.remedies import wrong_columns
 from estimators.checks.torque_constant import Calibrated, further, widened
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import Fit, solve
 from estimators.regression.recursive import evenly, history
 from estimators.schemes.six import SCHEMES, FilteredDynamic, FilteredHamiltonian, FilteredPower, Scheme, give
 from estimators.signals.measurements import Measurements, measure_segments, remember
-from estimators.weak_form.dataset import prepare
+from estimators.weak_form.dataset import Dataset, prepare
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.lookup import find
 from pendulum_env.notebook import shown
@@ -41,6 +43,8 @@ SCHEMA = "pendulum-ident/identification@1"
 POINTS = 200  # of the history
 CLUSTER = 0.5  # [s], longer than residuals stay correlated, except those that drift; shorter in short recordings
 CLUSTERS = 30  # at least, in all recordings together
+APART = 5.0  # standard errors between two schemes, to which noise alone does not bring them: 2.3 is the most seen,
+COARSE = 0.05  # and share of a parameter, to which slow sampling does not: 0.034 is what 50 Hz do
 FEWEST = 10  # that hold motion, below which standard errors mean little
 
 
@@ -221,11 +225,14 @@ def identify(
     withheld = frozenset(name for doubt in doubts for name in doubt.withheld)
     results = {id: replace(own, withheld=withheld | unsaid[id]) for id, own in results.items()}
     unknown = [calibrated.doubt] if calibrated.doubt is not None else []
-    carried = max(abs(recording.load.gravity) if recording.load else 0.0 for recording in recordings)
-    mistakes = [
-        Doubt(text)
-        for text in (*unknown, *(wrong_signs(first, carried) or driving_friction(first)), *_mistakes(recordings, terms))
-    ]
+    wrong = wrong_columns(first, recordings) or driving_friction(first)
+    try:
+        data = prepare(recordings)
+        wrong = [*wrong, *_mistakes(recordings, data, terms)]
+        wrong = wrong or _lacking(list(results.values()), data, terms)
+    except IdentificationError:  # windows need more motion than some schemes
+        pass
+    mistakes = [Doubt(text) for text in (*unknown, *wrong)]
     ends = tuple(np.cumsum([sum(len(m) * m.period for m in own) for own in segments]).tolist())
     return Identification(
         results,
@@ -260,15 +267,11 @@ def _by_schemes(
     return results
 
 
-def _mistakes(recordings: Sequence[Recording], terms: Sequence[Term]) -> list[str]:
+def _mistakes(recordings: Sequence[Recording], data: Dataset, terms: Sequence[Term]) -> list[str]:
     """What seems to be wrong with the recordings themselves: torque out of time, another plant."""
-    try:
-        data = prepare(recordings)
-        aligned = Aligned.of(recordings)
-        odd = disagreements([data], terms, only_if_all_fit=True)
-        poor = [one.text for one in misfits(data, terms)]
-    except IdentificationError:  # windows need more motion than some schemes
-        return []
+    aligned = Aligned.of(recordings)
+    odd = disagreements([data], terms, only_if_all_fit=True)
+    poor = [one.text for one in misfits(data, terms)]
     return [
         *(f"{text}: correct it with --align (`Aligned.of` in Python)" for text in aligned.texts(True)),
         *(loop.text for loop in feedback(recordings)),
@@ -276,6 +279,29 @@ def _mistakes(recordings: Sequence[Recording], terms: Sequence[Term]) -> list[st
         *(f"{one.text}: leave it out, or find out what was changed" for one in odd),
         *poor,
     ]
+
+
+def _lacking(results: Sequence[Identified], data: Dataset, terms: Sequence[Term]) -> list[str]:
+    """One line where the terms surely do not explain the recordings: by what they leave, or by schemes that disagree.
+
+    Schemes see the same noise, so that their estimates differ by less than independent ones would; but they take what
+    the terms lack each for something else.
+    """
+    times = max((fit.rms / max(fit.floor, 1e-300) for fit in own_fits([data], terms)), default=0.0)
+    apart, name = max(_gaps(results), default=(0.0, ""))
+    found = [f"what these terms leave is {times:.2g} times what noise gives"] if times > MISFITS else []
+    found += [f"the schemes differ by up to {apart:.2g} of their standard errors ({name})"] if apart > APART else []
+    return [f"{listing(found)}: something is missing, run diagnose"] if found else []
+
+
+def _gaps(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
+    """How far two schemes are apart in a parameter that was estimated, in standard errors, and its name."""
+    for one, other in combinations(results, 2):
+        for name in one.model.estimates.keys() - one.withheld - other.withheld:
+            first, second = (own.model.estimates[name] for own in (one, other))
+            gap = abs(first.value - second.value)
+            if first.std > 0 and second.std > 0 and gap > COARSE * max(abs(first.value), abs(second.value)):
+                yield gap / float(np.hypot(first.std, second.std)), name
 
 
 def _slowed(scheme: Scheme, rate: float) -> Scheme:

@@ -11,7 +11,16 @@ from estimators.comparison import Comparison
 from estimators.diagnosis.added import Addition
 from estimators.diagnosis.result import Diagnosis
 from estimators.schemes.identification import Identification, Identified
-from estimators.show.tables import candidates_table, distances_table, errors_table, kin, noise_text, schemes_table
+from estimators.show.tables import (
+    SCORE,
+    candidates_table,
+    detectable_table,
+    distances_table,
+    errors_table,
+    kin,
+    noise_text,
+    schemes_table,
+)
 from pendulum_env.notebook import (
     BLUE,
     GREEN,
@@ -140,8 +149,9 @@ def show_diagnosis(found: Diagnosis) -> str:
         table(parameters_table(found.model)),
         *([note(f"{opening(BIASED)}.")] if found.unexplained else []),
         *_list("Left unexplained", [region.text for region in found.unexplained]),
-        *_list("What to do next", found.advice),
-        folded("candidates", table(ranking), note(f"and {more}" if more else "")),
+        *_list("What to do next", [found.next_step, *found.remarks] if found.candidates else found.advice),
+        folded("candidates", table(ranking), note(f"and {more}" if more else ""), note(SCORE)),
+        *([folded("what would have shown", table(detectable_table(found.detectable)))] if found.detectable else []),
     ]
     return per(card(found.headline, *_constant(found.torque_constant), *parts), found.torque_unit)
 

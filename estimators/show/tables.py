@@ -9,13 +9,17 @@ import numpy as np
 
 from estimators.checks.residual import SYMBOLS, Profile
 from estimators.comparison import Comparison
-from estimators.diagnosis.result import Candidate, Verdict
+from estimators.diagnosis.result import Candidate, Detectable, Verdict
 from estimators.schemes.identification import Identification
 from estimators.selection.data import Step
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.words import Table, bar, listing
 
 RUNNERS_UP = 5  # rejected candidates that are shown
+SCORE = (
+    "score: probability that an effect is what the data call for at its place; nats: logarithm of how many times "
+    "likelier it makes data that it was not fitted to"
+)
 _DISTANCES = ("recording", "torque [N m]", "fit [%]", "noise floor [N m]", "free-running position [rad]", "fit [%]")
 _IN_LOOP = ("in the loop, mean [rad]", "RMS [rad]")
 
@@ -92,6 +96,11 @@ def candidates_table(candidates: Sequence[Candidate], every: bool = False) -> tu
     parts = [f"{worse} more that are no better"] if worse else []
     parts += [f"{len(blind)} that could not be judged ({listing(blind)})"] if blind else []
     return Table(("effect", "verdict", "score", "reason"), rows, left=("verdict", "reason")), " and ".join(parts)
+
+
+def detectable_table(found: Sequence[Detectable]) -> Table:
+    """From which size on effects would have shown."""
+    return Table(("effect", "would have shown"), [(one.effect, one.text) for one in found], left=("would have shown",))
 
 
 def schemes_table(found: Identification, model: Model | None = None, label: str = "windows (saved)") -> Table:

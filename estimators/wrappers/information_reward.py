@@ -39,8 +39,11 @@ def row_of(info: dict[str, Any]) -> Any:
     """Regressor in an info.
 
     Raises:
-        KeyError: if there is none.
+        ValueError: if there is none.
     """
     if "regressor" not in info:
-        raise KeyError("info lacks 'regressor': wrap the environment in EstimateParameters before InformationReward")
+        raise ValueError(
+            "InformationReward needs info['regressor'], which is not there: wrap the environment in EstimateParameters "
+            "first, as InformationReward(EstimateParameters(env))"
+        )
     return info["regressor"]

@@ -115,12 +115,14 @@ def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:
     """Time, position and torque of a sample.
 
     Raises:
-        KeyError: if the environment does not measure.
+        ValueError: if the environment does not measure.
     """
     try:
         return info["time"], info["position"], info["torque"]
     except KeyError as error:
-        raise KeyError(f"info lacks {error}: the wrapped environment has to carry time, position and torque") from None
+        raise ValueError(
+            f"info lacks {error}: the wrapped environment has to carry time, position and torque"
+        ) from None
 
 
 class SampleClock(Clock):
@@ -130,8 +132,7 @@ class SampleClock(Clock):
         """Time, position and torque of a sample; the latter two are arrays (n,) of an arm.
 
         Raises:
-            KeyError: if the environment does not measure.
-            ValueError: if more than a tenth of a period is missing or too much.
+            ValueError: if the environment does not measure, or if more than a tenth of a period is missing or too much.
         """
         time, position, torque = measured(info)
         self.tick(time)

@@ -47,7 +47,7 @@ class MeasuringVector(VectorWrapper):
         Where Gymnasium's masks say that there is no sample, it is not a number.
 
         Raises:
-            KeyError: if the environment does not measure.
+            ValueError: if the environment does not measure.
         """
         time, position, torque = (np.array(values, dtype=float) for values in measured(info))
         for name, values in (("time", time), ("position", position), ("torque", torque)):

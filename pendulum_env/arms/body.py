@@ -7,36 +7,33 @@ p' = tau - f + dK/dq - dU/dq is. With Y0 the regressor without gravity, p has Y0
 
     dK/dq = C' q' = M' q' - C q' has  d/de p(q + e q', q') - Y0(q, q', 0),
 
-the first by a central difference along the motion. Source: Gautier and Khalil, IEEE Transactions on Robotics and
+the first by a central difference along the motion. Where joints follow others, links' joints move as R q'; by virtual
+work R' takes their torque to the joints that lead. Source: Gautier and Khalil, IEEE Transactions on Robotics and
 Automation 6(3), 1990, for the base parameters; Carpentier et al., SII 2019, for Pinocchio.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import ModuleType
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
 from pendulum_env._typing import Array, Index
-from pendulum_env.mistake import Mistake
+from pendulum_env.arms.robot import BodyError, Robot, pinocchio, read_robot
+from pendulum_env.words import along
 
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a link, in its joint's frame
 UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # all others kg m^2
 LATE = ("rotor", "m")  # to lead a base parameter: a mass shows through the links that carry it
 DIFFERENCE = 2e-6  # [s], along the motion: truncation and rounding are both below 1e-9 where joints turn at some rad/s
 INDEPENDENT = 1e-8  # relative length of what a column adds to those before it
-DRAWS = 60  # of random motion, for the rank
-LIGHTEST = 1e-9  # [kg], of a link that moves
+DRAWS = 60  # of random motion, for the rank: each tells of every joint
 
-
-class BodyError(Mistake):
-    """A robot that cannot be identified; the message is one sentence with the file, what is wrong and what to do."""
+__all__ = ["BaseParameter", "Body", "BodyError", "Chain", "read_body"]
 
 
 @dataclass(frozen=True)
@@ -73,38 +70,65 @@ class Chain:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Links of an arm with n revolute joints on a fixed base; build it with `read_body`.
+    """Links of an arm with n joints that turn or slide, on a fixed base; build it with `read_body`.
 
-    All regressors broadcast over N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2, and have one column for
-    each of P base parameters.
+    All regressors broadcast over N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m where joints slide),
+    and have one column for each of P base parameters.
 
     Attributes:
-        name: of the robot.
-        joints: names, from the base on.
+        robot: as the file has it.
         rotors: whether each joint's motor has an inertia of its own.
     """
 
-    name: str
-    joints: tuple[str, ...]
+    robot: Robot
     rotors: bool
-    _model: Any  # pinocchio's
 
     def __repr__(self) -> str:
         return f"<Body {self.name!r}: {len(self.joints)} joints, {len(self.base)} base parameters>"
+
+    @property
+    def name(self) -> str:
+        """Of the robot."""
+        return self.robot.name
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of those that move by themselves (n,), from the base on."""
+        return self.robot.joints
+
+    @property
+    def held(self) -> Mapping[str, float]:
+        """Joints that do not move, and where they are [rad] or [m]."""
+        return self.robot.held
+
+    @property
+    def slides(self) -> tuple[bool, ...]:
+        """Whether each joint slides, (n,), instead of turning."""
+        return tuple(joint in self.robot.sliding for joint in self.joints)
+
+    def said(self, joint: str, text: str) -> str:
+        """A text about a joint that turns, such as the unit `N m`, as it is for this one."""
+        return along(text) if joint in self.robot.sliding else text
+
+    @property
+    def _own(self) -> list[int]:
+        """Which of the links' joints move by themselves."""
+        return [self.robot.links.index(joint) for joint in self.joints]
 
     # ---------------------------------------------------------------------------------------------- standard parameters
 
     @property
     def standard(self) -> tuple[str, ...]:
         """Names of the S standard parameters."""
-        links = [f"{name}@{joint}" for joint in self.joints for name in STANDARD]
+        links = [f"{name}@{joint}" for joint in self.robot.links for name in STANDARD]
         return (*links, *(f"rotor@{joint}" for joint in self.joints if self.rotors))
 
     @property
     def standard_values(self) -> Array:
         """Standard parameters as the file has them (S,)."""
-        links = np.concatenate([inertia.toDynamicParameters() for inertia in list(self._model.inertias)[1:]])
-        return np.concatenate([links, self._model.armature]) if self.rotors else links
+        links = np.concatenate([inertia.toDynamicParameters() for inertia in list(self.robot.model.inertias)[1:]])
+        rotors = (self.robot.ratios**2).T @ self.robot.model.armature  # of joints that follow, too
+        return np.concatenate([links, rotors]) if self.rotors else links
 
     @cached_property
     def values(self) -> Array:
@@ -123,7 +147,7 @@ class Body:
         for own, row in zip(self._independent, self.combine, strict=True):
             others = [k for k in np.flatnonzero(np.abs(row) > INDEPENDENT) if k != own]
             parts = [(self.standard[own], 1.0), *((self.standard[k], float(row[k])) for k in others)]
-            found.append(BaseParameter(self.standard[own], _unit(self.standard[own]), tuple(parts)))
+            found.append(BaseParameter(self.standard[own], self.unit_of(self.standard[own]), tuple(parts)))
         return tuple(found)
 
     @property
@@ -138,7 +162,12 @@ class Body:
     @property
     def standard_units(self) -> tuple[tuple[str, str], ...]:
         """Names and units of the standard parameters."""
-        return tuple((name, _unit(name)) for name in self.standard)
+        return tuple((name, self.unit_of(name)) for name in self.standard)
+
+    def unit_of(self, name: str) -> str:
+        """Unit of a standard parameter."""
+        quantity, _, joint = name.partition("@")
+        return self.said(joint, "kg m^2") if quantity == "rotor" else UNITS.get(quantity, "kg m^2")
 
     @cached_property
     def _reduction(self) -> tuple[Index, Array]:
@@ -147,20 +176,19 @@ class Body:
         QR of the torque regressor over random motion, its columns taken in an order of preference, and only those that
         are no combination of others before.
         """
-        rng = np.random.default_rng(0)
-        q, v, a = rng.uniform(-np.pi, np.pi, (3, max(DRAWS, 3 * len(self.standard)), len(self.joints)))
+        q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(self.joints)))
         columns = self._torque(q, v, a).reshape(-1, len(self.standard))  # (draws n, S)
         size = np.linalg.norm(columns, axis=0)
         chosen: list[int] = []
-        basis = np.empty((len(columns), 0))
+        basis = np.empty(columns.shape, order="F")  # of those that are chosen, one after the other
         kinds = [name.split("@")[0] for name in self.standard]
         for k in sorted(range(len(size)), key=lambda k: LATE.index(kinds[k]) if kinds[k] in LATE else -1):
-            rest = columns[:, k]
+            rest, before = columns[:, k], basis[:, : len(chosen)]
             for _ in range(2):  # twice is enough
-                rest = rest - basis @ (basis.T @ rest)
+                rest = rest - before @ (before.T @ rest)
             if np.linalg.norm(rest) > INDEPENDENT * max(size[k], size.max() * 1e-6):
+                basis[:, len(chosen)] = rest / np.linalg.norm(rest)
                 chosen.append(k)
-                basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
         lead = np.sort(np.array(chosen, dtype=np.intp))
         combine = np.asarray(np.linalg.lstsq(columns[:, lead], columns, rcond=None)[0], dtype=np.float64)
         combine[np.abs(combine) < INDEPENDENT] = 0.0
@@ -169,11 +197,11 @@ class Body:
     @property
     def chain(self) -> Chain | None:
         """The links in space, unless the arm branches."""
-        model, data, pin = self._model, self._model.createData(), pinocchio()
+        model, data, pin = self.robot.model, self.robot.model.createData(), pinocchio()
         count = len(self.joints)
-        if list(model.parents)[1:] != list(range(count)):
+        if list(model.parents)[1:] != list(range(count)):  # nor do any follow others
             return None
-        jacobians = np.asarray(pin.computeJointJacobians(model, data, self._configuration(np.zeros((1, count)))[0]))
+        jacobians = np.asarray(pin.computeJointJacobians(model, data, np.zeros(count)))
         places, links = list(data.oMi)[1:], list(model.inertias)[1:]
         bodies = [place.act(link) for place, link in zip(places, links, strict=True)]
         return Chain(
@@ -211,162 +239,97 @@ class Body:
 
     def stored(self, q: Array, v: Array) -> Array:
         """Regressor of the energy K + U, up to a constant (N, P)."""
-        model, data, pin = self._model, self._data, pinocchio()
+        model, data, pin = self.robot.model, self._data, pinocchio()
 
         def energies(q: Array, v: Array, a: Array) -> Array:
             return pin.computeKineticEnergyRegressor(model, data, q, v) + pin.computePotentialEnergyRegressor(
                 model, data, q
             )
 
-        links = self._each(energies, q, v, v)
+        links = self._each(energies, *self._all(q, v, v))
         return (np.hstack([links, 0.5 * v**2]) if self.rotors else links)[:, self._independent]
 
     @cached_property
     def _data(self) -> Any:
-        return self._model.createData()
+        return self.robot.model.createData()
 
     @cached_property
     def _weightless(self) -> Any:
-        model = self._model.copy()
+        model = self.robot.model.copy()
         model.gravity.linear = np.zeros(3)
         return model
 
     def _torque(self, q: Array, v: Array, a: Array) -> Array:
-        return self._with_rotors(self._regress(self._model, q, v, a), a)
+        return self._with_rotors(self._regress(self.robot.model, q, v, a), a)
 
     def _momentum(self, q: Array, v: Array) -> Array:
         return self._with_rotors(self._regress(self._weightless, q, np.zeros_like(v), v), v)
 
     def _regress(self, model: Any, q: Array, v: Array, a: Array) -> Array:
         data, regressor = self._data, pinocchio().computeJointTorqueRegressor
-        return self._each(lambda q, v, a: regressor(model, data, q, v, a), q, v, a)
+        links = self._each(lambda q, v, a: regressor(model, data, q, v, a), *self._all(q, v, a))
+        return (
+            links if len(self.robot.links) == len(self.joints) else np.einsum("kn,Nkp->Nnp", self.robot.ratios, links)
+        )
+
+    def _all(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """Motion of all links' joints, (N, links) each."""
+        ratios = self.robot.ratios.T
+        return q @ ratios + self.robot.offsets, v @ ratios, a @ ratios
 
     def _each(self, law: Callable[[Array, Array, Array], Array], q: Array, v: Array, a: Array) -> Array:
         """A law of Pinocchio's, which knows one sample at a time, over N samples."""
-        where = self._configuration(q)
-        return np.array([law(*sample) for sample in zip(where, v, a, strict=True)])
+        return np.array([law(*sample) for sample in zip(q, v, a, strict=True)])
 
     def _with_rotors(self, links: Array, motion: Array) -> Array:
-        """Links' columns (N, n, 10 n) with those of rotors, each on its own joint alone, behind them."""
+        """Links' columns (N, n, 10 links) with those of rotors, each on its own joint alone, behind them."""
         return np.concatenate([links, motion[:, :, None] * np.eye(len(self.joints))], axis=2) if self.rotors else links
-
-    def _configuration(self, q: Array) -> Array:
-        """Pinocchio's coordinates (N, nq): joints without limits are a cosine and a sine there."""
-        parts = [
-            np.column_stack([np.cos(angle), np.sin(angle)]) if size == 2 else angle[:, None]
-            for angle, size in zip(q.T, list(self._model.nqs)[1:], strict=True)
-        ]
-        return np.hstack(parts)
 
     @property
     def position_limits(self) -> tuple[Array, Array]:
-        """Least and largest position of each joint (n,) [rad], infinite where the file has none."""
-        bounds = []
-        for values, none in ((self._model.lowerPositionLimit, -np.inf), (self._model.upperPositionLimit, np.inf)):
-            places = [(int(at), int(size)) for at, size in zip(self._model.idx_qs, self._model.nqs, strict=True)][1:]
-            bounds.append(np.array([none if size == 2 else values[at] for at, size in places]))
-        endless = bounds[0] >= bounds[1]  # MJCF without a range
-        return np.where(endless, -np.inf, bounds[0]), np.where(endless, np.inf, bounds[1])
+        """Least and largest position of each joint (n,) [rad] or [m], infinite where the file has none."""
+        low, high = (
+            np.array(x)[self._own] for x in (self.robot.model.lowerPositionLimit, self.robot.model.upperPositionLimit)
+        )
+        endless = low >= high  # MJCF without a range
+        return np.where(endless, -np.inf, low), np.where(endless, np.inf, high)
 
     @property
     def torque_limits(self) -> Array:
-        """Largest torque of each joint (n,) [N m], infinite where the file has none."""
-        limits = np.abs(np.asarray(self._model.upperEffortLimit, dtype=float))
+        """Largest torque of each joint (n,) [N m] or [N], infinite where the file has none."""
+        limits = np.abs(np.asarray(self.robot.model.upperEffortLimit, dtype=float))[self._own]
         return np.where((limits > 0) & (limits < 1e6), limits, np.inf)
 
     @property
     def velocity_limits(self) -> Array:
-        """Largest speed of each joint (n,) [rad/s], infinite where the file has none."""
-        limits = np.asarray(self._model.upperVelocityLimit, dtype=float)
+        """Largest speed of each joint (n,) [rad/s] or [m/s], infinite where the file has none."""
+        limits = np.asarray(self.robot.model.upperVelocityLimit, dtype=float)[self._own]
         return np.where((limits > 0) & (limits < 1e6), limits, np.inf)
 
 
-def read_body(path: str | Path, *, rotors: bool | None = None) -> Body:
+def read_body(
+    path: str | Path,
+    *,
+    joints: Sequence[str] | None = None,
+    held: Mapping[str, float] | None = None,
+    bolted: bool = False,
+    rotors: bool | None = None,
+) -> Body:
     """Read the links of an arm from URDF (`.urdf`) or MJCF (`.xml`, `.mjcf`).
+
+    A joint that mimics another follows it, or is held with it.
 
     Args:
         path: of the file.
+        joints: that move, by default all that are no base and mimic none; the others are held.
+        held: where they are [rad] or [m]; at zero unless told.
+        bolted: whether a base that floats is held as well.
         rotors: whether joints have a rotor's inertia (MuJoCo's armature) beside their links'; by default, if the file
             gives any.
 
     Raises:
         BodyError: if the file cannot be read, or the robot is none of links in a tree on a fixed base, joined by
-            revolute joints and each with an inertia; or without the extra `arms`.
+            joints that turn or slide and each with an inertia, if it has no such joint; or without the extra `arms`.
     """
-    path = Path(path)
-    pin = pinocchio()
-    try:
-        tree = ElementTree.parse(path).getroot()
-    except OSError as error:
-        raise BodyError(f"{path}: {error.strerror}") from None
-    except ElementTree.ParseError as error:
-        raise BodyError(f"{path}: is no XML ({error}): a robot is read from URDF or MJCF") from None
-    if tree.tag not in ("robot", "mujoco"):
-        raise BodyError(f"{path}: holds <{tree.tag}>, neither <robot> (URDF) nor <mujoco> (MJCF)")
-    _refuse_loops(path, tree)
-    build = pin.buildModelFromUrdf if tree.tag == "robot" else pin.buildModelFromMJCF
-    try:
-        model = build(str(path))
-    except Exception as error:  # Pinocchio raises what its parsers raise
-        raise BodyError(f"{path}: Pinocchio cannot read it: {' '.join(str(error).split())[:200]}") from None
-    _refuse_others(path, model)
-    joints = tuple(list(model.names)[1:])
-    return Body(tree.get("name") or tree.get("model") or path.stem, joints, _rotors(model, rotors), model)
-
-
-def _rotors(model: Any, asked: bool | None) -> bool:
-    return bool(np.any(np.asarray(model.armature) > 0)) if asked is None else asked
-
-
-def pinocchio() -> ModuleType:
-    """Pinocchio, imported where it is needed.
-
-    Raises:
-        BodyError: if it is not installed.
-    """
-    try:
-        import pinocchio
-    except ImportError:
-        raise BodyError("arms need Pinocchio: pip install 'pendulum-ident[arms]'") from None
-    return pinocchio
-
-
-def _refuse_loops(path: Path, tree: ElementTree.Element) -> None:
-    """Refuse links that hang on two joints, and joints that follow others."""
-    children = [child.get("link") for child in tree.iterfind("joint/child")]
-    for link in dict.fromkeys(children):
-        if children.count(link) > 1:
-            raise BodyError(f"{path}: link '{link}' hangs on two joints: closed loops cannot be identified, cut one")
-    for joint in tree.iterfind("joint"):
-        if joint.find("mimic") is not None:
-            raise BodyError(f"{path}: joint '{joint.get('name')}' mimics another: give it a motor of its own or fix it")
-    if any(link.get("name") is None for link in tree.iterfind("worldbody//body")):
-        raise BodyError(f"{path}: a <body> has no name, by which Pinocchio tells them apart: give each one")
-    for tie in tree.iterfind("equality/*"):
-        raise BodyError(f"{path}: <{tie.tag}> of <equality> closes a loop, which cannot be identified: leave it out")
-
-
-def _refuse_others(path: Path, model: Any) -> None:
-    """Refuse what is no arm of revolute joints, or whose links have no inertia."""
-    if model.njoints < 2:
-        raise BodyError(f"{path}: has no joint that moves")
-    for name, joint, inertia in list(zip(model.names, model.joints, model.inertias, strict=True))[1:]:
-        kind = joint.shortname().removeprefix("JointModel")
-        if "," in name or name.startswith("-"):
-            raise BodyError(
-                f"{path}: joint '{name}': rename it, as a comma or a first minus names a coupling of joints"
-            )
-        if not kind.startswith("R"):
-            raise BodyError(f"{path}: joint '{name}' is {kind}: only revolute joints, one a link, can be identified")
-        if not inertia.mass > LIGHTEST:
-            raise BodyError(f"{path}: the link behind joint '{name}' has no inertia: give it mass and <inertial>")
-        least = np.linalg.eigvalsh(inertia.toPseudoInertia().toMatrix()).min()
-        if least < -1e-9 * inertia.mass:
-            raise BodyError(
-                f"{path}: the link behind joint '{name}' has an inertia that no body has (its pseudo-inertia is not "
-                "positive): mend its mass, centre or inertia"
-            )
-
-
-def _unit(name: str) -> str:
-    return UNITS.get(name.split("@")[0], "kg m^2")
+    robot = read_robot(path, joints, held or {}, bolted)
+    return Body(robot, bool(np.any(np.asarray(robot.model.armature) > 0)) if rotors is None else rotors)

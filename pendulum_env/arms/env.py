@@ -9,10 +9,10 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.planar import TWO_LINK, Link, PlanarBodies, joint_models, joint_names, urdf
 from pendulum_env.backends.sensing import COUNTS, Sensor
-from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, warn_learner
+from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond, warn_learner
 from pendulum_env.lookup import find
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.words import listing
@@ -31,8 +31,8 @@ class PlanarArm(gym.Env[Observation, Action]):
     joints, shape (3 n,).
 
     `info` carries the measurement, as of the pendulum but with arrays (n,): `time` [s], `position` [rad] unwrapped,
-    `velocity` [rad/s], `torque` [N m] as applied over the period that ends at `time`, and `follows`. The reward
-    is always 0, and no episode ends by itself: to train an agent, wrap the arm in a reward of your own and give
+    `velocity` [rad/s], `torque` [N m] as applied over the period that ends at `time`, `clipped` and `follows`. The
+    reward is always 0, and no episode ends by itself: to train an agent, wrap the arm in a reward of your own and give
     `gymnasium.make` a `max_episode_steps`.
 
     Attributes:
@@ -117,7 +117,8 @@ class PlanarArm(gym.Env[Observation, Action]):
         self._bodies.start(position, velocity)
         self._count, self._running = 0, True
         self._before = self.sensor.position(position - velocity / self.rate)
-        observation, info = self._show(np.zeros(len(self.links)))
+        none = np.zeros(len(self.links))
+        observation, info = self._show(none, none > 0)
         if self.render_mode == "human":
             self.render()
         return observation, info
@@ -130,11 +131,13 @@ class PlanarArm(gym.Env[Observation, Action]):
         """
         if not self._running:
             raise gym.error.ResetNeeded("the arm has not been started: call reset before step")
-        torque = np.clip(self._numbers("action", action), -self.max_torque, self.max_torque)
+        asked = self._numbers("action", action)
+        torque = np.clip(asked, -self.max_torque, self.max_torque)
         self._bodies.advance(torque)
         self._count += 1
         warn_learner(self, self._count)
-        observation, info = self._show(self.sensor.torque(torque, self.np_random))
+        measured = self.sensor.torque(torque, self.np_random)
+        observation, info = self._show(measured, is_beyond(asked, self.max_torque))
         if self.render_mode == "human":
             self.render()
         return observation, 0.0, False, False, info
@@ -145,7 +148,7 @@ class PlanarArm(gym.Env[Observation, Action]):
             raise ValueError(f"{name} of an arm with {len(self.links)} joints needs as many numbers, got {values}")
         return array
 
-    def _show(self, torque: Any) -> tuple[Observation, dict[str, Any]]:
+    def _show(self, torque: Any, clipped: Mask) -> tuple[Observation, dict[str, Any]]:
         position = self.sensor.position(self._bodies.position)
         velocity = self.sensor.velocity(self._bodies.velocity)
         if velocity is None:
@@ -158,6 +161,7 @@ class PlanarArm(gym.Env[Observation, Action]):
             "position": position,
             "velocity": velocity,
             "torque": torque,
+            "clipped": clipped,
             "follows": True,
         }
         return observation, self._last

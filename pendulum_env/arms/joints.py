@@ -6,7 +6,7 @@ at a joint is the pendulum's term under another name, `stribeck@elbow`; it meets
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -18,6 +18,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Column, Term, effects
 from pendulum_env.physics.base import Coulomb, Viscous
 from pendulum_env.physics.term import loads, one
+from pendulum_env.words import along
 
 if TYPE_CHECKING:
     from pendulum_env.arms.body import Body
@@ -27,36 +28,46 @@ FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # of a joint, where nothing
 DRAWS, OF_NO_LINK = 60, 1e-6  # of random motion, and share of an inertia that no link's explains
 OF_THE_ARM = ("load_dependent_friction.output",)  # columns that an effect has where its joint alone makes them
 NOT_DECENTRALISED = ("backlash", "joint_flexibility", "encoder_eccentricity", "gravity_tilt", "payload_change")
+OF_A_TURN = ("cogging", "torque_ripple", "position_dependent_friction")  # what comes again with each
 
 
-_known: dict[tuple[type[Term], str], type[Term]] = {}  # so that the same effect at the same joint is the same class
+def can_sit(id: str, slides: bool = False) -> bool:
+    """Whether an effect makes sense at a joint of an arm, one that turns or one that slides."""
+    return id not in NOT_DECENTRALISED and not (slides and (id in OF_A_TURN or id == Coupling.id))
 
 
-def at_joint(effect: type[Term], joint: str) -> type[Term]:
+# so that the same effect at the same joint is the same class
+_known: dict[tuple[type[Term], str, bool], type[Term]] = {}
+
+
+def at_joint(effect: type[Term], joint: str, slides: bool = False) -> type[Term]:
     """An effect as it is at one of several joints: the same law, with `@joint` behind its id and its parameters.
+
+    Where the joint slides, the units are those of m and N.
 
     Raises:
         ValueError: if it is at a joint already.
     """
     if effect.at:
         raise Mistake(f"{effect.id} is at a joint already: place {effect.id.partition('@')[0]} at '{joint}' instead")
-    if (effect, joint) not in _known:
-        _known[effect, joint] = _at_joint(effect, joint)
-    return _known[effect, joint]
+    if (effect, joint, slides) not in _known:
+        _known[effect, joint, slides] = _at_joint(effect, joint, along if slides else str)
+    return _known[effect, joint, slides]
 
 
-def _at_joint(effect: type[Term], joint: str) -> type[Term]:
+def _at_joint(effect: type[Term], joint: str, said: Callable[[str], str]) -> type[Term]:
     def named(columns: Sequence[Column]) -> tuple[Column, ...]:
         own = (column for column in columns if column.name not in OF_THE_ARM)
-        return tuple(replace(column, name=f"{column.name}@{joint}") for column in own)
+        return tuple(replace(column, name=f"{column.name}@{joint}", unit=said(column.unit)) for column in own)
 
     content: dict[str, Any] = {
         "__module__": effect.__module__,
         "__doc__": effect.__doc__,
-        "__reduce__": lambda term: (placed, (effect(**term.shape), joint)),
+        "__reduce__": lambda term: (placed, (effect(**term.shape), joint, said is along)),
         "id": f"{effect.id}@{joint}",
         "at": joint,
-        "shapes": tuple(shape for shape in effect.shapes if not shape.follows),
+        "shapes": tuple(replace(shape, unit=said(shape.unit)) for shape in effect.shapes if not shape.follows),
+        "beyond": lambda term, low, high: said(effect.beyond(term, low, high)),
         "columns": property(lambda term: named(cast(Any, effect).columns.fget(term))),
         "fixed": property(lambda term: named(cast(Any, effect).fixed.fget(term))),
     }
@@ -84,13 +95,17 @@ class Coupling(Term):
             Column(f"coupling.viscous@{self.at}", "N m s/rad", force=lambda x: x.velocity, least=0.0),
             Column(f"coupling.coulomb@{self.at}", "N m", dry=one, least=0.0),
         )
-        return (Column(f"coupling.inertia@{self.at}", "kg m^2", mass=one), *friction) if self.is_heavy else friction
+        return (
+            (Column(f"coupling.inertia@{self.at}", "kg m^2", mass=one, least=0.0), *friction)
+            if self.is_heavy
+            else friction
+        )
 
 
 def coupled(at: str, is_heavy: bool = True) -> type[Coupling]:
     """The coupling of two joints, `elbow,wrist` or `elbow,-wrist`, with or without an inertia of its motor."""
-    key = at if is_heavy else f"{at} without inertia"
-    if (Coupling, key) not in _known:
+    key = (Coupling, at, is_heavy)
+    if key not in _known:
         content = {
             "__module__": Coupling.__module__,
             "__doc__": Coupling.__doc__,
@@ -99,8 +114,8 @@ def coupled(at: str, is_heavy: bool = True) -> type[Coupling]:
             "at": at,
             "is_heavy": is_heavy,
         }
-        _known[Coupling, key] = type(f"Coupling@{at}", (Coupling,), content)
-    return cast(type[Coupling], _known[Coupling, key])
+        _known[key] = type(f"Coupling@{at}", (Coupling,), content)
+    return cast(type[Coupling], _known[key])
 
 
 def _coupling(at: str, is_heavy: bool) -> Coupling:
@@ -109,8 +124,9 @@ def _coupling(at: str, is_heavy: bool) -> Coupling:
 
 def couplings(body: Body) -> tuple[type[Coupling], ...]:
     """Couplings of joints that follow each other, each way."""
-    pairs = [(first, f"{sign}{second}") for first, second in pairwise(body.joints) for sign in ("", "-")]
-    return tuple(coupling(f"{first},{second}", body) for first, second in pairs)
+    turning = [can_sit(Coupling.id, slides) for slides in body.slides]
+    pairs = [pair for pair, both in zip(pairwise(body.joints), pairwise(turning), strict=True) if all(both)]
+    return tuple(coupling(f"{first},{sign}{second}", body) for first, second in pairs for sign in ("", "-"))
 
 
 def coupling(at: str, body: Body) -> type[Coupling]:
@@ -122,9 +138,9 @@ def coupling(at: str, body: Body) -> type[Coupling]:
     return coupled(at, bool(np.linalg.norm(left) > OF_NO_LINK * np.linalg.norm(felt)))
 
 
-def placed(term: Term, joint: str) -> Term:
+def placed(term: Term, joint: str, slides: bool = False) -> Term:
     """A term as it is at a joint."""
-    return at_joint(type(term), joint)(**term.shape)
+    return at_joint(type(term), joint, slides)(**term.shape)
 
 
 def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
@@ -140,14 +156,21 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
             )
 
 
-def friction(joints: Sequence[str]) -> tuple[Term, ...]:
+def friction(body: Body) -> tuple[Term, ...]:
     """Viscous and Coulomb friction at each joint."""
-    return tuple(placed(term, joint) for joint in joints for term in FRICTION)
+    joints = zip(body.joints, body.slides, strict=True)
+    return tuple(placed(term, joint, slides) for joint, slides in joints for term in FRICTION)
 
 
 def joint_effects() -> dict[str, type[Term]]:
     """Effects of the library that can sit at a joint of an arm, by id."""
-    return {id: effect for id, effect in effects().items() if id not in NOT_DECENTRALISED}
+    return {id: effect for id, effect in effects().items() if can_sit(id)}
+
+
+def at_joints(kinds: Iterable[type[Term]], body: Body) -> list[type[Term]]:
+    """Effects at each joint of an arm where they make sense."""
+    joints = zip(body.joints, body.slides, strict=True)
+    return [at_joint(kind, joint, slides) for joint, slides in joints for kind in kinds if can_sit(kind.id, slides)]
 
 
 def kind_at(text: str, body: Body) -> type[Term]:
@@ -157,8 +180,12 @@ def kind_at(text: str, body: Body) -> type[Term]:
         ValueError: if there is no such effect or joint; the message names the nearest.
     """
     joints, (id, _, at) = body.joints, text.partition("@")
+    for joint, slides in zip(joints, body.slides, strict=True):
+        if joint in loads(at) and not can_sit(id, slides) and can_sit(id):
+            raise Mistake(f"{id} is of joints that turn: it cannot be at '{joint}', which slides")
     if id != Coupling.id:
-        return at_joint(*effect_at(text, joints))
+        kind, joint = effect_at(text, joints)
+        return at_joint(kind, joint, body.slides[joints.index(joint)])
     pair = [find("joint", joint, {name: name for name in joints}) for joint in loads(at)]
     if len(pair) != 2 or at.startswith("-"):
         raise Mistake(f"'{text}' should name two joints, such as {id}@{joints[0]},{joints[-1]}, with - for the second")

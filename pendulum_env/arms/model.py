@@ -62,6 +62,12 @@ class ArmModel:
         """Linear parameters (P,), base parameters first."""
         return np.array([self.estimates[name].value for name in parameter_names(self.body, self.terms)])
 
+    def of(self, id: str) -> dict[str, Estimate]:
+        """Parameters of one of the terms, by name."""
+        (term,) = (own for own in self.terms if own.id == id)
+        names = Model.build([term], np.zeros(len(term.columns))).estimates
+        return {name: self.estimates[name] for name in names}
+
     def biased(self) -> ArmModel:
         """The same model, known to lack something that no term explains."""
         return replace(self, estimates={name: replace(e, is_biased=True) for name, e in self.estimates.items()})
@@ -72,6 +78,7 @@ class ArmModel:
             "schema": ARM_SCHEMA,
             "robot": self.body.name,
             "joints": list(self.body.joints),
+            "held": dict(self.body.held),
             "rotors": self.body.rotors,
             "base": {parameter.name: parameter.text for parameter in self.body.base},
             "terms": [{"id": own.id.partition("@")[0], "joint": own.at, "shape": own.shape} for own in self.terms],
@@ -102,7 +109,7 @@ class ArmModel:
             theta = data["theta"]
             told = theta.content if isinstance(theta.content, dict) else {}
             terms = tuple(
-                _term(item, body.joints, f"coupling.inertia@{item['joint'].text()}" in told)
+                _term(item, body, f"coupling.inertia@{item['joint'].text()}" in told)
                 for item in data["terms"].items(1000)
             )
             names = parameter_names(body, terms)
@@ -117,14 +124,26 @@ class ArmModel:
         return model.biased() if biased else model
 
 
-def has_rotors(path: str | Path) -> bool | None:
-    """Whether joints of the arm in a model file have a rotor's inertia; None if that does not tell, as of no model."""
-    try:
-        told = Value("the model", "", read_json(path, HINT)).content
-    except Unreadable:
-        return None  # who loads it says why
-    found = told.get("rotors") if isinstance(told, dict) else None
-    return found if isinstance(found, bool) else None
+@dataclass(frozen=True)
+class Asked:
+    """How `read_body` is to take the robot of a model: which joints move, where others are held, and rotors."""
+
+    joints: tuple[str, ...] | None = None
+    held: Mapping[str, float] = field(default_factory=dict)
+    rotors: bool | None = None
+
+    @classmethod
+    def of_model(cls, path: str | Path) -> Asked:
+        """As the file of a model tells; nothing if it is none."""
+        try:
+            data = Value("the model", "", read_json(path, HINT))
+            still, rotors = (data.get(name) for name in ("held", "rotors"))
+            told = still.content if still is not None and isinstance(still.content, dict) else {}
+            held = {name: Value("the model", f"held.{name}", position).number() for name, position in told.items()}
+            joints = tuple(joint.text() for joint in data["joints"].items(1000)) if held else None
+        except Unreadable:
+            return cls()  # who loads it says why
+        return cls(joints, held, rotors.content if rotors is not None and isinstance(rotors.content, bool) else None)
 
 
 def parameter_names(body: Body, terms: Sequence[Term]) -> tuple[str, ...]:
@@ -132,13 +151,13 @@ def parameter_names(body: Body, terms: Sequence[Term]) -> tuple[str, ...]:
     return (*body.names, *(column.name for own in terms for column in own.columns))
 
 
-def _term(item: Value, joints: Sequence[str], is_heavy: bool) -> Term:
+def _term(item: Value, body: Body, is_heavy: bool) -> Term:
     joint, shape = item["joint"].text(), item["shape"]
     for place in loads(joint):
-        if place not in joints:
-            raise ModelError(f"has a term at joint '{place}', the robot has {', '.join(joints)}")
+        if place not in body.joints:
+            raise ModelError(f"has a term at joint '{place}', the robot has {', '.join(body.joints)}")
     if item["id"].text() == Coupling.id:
         return coupled(joint, is_heavy)()
     kind = library.term(item["id"].text())
     values = {known.name: shape[known.name].number(known.low, known.high) for known in kind.shapes}
-    return at_joint(kind, joint)(**values)
+    return at_joint(kind, joint, body.slides[body.joints.index(joint)])(**values)

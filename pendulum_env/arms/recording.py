@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.lookup import find
+from pendulum_env.reading import LARGEST
 from pendulum_env.recording import Recording, RecordingError, read_recording
-from pendulum_env.recording.columns import UNUSED
-from pendulum_env.recording.preview import preview
+from pendulum_env.recording.columns import UNUSED, named_column
+from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE, ColumnError
 from pendulum_env.recording.storage import segment_numbers, write_columns
 from pendulum_env.recording.study import Source
-from pendulum_env.recording.table import LARGEST
 
 QUANTITIES = ("position", "torque")
 
@@ -26,6 +26,14 @@ QUANTITIES = ("position", "torque")
 class ArmRecording:
     """N samples of n joints; a joint alone is a `Recording`, with the same meaning of a held torque.
 
+    Joints that slide have positions in m and forces in N where others have rad and N m.
+
+    Attributes:
+        name: of the recording.
+        names: of the joints that move.
+        joints: what was recorded of them.
+        still: positions (M,) of joints that do not move, of those that have a column, as rows of the file have them.
+
     Raises:
         RecordingError: if the joints' time differs.
     """
@@ -33,6 +41,7 @@ class ArmRecording:
     name: str
     names: tuple[str, ...]
     joints: tuple[Recording, ...]
+    still: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         first = self.joints[0]
@@ -106,6 +115,7 @@ def read_arm_recording(
     path: str | os.PathLike[str],
     joints: Sequence[str],
     *,
+    held: Collection[str] = (),
     unwrap: bool = False,
     columns: Mapping[str, str] | None = None,
     largest: float = LARGEST,
@@ -117,6 +127,7 @@ def read_arm_recording(
     Args:
         path: in any format that `read_recording` reads.
         joints: names, in the robot's order.
+        held: names of joints that do not move; columns of their positions tell where they are.
         unwrap: undo jumps of 2 pi in positions.
         columns: columns by `time`, `position_<joint>` or `torque_<joint>` where their names do not tell, with unit and
             gain as for one joint: `{"torque_elbow": "i_2:A*0.4"}`.
@@ -125,7 +136,8 @@ def read_arm_recording(
     Raises:
         RecordingError: as `read_recording`, and if columns of joints are missing, or are of other joints.
     """
-    told = _told(path, [header.strip() for header in preview(path).headers], joints, dict(columns or {}))
+    look = preview(path, largest)
+    told = _told(path, look.headers, joints, held, dict(columns or {}))
     single = []
     for joint in joints:
         own = {quantity: told[f"{quantity}_{joint}"] for quantity in QUANTITIES}
@@ -134,7 +146,7 @@ def read_arm_recording(
         try:
             single.append(read_recording(path, unwrap=unwrap, columns=own | unused, largest=largest))
         except RecordingError as error:
-            text = str(error).removeprefix(f"{path}: ")
+            text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
             raise RecordingError(f"{path}: joint '{joint}': {text}") from None
         if single[-1].torque_unit != NEWTON_METRE:
             raise RecordingError(
@@ -142,10 +154,30 @@ def read_arm_recording(
                 f"an arm: give it, --columns torque_{joint}=NAME:{single[-1].torque_unit}*0.4, for one"
             )
     name = single[0].name
-    return ArmRecording(name, tuple(joints), tuple(replace(own, name=name) for own in single))
+    columns_of = {joint: told.get(f"position_{joint}", UNUSED) for joint in held}
+    still = {joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED}
+    return ArmRecording(name, tuple(joints), tuple(replace(own, name=name) for own in single), still)
 
 
-def read_arm_source(source: Source, joints: Sequence[str]) -> ArmRecording:
+def _still(path: str | os.PathLike[str], look: Preview, text: str) -> Array:
+    """Positions (M,) of a joint that is held, as a column has them."""
+    try:
+        column = named_column("position", text, look.headers)
+    except ColumnError as error:
+        raise ColumnError(f"{path}: {error}") from None
+    values = look.values[column.index]
+    if values is None or not np.isfinite(values).any():
+        raise ColumnError(f"{path}: column {column.header!r} has no numbers: say --columns position_JOINT={UNUSED}")
+    return np.asarray(column.scale * values[np.isfinite(values)] + column.offset)
+
+
+def _of_joint(joint: str, text: str) -> str:
+    """What is said of columns of one joint, ready to paste."""
+    text = re.sub(",(velocity|reference)=unused", "", text)
+    return re.sub("(?<=[ ',])(position|torque)=", lambda found: f"{found[1]}_{joint}=", text)
+
+
+def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str] = ()) -> ArmRecording:
     """Read a recording of an arm as a study asks for.
 
     Raises:
@@ -155,22 +187,26 @@ def read_arm_source(source: Source, joints: Sequence[str]) -> ArmRecording:
     if source.load is not None:
         raise RecordingError(f"{source.file}: a load is of one joint: leave it out, an arm's last link carries it")
     recording = read_arm_recording(
-        source.file, joints, unwrap=source.unwrap, columns=source.columns, largest=source.largest
+        source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns, largest=source.largest
     )
     return source.within_range(recording)
 
 
 def _told(
-    path: str | os.PathLike[str], headers: Sequence[str], joints: Sequence[str], given: dict[str, str]
+    path: str | os.PathLike[str],
+    headers: Sequence[str],
+    joints: Sequence[str],
+    held: Collection[str],
+    given: dict[str, str],
 ) -> dict[str, str]:
     """The column of `position_<joint>` and `torque_<joint>` of every joint, as the user or its name tells."""
-    wanted = [f"{quantity}_{joint}" for quantity in QUANTITIES for joint in joints]
+    wanted = [f"{quantity}_{joint}" for quantity in QUANTITIES for joint in (*joints, *held)]
     for name in given:
         try:
             find("column of the arm", name, dict.fromkeys(["time", *wanted]))
         except ValueError as error:
             raise ColumnError(f"{path}: {error}") from None
-    plain = {re.sub(r"\s*[\[(].*", "", header): header for header in headers}  # without units
+    plain = {re.split(r"[\[(]", header)[0].strip(): header for header in headers}  # without units
     found = {name: plain[name] for name in wanted if name in plain} | given
     for quantity in QUANTITIES:
         numbered = sorted(
@@ -183,12 +219,13 @@ def _told(
         elif missing:
             raise RecordingError(
                 f"{path}: {len(joints)} joints need as many columns of {quantity}, there is none for "
-                f"{', '.join(missing)}: name them {quantity}_{missing[0]} and so on, or say which with --columns"
+                f"{', '.join(missing)}: name them {quantity}_{missing[0]} and so on, say which with --columns, or hold "
+                "joints by naming those that move, --joints A,B,C (joints=)"
             )
         for header in plain:
             if header.startswith(f"{quantity}_") and header not in wanted and plain[header] not in found.values():
                 raise RecordingError(
-                    f"{path}: column '{header}' is of no joint of the robot, which has {', '.join(joints)}"
+                    f"{path}: column '{header}' is of no joint of the robot, which has {', '.join((*joints, *held))}"
                 )
     return found
 

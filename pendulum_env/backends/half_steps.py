@@ -7,7 +7,7 @@ where the laws are formulas, and otherwise run by NumPy.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,20 +36,7 @@ class Push(NamedTuple):
     middle: float
 
 
-class HalfSteps(Protocol):
-    """The two halves of a step, with the state variables of the terms."""
-
-    def place(self, x: Samples) -> None:
-        """Begin there."""
-
-    def push(self, time: float, position: float, velocity: float, torque: float, h: float) -> Push:
-        """What to push with for h [s]; the state variables go on to the middle of the step."""
-
-    def complete(self, time: float, position: float, velocity: float, torque: float, h: float) -> None:
-        """The state variables go on from the middle of a step of h [s], as given, at a mean velocity."""
-
-
-def half_steps(balance: Balance, longest: float) -> HalfSteps:
+def half_steps(balance: Balance, longest: float) -> Compiled | Interpreted:
     """The half steps of a balance, none of which is longer than that [s]."""
     try:
         return Compiled(balance, longest)
@@ -58,7 +45,7 @@ def half_steps(balance: Balance, longest: float) -> HalfSteps:
 
 
 class Interpreted:
-    """Half steps by NumPy."""
+    """The two halves of a step by NumPy, with the state variables of the terms; they share their arguments."""
 
     def __init__(self, balance: Balance) -> None:
         """Take the torques."""
@@ -68,25 +55,24 @@ class Interpreted:
         """Begin there."""
         self._memory = x.memory
 
-    def push(self, *state: float) -> Push:
-        """See `HalfSteps`."""
-        x, h = self._samples(state)
-        push, middle = _until_push(self._balance, x, h)
+    def push(self, time: float, position: float, velocity: float, torque: float, h: float) -> Push:
+        """What to push with for h [s]; the state variables go on to the middle of the step."""
+        push, middle = _until_push(self._balance, self._samples(time, position, velocity, torque), h)
         self._memory = middle.memory
         return Push(*map(float, push))
 
-    def complete(self, *state: float) -> None:
-        """See `HalfSteps`."""
-        x, h = self._samples(state)
+    def complete(self, time: float, position: float, velocity: float, torque: float, h: float) -> None:
+        """The state variables go on from the middle of a step of h [s], as given, at a mean velocity."""
+        x = self._samples(time, position, velocity, torque)
         self._memory = self._balance.advance(x, x.velocity, 0.5 * h)
 
-    def _samples(self, state: tuple[float, ...]) -> tuple[Samples, float]:
-        x: Any = Samples(*map(np.float64, state[:4]))  # type: ignore[arg-type]
-        return replace(x, memory=self._memory), state[-1]
+    def _samples(self, *state: float) -> Samples:
+        x: Any = Samples(*map(np.float64, state))  # type: ignore[arg-type]
+        return replace(x, memory=self._memory)
 
 
 class Compiled:
-    """Half steps as programs."""
+    """The same as programs."""
 
     def __init__(self, balance: Balance, longest: float) -> None:
         """Take the torques, and the longest step [s].
@@ -104,13 +90,13 @@ class Compiled:
         self._until.given["memory"][:, 0] = _flat(x)
 
     def push(self, *state: float) -> Push:
-        """See `HalfSteps`."""
+        """See `Interpreted`."""
         self._until.given["state"][:, 0] = state
         self._until.step()
         return Push._make(self._until.now["push"][:, 0].tolist())
 
     def complete(self, *state: float) -> None:
-        """See `HalfSteps`."""
+        """See `Interpreted`."""
         self._after.given["state"][:, 0], self._after.given["memory"][:] = state, self._until.now["memory"]
         self._after.step()
         self._until.given["memory"][:] = self._after.now["memory"]

@@ -10,7 +10,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from pendulum_env.backends.hardware.pacing import Timing
 from pendulum_env.backends.sensing import Sensor
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
@@ -24,6 +23,13 @@ class Status(Enum):
     FAULT = "the drive has stopped: the sample's fault says why"
 
 
+class Timing(NamedTuple):
+    """How well a rig keeps its rate."""
+
+    jitter: float  # how late the sample was taken after its tick [s]
+    overruns: int  # ticks of this run that had passed already when their turn came
+
+
 class Sample(NamedTuple):
     """One measurement, at the end of the period over which the torque was held."""
 
@@ -33,7 +39,7 @@ class Sample(NamedTuple):
     torque: float  # applied over the period that ends now [N m]; 0 before the first
     status: Status = Status.RUNNING
     fault: str | None = None
-    timing: Timing | None = None  # of a rig, how well its loop keeps time
+    timing: Timing | None = None  # of a rig
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pendulum_env.backends.port import Sample, Setup, Start, Traits
 from pendulum_env.physics import Samples
-from pendulum_env.physics.simulation import Balance, CommandLine, substeps
+from pendulum_env.physics.simulation import Balance, CommandLine
 
 
 class Engine(Protocol):
@@ -21,6 +21,13 @@ class Engine(Protocol):
 
     def step(self, torque: float, h: float, /) -> tuple[float, float]:
         """Advance by h [s] under a torque [N m], from where the last step ended: angle [rad], velocity [rad/s]."""
+
+
+def begin(balance: Balance, position: float, velocity: float) -> Samples:
+    """Begin of a run, scalars, of a joint that has been so for long."""
+    state: list[Any] = [np.float64(value) for value in (0.0, position, velocity, 0.0)]
+    x = Samples(*state)
+    return replace(x, memory=balance.start(x))
 
 
 class Simulator:
@@ -40,9 +47,7 @@ class Simulator:
         """Put the body at the start."""
         self._rng = start.rng
         self._command = CommandLine(self.model.terms, self.period, self.substeps)
-        begin: list[Any] = [np.float64(value) for value in (0.0, start.position, start.velocity, 0.0)]
-        x = Samples(*begin)
-        self._engine.place(replace(x, memory=self._balance.start(x)))
+        self._engine.place(begin(self._balance, start.position, start.velocity))
         self._at = start.position, start.velocity
         self._count = 0  # of periods since
         return self._sample(0.0)._replace(torque=0.0)
@@ -54,13 +59,6 @@ class Simulator:
             self._at = self._engine.step(float(command), duration)
         self._count += 1
         return self._sample(torque)
-
-    def move(self, torque: float, duration: float) -> float:
-        """Advance by any duration [s] under a torque that acts at once; returns the true angle [rad]."""
-        steps = substeps(duration, self.period / self.substeps)
-        for _ in range(steps):
-            self._at = self._engine.step(torque, duration / steps)
-        return self._at[0]
 
     def disable(self) -> None:
         """A simulated joint needs no care."""

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -76,6 +77,8 @@ class Model:
         torque_constant: by which a current became the torque that the model was fitted to, if one did; the errors of
             the estimates include its own.
         correlation: of the errors of the estimates, rows and columns in their order; empty if nobody has told.
+        log_format: how the recordings that it was fitted to were read, in the words of a study, so that the next one
+            can be read alike: `columns`, `unwrap`, `load`, `drive`, as far as anything was said.
     """
 
     terms: tuple[Term, ...] = BASE
@@ -83,6 +86,7 @@ class Model:
     torque_unit: str = "N m"
     torque_constant: Estimate | None = None
     correlation: tuple[tuple[float, ...], ...] = ()
+    log_format: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def build(cls, terms: Sequence[Term], theta: ArrayLike, std: ArrayLike = 0.0, **shape_std: float) -> Model:
@@ -232,6 +236,8 @@ class Model:
             data["torque_unit"] = self.torque_unit
         if self.torque_constant is not None:
             data["torque_constant"] = self.torque_constant.json()
+        if self.log_format:
+            data["log_format"] = dict(self.log_format)
         if (covariance := self.covariance) is not None:
             data["covariance"] = {"parameters": list(self.estimates), "matrix": covariance.tolist()}
         return data
@@ -264,10 +270,12 @@ class Model:
             if name == "inertia" and told.value <= 0:
                 raise theta[name]["value"].fault("a number above zero")
             estimates[name] = told
-        unit, constant, covariance = (data.get(key) for key in ("torque_unit", "torque_constant", "covariance"))
+        keys = ("torque_unit", "torque_constant", "covariance", "log_format")
+        unit, constant, covariance, log_format = (data.get(key) for key in keys)
         model = replace(
             cls(terms, estimates).per("N m" if unit is None else _unit(unit)),
             torque_constant=None if constant is None else _estimate(constant, _unit(constant["unit"])),
+            log_format={} if log_format is None else log_format.table(),
         )
         return model if covariance is None else model.correlated(*_covariance(covariance, list(estimates)))
 

@@ -53,7 +53,10 @@ def _run(file: Path, path: str | Path) -> None:
         spec.loader.exec_module(module)
     except SyntaxError as error:
         raise PluginError(f"{path}, line {error.lineno}: {error.msg}") from None
-    except Exception as error:  # whatever a user's file does wrong is told in a sentence
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a user's file does wrong is told in a sentence, sys.exit as well
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
         where = f", line {lines[-1]}" if lines else ""
-        raise PluginError(f"{path}{where}: {type(error).__name__}: {error}") from None
+        told = "".join(traceback.format_exception_only(error)).strip()  # of any exception, even if it cannot say it
+        raise PluginError(f"{path}{where}: {told}") from None

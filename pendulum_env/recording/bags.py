@@ -5,9 +5,7 @@ message's header, or else when it was received. What comes in other messages tha
 these: torque as it was last, the others by interpolation.
 """
 
-import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,37 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
-from pendulum_env.reading import refuse_size, regular_size, room_for
 from pendulum_env.recording.arrays import WIDEST
 from pendulum_env.recording.columns import Column, find_columns
-from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.table import LARGEST, REMEDY, Find, Table, need
+from pendulum_env.recording.table import Find, Table, need
 
 TIME = "time"  # the name of the column that every message has
-ROOM = 250_000_000  # bytes of memory to read with, beside what is read
 JOINT = ("position", "velocity", "effort")  # fields of a joint state, one element a joint
 
 
-def read_bag(path: Path, find: Find = find_columns, largest: float = LARGEST) -> Table:
+def read_bag(path: Path, find: Find = find_columns) -> Table:
     """The numbers in need, from a bag, a folder that is one, or MCAP.
 
     Raises:
         RecordingError: if a number is missing, or if rosbags is not installed.
-        Unreadable: if a folder holds what is no file, or more than `largest` bytes.
     """
-    files = list(path.iterdir()) if path.is_dir() else [path]
-    refuse_size(sum(regular_size(file, largest, REMEDY) for file in files), largest, REMEDY)
-    for file in files:
-        _refuse_queries(file)
     need("rosbags")
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    # chunks and messages may be packed, of which rosbags unpacks all; what is kept has `largest` below
-    with (
-        room_for(ROOM + largest),
-        AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader,
-    ):
+    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
         samples: dict[str, dict[str, float]] = {}
         for connection in reader.connections:
             first = next(iter(reader.messages([connection])), None)
@@ -59,21 +45,11 @@ def read_bag(path: Path, find: Find = find_columns, largest: float = LARGEST) ->
             if column.index:
                 topic, field = owners[column.index - 1]
                 wanted.setdefault(topic, []).append(field)
-        series = {topic: _series(reader, topic, fields, largest) for topic, fields in wanted.items()}
+        series = {topic: _series(reader, topic, fields) for topic, fields in wanted.items()}
     return _merged(columns, owners, series)
 
 
-def _refuse_queries(path: Path) -> None:
-    """Refuse a database that computes what stands in it, maybe without end."""
-    uri = f"{path.absolute().as_uri()}?immutable=1"
-    with closing(sqlite3.connect(uri, uri=True)) as database, suppress(sqlite3.Error):  # of what is no database
-        if database.execute("SELECT 1 FROM sqlite_master WHERE type = 'view' OR sql LIKE '%VIRTUAL%'").fetchone():
-            raise RecordingError("it is no bag of ROS: its database holds views, record it again")
-
-
-def _series(
-    reader: Any, topic: str, fields: Sequence[str], largest: float
-) -> tuple[NDArray[np.int64], dict[str, Array]]:
+def _series(reader: Any, topic: str, fields: Sequence[str]) -> tuple[NDArray[np.int64], dict[str, Array]]:
     """Time [ns] since 1970 and fields of the messages of one topic, in the order of time."""
     times, rows = [], []
     for connection, received, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
@@ -82,7 +58,6 @@ def _series(
         stamp = getattr(getattr(message, "header", None), "stamp", None)
         nanoseconds = 0 if stamp is None else stamp.sec * 1_000_000_000 + stamp.nanosec
         times.append(nanoseconds or received)
-        refuse_size(100 * len(times) * (len(fields) + 2), largest, REMEDY)  # as numbers of Python
         rows.append([found.get(field, np.nan) for field in fields])
     order = np.argsort(times, kind="stable")
     time = np.array(times, dtype=np.int64)[order]

@@ -11,6 +11,7 @@ from pendulum_env._typing import Array
 from pendulum_env.filters import savitzky_golay
 from pendulum_env.reading import LARGE
 from pendulum_env.recording.cleaning import Rows
+from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import ColumnError, Recording, RecordingError
 
 SHORTEST = 1.0  # [s]; about one swing of an arm of 0.3 m
@@ -43,13 +44,13 @@ def refuse_too_few(time: Array) -> None:
         raise RecordingError(f"it holds {len(time)} samples, of which at least {FEWEST} are needed: record longer")
 
 
-def refuse_too_short(recording: Recording) -> None:
+def refuse_too_short(recording: Recording, origin: Origin) -> None:
     """Refuse sampling too slow for a pendulum (time in milliseconds, perhaps) and recordings shorter than a swing."""
     rate, duration = recording.rate, recording.duration
     if rate < SLOWEST:
         raise ColumnError(
             f"{1 / rate:.3g} s pass between samples, too long for a pendulum ({SLOWEST:g} Hz is the least): "
-            "name the column time_ms if it is in milliseconds, or sample faster"
+            f"read it with {origin.in_unit('time', 'ms')} if it is in milliseconds, or sample faster"
         )
     if duration + 1 / rate < 0.99 * SHORTEST:
         raise RecordingError(f"it lasts {duration:.3g} s, of which at least {SHORTEST:g} s are needed: record longer")
@@ -64,7 +65,7 @@ def refuse_still(position: Array) -> None:
         )
 
 
-def refuse_jumps(position: Array, rows: Rows, starts: Sequence[int] = (0,), *, allow_wrapped: bool) -> None:
+def refuse_jumps(position: Array, rows: Rows, starts: Sequence[int], origin: Origin, *, allow_wrapped: bool) -> None:
     """Refuse angles that jump by more than half a turn between samples: wrapped, or not an angle at all."""
     jumps = np.abs(np.diff(position))
     jumps[[start - 1 for start in starts[1:]]] = 0.0  # across a gap the joint may go anywhere
@@ -77,15 +78,13 @@ def refuse_jumps(position: Array, rows: Rows, starts: Sequence[int] = (0,), *, a
             raise RecordingError(f"{what}, as an angle wrapped at 2 pi does: {UNWRAP}")
     elif 270 < size < 361:
         raise ColumnError(
-            f"{what}, as an angle wrapped at 360 degrees does: name the column position_deg, and {UNWRAP}"
+            f"{what}, as an angle wrapped at 360 degrees does: {UNWRAP}, and with {origin.in_unit('position', 'deg')}"
         )
     else:
-        raise ColumnError(
-            f"{what}: name the column position_deg if it is in degrees, or repair the glitch if it is one"
-        )
+        raise ColumnError(f"{what}: {_in_degrees(origin)}, or repair the glitch if it is one")
 
 
-def refuse_too_fast(recording: Recording) -> None:
+def refuse_too_fast(recording: Recording, origin: Origin) -> None:
     """Refuse speeds that no joint reaches."""
     rate, span = recording.rate, max(1, round(WINDOW * recording.rate))
     for part in recording.segments:
@@ -95,11 +94,11 @@ def refuse_too_fast(recording: Recording) -> None:
         if (top := float(speed.max())) > FASTEST:
             raise ColumnError(
                 f"position moves at {top:.0f} rad/s near {part.time[int(np.argmax(speed))]:.6g} s, faster "
-                "than any arm: name the column position_deg if it is in degrees, position_rad if it is not"
+                f"than any arm: {_told(origin)}"
             )
 
 
-def suspect_degrees(recording: Recording) -> tuple[str, ...]:
+def suspect_degrees(recording: Recording, origin: Origin) -> tuple[str, ...]:
     """Refuse degrees by the look of it: gravity acts with the sine of position in degrees, and not of radians.
 
     Over up to 30 degrees in all the sine is straight, as is a spring over radians that is wound as far: either may be
@@ -110,7 +109,7 @@ def suspect_degrees(recording: Recording) -> tuple[str, ...]:
     no gravity acts, none predicts anything. Only position that covers more than 2 pi is judged.
     """
     part = max(recording.segments, key=len)
-    if np.ptp(part.position) <= 2 * np.pi:
+    if np.ptp(part.position) <= 2 * np.pi or not origin.could_be_degrees():
         return ()
     stride = max(1, round(part.rate / 200.0))  # some 200 Hz are enough, and 100,000 samples
     count = min(len(part) // stride, 100_000)
@@ -144,21 +143,32 @@ def suspect_degrees(recording: Recording) -> tuple[str, ...]:
     reach = f"position runs from {part.position.min():.4g} to {part.position.max():.4g}"
     if np.ptp(part.position) <= WOUND:
         return (
-            f"{reach} and is taken as radians, on which a spring acts; if it is degrees, name the column position_deg",
+            f"{reach} and is taken as radians, on which a spring acts; if it is degrees, read it with "
+            f"{origin.in_unit('position', 'deg')}",
         )
-    raise ColumnError(
-        f"{reach} and gravity acts on it as on degrees: convert it to radians, or name the column position_deg "
-        "(position_rad if it is radians after all)"
-    )
+    raise ColumnError(f"{reach} and gravity acts on it as on degrees: {_told(origin)}")
 
 
-def refuse_foreign_velocity(recording: Recording) -> None:
+def _in_degrees(origin: Origin) -> str:
+    """What mends a position whose unit or gain is in doubt."""
+    if not origin.could_be_degrees():
+        return "check its unit and gain"
+    return f"read it with {origin.in_unit('position', 'deg')} if it is in degrees"
+
+
+def _told(origin: Origin) -> str:
+    """The same, and how to say that the guess was right."""
+    is_guess = not origin.columns["position"].is_unit_told
+    return _in_degrees(origin) + (f", with {origin.in_unit('position', 'rad')} if it is not" if is_guess else "")
+
+
+def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
     """Refuse a velocity column that is not the slope of position: other units, other sign, another signal."""
     pairs = [
         _moved(part.rate, part.position, part.velocity) for part in recording.segments if part.velocity is not None
     ]
     moved, expected = (np.concatenate(both) for both in zip(*pairs, strict=True))  # [rad]
-    remedy = "mend or remove that column, which is optional"
+    remedy = f"mend it, or do without it, which is optional: {origin.without('velocity')}"
     with np.errstate(over="ignore", invalid="ignore"):  # absurd values are no correlation
         size = float(np.linalg.norm(moved) * np.linalg.norm(expected))
         correlation = float(moved @ expected / size) if 0 < size < np.inf else 0.0
@@ -170,16 +180,17 @@ def refuse_foreign_velocity(recording: Recording) -> None:
         return
     ratio = float(correlation * np.linalg.norm(moved) / np.linalg.norm(expected))
     if correlation < 0:
-        raise ColumnError(f"velocity has the opposite sign of the slope of position: {remedy}")
+        turned = origin.turned("velocity")
+        raise ColumnError(f"velocity has the opposite sign of the slope of position: read it with {turned}")
     if 40 < ratio < 80:
         raise ColumnError(
             f"position changes {ratio:.3g} times as fast as velocity says, as if in degrees: "
-            "convert it to radians, or name the column position_deg"
+            f"read it with {origin.in_unit('position', 'deg')}"
         )
     if 40 < 1 / ratio < 80:
         raise ColumnError(
             f"velocity is {1 / ratio:.3g} times the slope of position, as if in degrees per second: "
-            "convert it to rad/s, or name the column velocity_deg/s"
+            f"read it with {origin.in_unit('velocity', 'deg/s')}"
         )
     if not 0.5 < ratio < 2:
         raise ColumnError(f"velocity is {1 / ratio:.3g} times the slope of position: {remedy}")

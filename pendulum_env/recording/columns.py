@@ -26,6 +26,7 @@ from pendulum_env.recording.vocabulary import (
     TOLD,
     UNITS,
 )
+from pendulum_env.words import along
 
 OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled")
 UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
@@ -79,7 +80,9 @@ class Column:
         ):
             notes.append(f"{self.quantity} is {self.expression}")
         elif self.scale != 1.0:
-            notes.append(f"{self.quantity} converted to {SI[self.quantity]} from column {self.header!r}")
+            si = SI[self.quantity]
+            unit = along(si) if self.unit in LINEAR.get(self.quantity, {}) else si
+            notes.append(f"{self.quantity} converted to {unit} from column {self.header!r}")
         if self.result_unit != SI[self.quantity]:
             notes.append(f"{self.quantity} is in {self.result_unit}, its gain to be found from known loads")
         if self.commanded and letters(self.header) != "u":  # which never means anything else
@@ -255,7 +258,8 @@ def named_column(quantity: str, text: str, headers: Sequence[str]) -> Column:
     name = expression.name
     if (count := names.count(name)) > 1:
         raise ColumnError(f"{count} columns are named {name!r}, which is to be {quantity}, among {_listed(headers)}")
-    unit = _unit_at_the_end(UNITS[quantity], name) if expression.unit is None else letters(expression.unit)
+    ending = {**UNITS[quantity], **LINEAR.get(quantity, {})}
+    unit = _unit_at_the_end(ending, name) if expression.unit is None else letters(expression.unit)
     needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
     converted = any(factor[0] == "*" for factor in expression.factors)  # else nobody knows whether 2 pi is in a ratio
     if needs_gain and not (converted or (expression.factors and expression.unit is not None)):

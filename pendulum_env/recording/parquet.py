@@ -1,6 +1,6 @@
 """Parquet, with vectors as columns of their own: `observation.state[0]`."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,23 +9,21 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from pendulum_env._typing import Array
-from pendulum_env.reading import refuse_size
 from pendulum_env.recording.columns import Column, find_columns
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.table import LARGEST, REMEDY, Find, Table, gather, since
+from pendulum_env.recording.table import Find, Table, gather, since
 
 LONGEST = 64  # elements of a vector
 
 
-def read_parquet(path: Path, find: Find = find_columns, largest: float = LARGEST) -> Table:
+def read_parquet(path: Path, find: Find = find_columns) -> Table:
     """The columns in need, read row group by row group, nulls as NaN; time stamps are counted from the first row.
 
     Raises:
         RecordingError: if a column is missing or does not hold numbers.
-        Unreadable: if the file says that the columns in need hold more than `largest` bytes.
     """
     with pq.ParquetFile(path, pre_buffer=False) as file:
-        places = _places(file, largest)
+        places = _places(file)
         columns = find([name if k is None else f"{name}[{k}]" for name, k in places])
         chosen = [places[column.index] for column in columns.values()]
         for (name, k), column in zip(chosen, columns.values(), strict=True):
@@ -37,26 +35,13 @@ def read_parquet(path: Path, find: Find = find_columns, largest: float = LARGEST
                     f"column {column.header!r} ({column.quantity}) has type {kind}: "
                     "store it as a floating-point number in SI"
                 )
-        _refuse_size(file, {name for name, _ in chosen}, largest)
-        return gather(columns, _row_groups(file, chosen, columns), largest)
+        return gather(columns, _row_groups(file, chosen, columns))
 
 
-def _refuse_size(file: pq.ParquetFile, names: Collection[str], largest: float) -> None:
-    """Refuse columns of more than `largest` bytes: as they are encoded, a run of equal numbers may be of any length."""
-    size = 0
-    for group in range(file.metadata.num_row_groups):
-        rows = file.metadata.row_group(group)
-        for column in map(rows.column, range(rows.num_columns)):
-            if column.path_in_schema.partition(".")[0] in names or column.path_in_schema in names:
-                size += max(8 * column.num_values, column.total_uncompressed_size)
-    refuse_size(size, largest, REMEDY)
-
-
-def _places(file: pq.ParquetFile, largest: float) -> list[tuple[str, int | None]]:
+def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:
     """Name and element of every column, the elements of vectors one by one."""
     schema = file.schema_arrow
     vectors = [name for name in schema.names if _is_vector(schema.field(name).type)]
-    _refuse_size(file, vectors, largest)
     first = next(file.iter_batches(batch_size=1, columns=vectors), None) if vectors else None
     places: list[tuple[str, int | None]] = []
     for name in schema.names:

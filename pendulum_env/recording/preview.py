@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from pendulum_env._typing import Array
+from pendulum_env.isolated import Answer, isolated
+from pendulum_env.reading import LARGEST, Unreadable
 from pendulum_env.recording.columns import Column, guess_columns, named_column
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.storage import read_table
+from pendulum_env.recording.storage import read_here, reads_here
 
 MOST = 64  # columns that are looked at; a person is not shown more
 
@@ -47,36 +49,43 @@ class Preview:
         return column.scale * (values - finite[0]) if values is not None and len(finite) else None
 
 
-def preview(path: str | os.PathLike[str]) -> Preview:
-    """Look at the columns of a file, read as `read_recording` reads those in need.
+def preview(path: str | os.PathLike[str], largest: float = LARGEST) -> Preview:
+    """Look at the columns of a file, read as `read_recording` reads those in need, up to as many bytes.
 
     Raises:
         RecordingError: if the file cannot be read at all.
     """
     path = Path(path)
-    headers: tuple[str, ...] = ()
+    try:
+        headers, values = _look(path) if reads_here(path, largest) else isolated(_look, path, size=largest)
+    except (RecordingError, Unreadable) as error:
+        raise RecordingError(f"{path}: {error}") from error.__cause__
+    return Preview(tuple(headers), tuple(array if len(array) else None for array in values))
+
+
+def _look(path: Path) -> Answer:
+    """Headers, and values of each column, empty where these are no numbers."""
+    headers: list[str] = []
 
     def some(places: slice, names: Sequence[str]) -> dict[str, Column]:
-        nonlocal headers
-        headers = tuple(name.strip() for name in names[:MOST])
+        headers[:] = [name.strip() for name in names[:MOST]]
         # readers take dates in place of time, and messages at the times of those with the position
         quantities = ("time", "position", *map(str, range(MOST)))
         chosen = list(enumerate(headers))[places]
         return {q: Column(q, name, k, None) for q, (k, name) in zip(quantities, chosen, strict=False)}
 
     try:
-        values = tuple(read_table(path, partial(some, slice(None))).values.values())
-        return Preview(headers, values)  # which reading has filled
-    except RecordingError as error:
-        if not headers:
-            raise RecordingError(f"{path}: {error}") from error.__cause__
-    return Preview(headers, tuple(_alone(path, partial(some, slice(k, k + 1))) for k in range(len(headers))))
-
-
-def _alone(path: Path, find: "partial[dict[str, Column]]") -> Array | None:
-    """Values of one column, None if these are no numbers, or only one."""
-    try:
-        values = read_table(path, find).values["time"]
+        return headers, list(read_here(path, partial(some, slice(None))).values.values())
     except RecordingError:
-        return None
-    return values if len(values) > 1 else None
+        if not headers:
+            raise
+    return headers, [_alone(path, partial(some, slice(k, k + 1))) for k in range(len(headers))]
+
+
+def _alone(path: Path, find: "partial[dict[str, Column]]") -> Array:
+    """Values of one column, none if these are no numbers, or only one."""
+    try:
+        values = read_here(path, find).values["time"]
+    except RecordingError:
+        return np.empty(0)
+    return values if len(values) > 1 else np.empty(0)

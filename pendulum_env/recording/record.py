@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +13,12 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.servo.drive import Drive
 from pendulum_env.words import plus_minus
 
+if TYPE_CHECKING:  # which needs the errors of this module
+    from pendulum_env.recording.origin import Origin
+
 QUANTITIES = ("time", "position", "torque", "velocity", "reference", "supply", "enabled")  # the columns of a recording
 NEWTON_METRE = "N m"
+WARNING = "warning: "  # begins a note of what is likely wrong
 EXACT, LOOSE = 1e-6, 1e-5  # of a step that a clock may be off: a file's is left as it is, and so is any slice of it
 
 
@@ -96,6 +100,7 @@ class Recording:
     torque_unit: str = NEWTON_METRE  # or that of a current, `A`, whose gain is to be found
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did
     drive: Drive | None = None  # the controller that followed the reference, if it is known
+    origin: "Origin | None" = None  # the columns of its file, if it was read from one
 
     def __post_init__(self) -> None:
         for quantity in QUANTITIES:

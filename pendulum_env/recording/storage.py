@@ -3,7 +3,7 @@
 import gzip
 import math
 import os
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,19 +16,22 @@ import pyarrow.parquet as pq
 
 from pendulum_env._typing import Array
 from pendulum_env.files import replacing
-from pendulum_env.reading import Unreadable, regular_size
+from pendulum_env.isolated import Answer, isolated
+from pendulum_env.reading import LARGEST, REMEDY, Unreadable, regular_size
 from pendulum_env.recording import checks, cleaning
 from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz
 from pendulum_env.recording.bags import is_bag, read_bag
-from pendulum_env.recording.columns import find_columns
+from pendulum_env.recording.columns import Column, find_columns
+from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.parquet import read_parquet
-from pendulum_env.recording.record import QUANTITIES, Recording, RecordingError
+from pendulum_env.recording.record import QUANTITIES, WARNING, ColumnError, Recording, RecordingError
 from pendulum_env.recording.sampling import cut, long_enough, uniform
-from pendulum_env.recording.table import LARGEST, REMEDY, Find, Table, one_line
+from pendulum_env.recording.table import Find, Table, one_line
 from pendulum_env.recording.text import read_csv, read_excel
 from pendulum_env.servo.drive import Drive
 
-READERS: dict[str, Callable[[Path, Find, float], Table]] = {
+HERE = 50_000_000  # bytes of plain text that are read in this process: a helper takes a while to begin
+READERS: dict[str, Callable[[Path, Find], Table]] = {
     ".csv": read_csv,
     ".csv.gz": read_csv,
     ".tsv": read_csv,
@@ -87,8 +90,8 @@ def read_recording(
             the counts of a turn (`enc:counts/4096`), and currents a torque constant (`*?` if it is to be found).
         drive: the controller that followed the reference. Then no torque needs to be logged: it is the one that the
             controller asked for.
-        largest: bytes that the file may hold, unpacked, and that its columns may take; a file of more is refused before
-            it fills the memory.
+        largest: bytes that the file may hold, and that its columns may take; what unpacks to more is refused before it
+            fills the memory, and what takes longer than 20 s to read, or in proportion.
 
     Raises:
         RecordingError: if the file cannot be read or its content cannot be trusted: one sentence with the file, the
@@ -102,6 +105,7 @@ def read_recording(
             read_table(path, partial(find_columns, named=columns, has_drive=drive is not None), largest),
             unwrap,
             drive,
+            columns or {},
         )
     except RecordingError as error:
         raise type(error)(f"{path}: {error}") from error.__cause__
@@ -159,29 +163,69 @@ def _suffix(path: Path, known: Collection[str] = READERS) -> str:
 
 
 def read_table(path: Path, find: Find, largest: float = LARGEST) -> Table:
+    """Columns as they stand in the file; all but plain text of no great size is read in a helper.
+
+    Raises:
+        RecordingError: if it cannot be read; without the file's name.
+    """
+    if reads_here(path, largest):
+        return read_here(path, find)
+    try:
+        told, arrays = isolated(_told, path, find, size=largest)
+    except Unreadable as error:
+        raise RecordingError(str(error)) from None
+    return Table(find(told["headers"]), dict(zip(told["quantities"], arrays, strict=True)), tuple(told["notes"]))
+
+
+def reads_here(path: Path, largest: float = LARGEST) -> bool:
+    """Whether a file is plain text of no great size.
+
+    Raises:
+        RecordingError: if it is no regular file, or a folder that is no bag of such, or larger than it may be.
+    """
+    suffix = ".db3" if is_bag(path) else _suffix(path)
+    if not path.exists():
+        raise RecordingError("there is no such file: check the path")
+    try:
+        size = sum(regular_size(file, largest, REMEDY) for file in (path.iterdir() if is_bag(path) else [path]))
+    except Unreadable as error:
+        raise RecordingError(str(error).removeprefix(f"{path}: ")) from None
+    return suffix in (".csv", ".tsv", ".txt") and size < HERE
+
+
+def read_here(path: Path, find: Find) -> Table:
     """Columns as they stand in the file; whatever the libraries below raise becomes a RecordingError."""
     suffix = ".db3" if is_bag(path) else _suffix(path)
     try:
-        if not path.exists():
-            raise RecordingError("there is no such file: check the path")
-        if not is_bag(path):
-            regular_size(path, largest, REMEDY)
-        return READERS[suffix](path, find, largest)
+        return READERS[suffix](path, find)
     except RecordingError:
         raise
-    except Unreadable as error:
-        raise RecordingError(str(error).removeprefix(f"{path}: ")) from None
     except MemoryError:
-        raise RecordingError("it does not fit into the memory that is left: shorten it") from None
+        raise RecordingError(f"it takes more memory than there is: {REMEDY}") from None
     except Exception as error:  # a damaged file may fail anywhere in zlib, zipfile, numpy or arrow
         raise RecordingError(
             f"it cannot be read as {suffix} ({one_line(error)}): it may be damaged, export it again"
         ) from error
 
 
-def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None = None) -> Recording:
+def _told(path: Path, find: Find) -> Answer:
+    """What `read_table` makes a table of again."""
+    headers: Sequence[str] = ()
+
+    def heard(names: Sequence[str]) -> dict[str, Column]:
+        nonlocal headers
+        headers = names
+        return find(names)
+
+    table = read_here(path, heard)
+    record = {"headers": list(headers), "quantities": list(table.values), "notes": table.notes}
+    return record, list(table.values.values())
+
+
+def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str]) -> Recording:
     """Convert to SI, leave out what the logger spoilt, cut at gaps, make time uniform; refuse what cannot be true."""
     notes = [*(note for column in table.columns.values() for note in column.notes), *table.notes]
+    origin = Origin(table.columns, named)
 
     def noted(told: tuple[str, ...]) -> None:
         notes.extend(told)
@@ -215,7 +259,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None = None
     starts = cleaning.runs(values.pop("segment", None))
     starts, told = cut(values["time"], np.unwrap(values["position"]) if unwrap else values["position"], starts)
     noted(told)
-    checks.refuse_jumps(values["position"], rows, starts, allow_wrapped=unwrap)
+    checks.refuse_jumps(values["position"], rows, starts, origin, allow_wrapped=unwrap)
     turned: tuple[str, ...] = ()
     if unwrap:
         values["position"], turned = _unwrapped(values["position"])
@@ -241,17 +285,28 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None = None
         enabled=None if "enabled" not in values else np.asarray(values["enabled"] > 0.5, dtype=float),
         torque_unit=unit,
         drive=drive,
+        origin=origin,
     )
     if drive is not None and "torque" not in table.columns:
         asked = "torque is not taken from the log: it is what the drive asked for"
         recording = replace(recording, torque=_asked_for(recording, drive), notes=(*recording.notes, asked))
-    checks.refuse_too_short(recording)
+    checks.refuse_too_short(recording, origin)
     if recording.velocity is not None:
-        checks.refuse_foreign_velocity(recording)
-    if not (table.columns["position"].is_unit_told or turned):  # jumps of 2 pi tell as well
-        checks.refuse_too_fast(recording)
-        recording = replace(recording, notes=(*recording.notes, *checks.suspect_degrees(recording)))
+        checks.refuse_foreign_velocity(recording, origin)
+    if not turned:  # jumps of 2 pi tell the unit
+        recording = replace(recording, notes=(*recording.notes, *_doubts(recording, origin)))
     return recording
+
+
+def _doubts(recording: Recording, origin: Origin) -> tuple[str, ...]:
+    """What is doubted of the unit of position; one that was guessed is refused where one that was told is warned of."""
+    try:
+        checks.refuse_too_fast(recording, origin)
+        return checks.suspect_degrees(recording, origin)
+    except ColumnError as error:
+        if not origin.columns["position"].is_unit_told:
+            raise
+        return (f"{WARNING}{error}",)
 
 
 def _asked_for(recording: Recording, drive: Drive) -> Array:

@@ -1,5 +1,7 @@
 """A study: a file `study.toml` beside the data that says how each recording is to be read, and what it is for.
 
+joints = ["lift", "elbow"]       # of an arm, those that move; see `pendulum_env.arms.read_body`
+
 [columns]                        # of every recording, as in `expression.py`
 position = "-motor_angle:deg/6"
 torque = "current:A*0.091"
@@ -20,38 +22,33 @@ columns = {torque = "i_q:A*0.091"}   # instead of those above
 import json
 import math
 import os
-import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self, TypeVar, get_args
 
 import numpy as np
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import JSON, Array
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
-from pendulum_env.reading import LARGE, Unreadable, read_text, read_toml, shown
+from pendulum_env.reading import LARGE, LARGEST, Unreadable, read_toml, shown
 from pendulum_env.recording.columns import refuse_unknown_quantity
-from pendulum_env.recording.record import Load, Recording, RecordingError
+from pendulum_env.recording.record import ColumnError, Load, Recording, RecordingError
 from pendulum_env.recording.storage import read_recording
-from pendulum_env.recording.table import LARGEST
 from pendulum_env.servo.drive import Drive
 
 Role = Literal["fit", "holdout"]
-MOST = 1000  # recordings, each of which is compared with each
-Key = tuple[str | int, ...]  # where something stands: `("recording", 0, "load", "mass")`
+MOST = 1000  # recordings
+LONGEST = 1000  # characters of what is said of a column
+FORMAT = ("columns", "unwrap", "load", "drive")  # of what is said of a recording, that which the next is alike in
 
 GRAVITY = 9.81  # [m/s^2]
-KEYS = {
-    (): ("columns", "drive", "recording"),
-    ("recording",): ("file", "role", "columns", "unwrap", "range", "load", "drive"),
-    ("load",): ("mass", "length", "inertia", "gravity"),
-}
 
 
 class StudyError(RecordingError):
-    """A study cannot be used; the message is one sentence with the file, the line, the reason and the remedy."""
+    """A study cannot be used; the message is one sentence with file, recording, reason and remedy."""
 
 
 class Sliceable(Protocol):
@@ -82,17 +79,36 @@ class Source:
     load: Load | None = None  # what is known to hang on the joint
     drive: Drive | None = None  # the controller that followed the reference
     largest: float = LARGEST  # bytes that it may take
+    joints: tuple[str, ...] | None = None  # of an arm, those that move; None: all that can
+    of_study: bool = field(default=False, compare=False)  # which says all of it
+    said_by: str = ""  # the model file that says what nobody else did
 
     def read(self, file: Path | None = None) -> Recording:
         """Read the recording, from a copy of the file if one is named.
 
         Raises:
-            RecordingError: if it cannot be read, or holds too little within the range.
+            RecordingError: if it cannot be read, holds too little within the range, or is of an arm.
         """
-        recording = read_recording(
-            file or self.file, unwrap=self.unwrap, columns=self.columns, drive=self.drive, largest=self.largest
-        )
+        if self.joints is not None:
+            raise RecordingError(f"{self.file}: its study names joints of an arm: give the links with --robot ARM.urdf")
+        try:
+            recording = read_recording(
+                file or self.file, unwrap=self.unwrap, columns=self.columns, drive=self.drive, largest=self.largest
+            )
+        except ColumnError as error:
+            if not self.said_by:
+                raise
+            said = f"{error}; it was read as {self.said_by} says: say --columns for a log of another format"
+            raise ColumnError(said) from None
         return self.within_range(replace(recording, load=self.load))
+
+    @property
+    def format(self) -> JSON:
+        """How it is read, in the words of a study, as far as anything is said."""
+        load = None if self.load is None else {"inertia": self.load.inertia, "gravity": self.load.gravity}
+        drive = None if self.drive is None else self.drive.told()
+        said = (dict(self.columns), self.unwrap, load, drive)
+        return {key: value for key, value in zip(FORMAT, said, strict=True) if value}
 
     def within_range(self, recording: Sliced) -> Sliced:
         """The part of a recording that is asked for.
@@ -104,17 +120,47 @@ class Source:
             return recording
         first, last = np.searchsorted(recording.time - recording.time[0], self.range)
         try:
-            return recording.slice(int(first), int(last))
+            return deepcopy(recording.slice(int(first), int(last)))  # the rest of the file is not kept
         except RecordingError:
             raise RecordingError(
                 f"{self.file}: holds no two samples from {self.range[0]:g} to {self.range[1]:g} s: "
                 f"it lasts {recording.time[-1] - recording.time[0]:.3g} s"
             ) from None
 
-    def overlaps(self, other: "Source") -> bool:
-        """Whether both hold the same samples, which must not be fitted twice, nor held out as well."""
-        (a, b), (c, d) = (source.range or (0.0, math.inf) for source in (self, other))
-        return self.file.resolve() == other.file.resolve() and a < d and c < b
+
+def format_of(sources: Iterable[Source]) -> JSON:
+    """What is said alike of all sources: how the next log of the same machine is to be read."""
+    formats = [source.format for source in sources]
+    alike = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
+    return {key: formats[0][key] for key in alike if key in formats[0]}
+
+
+def read_as(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
+    """A source of which a model file says what nobody else did; a study says all of its own.
+
+    Raises:
+        StudyError: if that makes no sense.
+    """
+    unsaid = [key for key in FORMAT if key in format and key not in source.format]
+    if source.of_study or not unsaid:
+        return source
+    try:
+        told = _source(Path(), {"file": "log", **{key: format[key] for key in unsaid}}, {}, {})
+    except ValueError as error:
+        raise StudyError(f"{said_by}, log_format: {error}") from None
+    return replace(source, **{key: getattr(told, key) for key in unsaid}, said_by=said_by)
+
+
+def named_twice(sources: Iterable[Source]) -> Source | None:
+    """The first source that holds samples of one before it: none must be fitted twice, nor held out as well."""
+    taken: dict[Path, list[tuple[float, float]]] = {}
+    for source in sources:
+        ranges = taken.setdefault(source.file.resolve(), [])
+        first, last = source.range or (0.0, math.inf)
+        if any(first < end and begin < last for begin, end in ranges):
+            return source
+        ranges.append((first, last))
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,15 +197,30 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
     """Read which recordings a study holds, and leave them unread.
 
     Raises:
-        StudyError: if the study makes no sense: with the line of what is wrong.
+        StudyError: if the study makes no sense: with the number of the recording.
     """
-    path = Path(path)
+    path, where = Path(path), ""
     try:
-        text = read_text(path)
         content = read_toml(path)
+        _refuse_unknown(content, "joints", "columns", "drive", "recording")
+        joints = _joints(content.get("joints"))
+        shared, drive = _columns(content.get("columns", {})), _drive(content.get("drive"), {})
+        tables = content.get("recording")
+        if not isinstance(tables, list) or not tables:
+            raise StudyError('names no recordings: write [[recording]] and below it file = "run.csv"')
+        if len(tables) > MOST:
+            raise StudyError(f"names {len(tables)} recordings, at most {MOST} are read: divide it")
+        sources = []
+        for number, table in enumerate(tables, start=1):
+            where = f", recording {number}"
+            sources.append(replace(_source(path.parent, table, shared, drive), joints=joints, of_study=True))
     except Unreadable as error:
         raise StudyError(str(error)) from None
-    return _Reader(path, lines_of(text)).sources(content)
+    except ValueError as error:
+        raise StudyError(f"{path}{where}: {error}") from None
+    if (twice := named_twice(sources)) is not None:
+        raise StudyError(f"{path}: {twice.file.name} is named twice: give ranges that do not overlap")
+    return tuple(sources)
 
 
 def write_study(path: str | os.PathLike[str], sources: Sequence[Source]) -> None:
@@ -171,7 +232,8 @@ def write_study(path: str | os.PathLike[str], sources: Sequence[Source]) -> None
     path = Path(path)
     folder = path.resolve().parent
     shared = dict(sources[0].columns) if sources and all(s.columns == sources[0].columns for s in sources) else {}
-    lines = ["[columns]", *(f"{name} = {_text(told)}" for name, told in shared.items()), ""] if shared else []
+    lines = [f"joints = {json.dumps(sources[0].joints)}", ""] if sources and sources[0].joints is not None else []
+    lines += ["[columns]", *(f"{name} = {_text(told)}" for name, told in shared.items()), ""] if shared else []
     for source in sources:
         file = source.file.resolve()
         file = file.relative_to(folder) if file.is_relative_to(folder) else file
@@ -197,155 +259,81 @@ def write_study(path: str | os.PathLike[str], sources: Sequence[Source]) -> None
     write_whole(path, "\n".join(lines))
 
 
-def lines_of(text: str) -> dict[Key, int]:
-    """Line, from 1, of each key and table of a TOML document, by where it stands; those in a table's line share it."""
-    table: Key = ()
-    counts: dict[str, int] = {}
-    lines: dict[Key, int] = {}
-    for number, line in enumerate(text.splitlines(), start=1):
-        if found := re.match(r"\s*\[\[\s*([\w-]+)\s*\]\]", line):
-            counts[found[1]] = counts.get(found[1], -1) + 1
-            table = (found[1], counts[found[1]])
-        elif found := re.match(r"\s*\[\s*([\w.-]+)\s*\]", line):
-            table = tuple(
-                part for name in found[1].split(".") for part in ((name, counts[name]) if name in counts else (name,))
-            )
-        elif found := re.match(r"""\s*(["']?)([^"'=#]+?)\1\s*=""", line):
-            lines.setdefault((*table, *(part.strip() for part in found[2].split("."))), number)
-            continue
-        else:
-            continue
-        lines.setdefault(table, number)
-    return lines
+def _source(folder: Path, table: Any, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
+    if not isinstance(table, dict):
+        raise StudyError('a recording is a table: write [[recording]] and below it file = "run.csv"')
+    _refuse_unknown(table, "file", "role", "columns", "unwrap", "range", "load", "drive")
+    file, role, unwrap = table.get("file"), table.get("role", "fit"), table.get("unwrap", False)
+    if not isinstance(file, str) or not file.strip():
+        raise StudyError('a recording needs its file: write file = "run.csv"')
+    if role not in get_args(Role):
+        raise StudyError(f'role is {shown(role)}: write "fit" or "holdout"')
+    if not isinstance(unwrap, bool):
+        raise StudyError(f"unwrap is {shown(unwrap)}: write true or false")
+    columns, told = _columns(table.get("columns", {})), _drive(table.get("drive"), drive)
+    return Source(
+        folder / file, role, {**shared, **columns}, unwrap, _range(table.get("range")), _load(table.get("load")),
+        Drive.of(told) if told else None,
+    )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Reader:
-    """Takes a study apart, and knows where everything stands."""
+def _joints(value: Any) -> tuple[str, ...] | None:
+    if value is None:
+        return None
+    if not (isinstance(value, list) and value and all(isinstance(name, str) and name.strip() for name in value)):
+        raise StudyError(f'joints is {shown(value)}: write the names of those that move, ["lift", "elbow"]')
+    return tuple(value)
 
-    path: Path
-    lines: Mapping[Key, int]
 
-    def error(self, where: Key, what: str) -> StudyError:
-        """What is wrong, with the line of it, or of the nearest around it that is known."""
-        for end in range(len(where), 0, -1):
-            if near := [line for key, line in self.lines.items() if key[:end] == where[:end]]:
-                return StudyError(f"{self.path}, line {min(near)}: {what}")
-        return StudyError(f"{self.path}: {what}")
+def _columns(table: Any) -> dict[str, str]:
+    if not isinstance(table, dict):
+        raise StudyError(f'columns are a table, not {shown(table)}: write [columns] and below it torque = "tau"')
+    for quantity, text in table.items():
+        refuse_unknown_quantity(quantity, of_arm=True)
+        if not isinstance(text, str) or not text.strip() or len(text) > LONGEST:
+            raise StudyError(f"{quantity} is {shown(text)}: write the name of a column in quotes")
+    return dict(table)
 
-    def sources(self, content: Mapping[str, Any]) -> tuple[Source, ...]:
-        self.refuse_unknown((), content, KEYS[()])
-        columns = self.columns(("columns",), content.get("columns", {}))
-        recordings = content.get("recording")
-        if not isinstance(recordings, list) or not recordings:
-            raise self.error(("recording",), 'names no recordings: write [[recording]] and below it file = "run.csv"')
-        if len(recordings) > MOST:
-            raise self.error(("recording",), f"names {len(recordings)} recordings, at most {MOST} are read: divide it")
-        drive = self.drive(("drive",), content.get("drive"), {})
-        sources = tuple(self.source(("recording", k), table, columns, drive) for k, table in enumerate(recordings))
-        for k, source in enumerate(sources):
-            if any(source.overlaps(other) for other in sources[:k]):
-                what = f"{source.file.name} is named twice: give ranges that do not overlap"
-                raise self.error(("recording", k, "file"), what)
-        return sources
 
-    def source(self, where: Key, table: Any, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
-        if not isinstance(table, dict):
-            raise self.error(where, 'a recording is a table: write [[recording]] and below it file = "run.csv"')
-        self.refuse_unknown(where, table, KEYS["recording",])
-        file = table.get("file")
-        if not isinstance(file, str) or not file.strip() or "\0" in file:
-            raise self.error((*where, "file"), 'a recording needs its file: write file = "run.csv"')
-        role = table.get("role", "fit")
-        if role not in get_args(Role):
-            raise self.error((*where, "role"), f'role is {shown(role)}: write "fit" or "holdout"')
-        unwrap = table.get("unwrap", False)
-        if not isinstance(unwrap, bool):
-            raise self.error((*where, "unwrap"), f"unwrap is {shown(unwrap)}: write true or false")
-        own = self.columns((*where, "columns"), table.get("columns", {}))
-        return Source(
-            self.path.parent / file,
-            role,
-            {**shared, **own},
-            unwrap,
-            self.range((*where, "range"), table.get("range")),
-            self.load((*where, "load"), table.get("load")),
-            self.made((*where, "drive"), self.drive((*where, "drive"), table.get("drive"), drive)),
-        )
+def _drive(table: Any, shared: Mapping[str, Any]) -> dict[str, Any]:
+    """What is said of a drive, beside what is said of all."""
+    if table is None:
+        return dict(shared)
+    if not isinstance(table, dict):
+        raise StudyError(f'a drive is a table, not {shown(table)}: write [drive] and below it preset = "xl330"')
+    Drive.of({"kp": 1.0, **shared, **table})  # what is wrong is told where it stands
+    return {**shared, **table}
 
-    def drive(self, where: Key, table: Any, shared: Mapping[str, Any]) -> dict[str, Any]:
-        """What is said of a drive, beside what is said of all."""
-        if table is None:
-            return dict(shared)
-        if not isinstance(table, dict):
-            raise self.error(
-                where, f'a drive is a table, not {shown(table)}: write [drive] and below it preset = "xl330"'
-            )
-        self.made(where, {"kp": 1.0, **shared, **table})
-        return {**shared, **table}
 
-    def made(self, where: Key, told: Mapping[str, Any]) -> Drive | None:
-        """The drive that is meant; None if nothing is said of any."""
-        try:
-            return Drive.of(told) if told else None
-        except ValueError as error:
-            raise self.error(where, str(error)) from None
+def _range(value: Any) -> tuple[float, float] | None:
+    if value is None:
+        return None
+    if not (isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)) and 0 <= value[0] < value[1]):
+        raise StudyError(f"range is {shown(value)}: write [from, to] in seconds from the first sample")
+    return float(value[0]), float(value[1])
 
-    def columns(self, where: Key, table: Any) -> dict[str, str]:
-        if not isinstance(table, dict):
-            raise self.error(
-                where, f'columns are a table, not {shown(table)}: write [columns] and below it torque = "tau"'
-            )
-        for quantity, text in table.items():
-            try:
-                refuse_unknown_quantity(quantity, of_arm=True)
-            except RecordingError as error:
-                raise self.error((*where, quantity), str(error)) from None
-            if not isinstance(text, str) or not text.strip():
-                raise self.error(
-                    (*where, quantity), f"{quantity} is {shown(text)}: write the name of a column in quotes"
-                )
-        return dict(table)
 
-    def range(self, where: Key, value: Any) -> tuple[float, float] | None:
-        if value is None:
-            return None
-        if not (
-            isinstance(value, list)
-            and len(value) == 2
-            and all(_is_number(x) for x in value)
-            and 0 <= value[0] < value[1]
-        ):
-            raise self.error(where, f"range is {shown(value)}: write [from, to] in seconds from the first sample")
-        return float(value[0]), float(value[1])
+def _load(table: Any) -> Load | None:
+    if table is None:
+        return None
+    if not isinstance(table, dict):
+        raise StudyError(f"load is {shown(table)}: write {{mass = 0.5, length = 0.2}} in kg and m")
+    _refuse_unknown(table, "mass", "length", "inertia", "gravity")
+    for name, value in table.items():
+        if not _is_number(value) or (name != "gravity" and value < 0):
+            low = -LARGE if name == "gravity" else 0.0
+            raise StudyError(f"{name} is {shown(value)}: write a number from {low:g} to {LARGE:g}")
+    if set(table) == {"mass", "length"}:
+        mass, length = float(table["mass"]), float(table["length"])
+        return Load(mass * length * length, mass * GRAVITY * length)
+    if set(table) == {"inertia", "gravity"}:
+        return Load(float(table["inertia"]), float(table["gravity"]))
+    raise StudyError("a load is told by mass and length, or by inertia and gravity: give one pair")
 
-    def load(self, where: Key, table: Any) -> Load | None:
-        if table is None:
-            return None
-        if not isinstance(table, dict):
-            raise self.error(where, f"load is {shown(table)}: write {{mass = 0.5, length = 0.2}} in kg and m")
-        self.refuse_unknown(where, table, KEYS["load",])
-        for name, value in table.items():
-            if not _is_number(value) or (name != "gravity" and value < 0):
-                low = -LARGE if name == "gravity" else 0.0
-                what = f"{name} is {shown(value)}: write a number from {low:g} to {LARGE:g}"
-                raise self.error((*where, name), what)
-        try:
-            if set(table) == {"mass", "length"}:
-                mass, length = float(table["mass"]), float(table["length"])
-                return Load(mass * length * length, mass * GRAVITY * length)
-            if set(table) == {"inertia", "gravity"}:
-                return Load(float(table["inertia"]), float(table["gravity"]))
-        except RecordingError as error:
-            raise self.error(where, str(error)) from None
-        raise self.error(where, "a load is told by mass and length, or by inertia and gravity: give one pair")
 
-    def refuse_unknown(self, where: Key, table: Mapping[str, Any], known: Collection[str]) -> None:
-        for name in table:
-            try:
-                find("key", name, dict.fromkeys(known))
-            except ValueError as error:
-                raise self.error((*where, name), str(error)) from None
+def _refuse_unknown(table: Mapping[str, Any], *known: str) -> None:
+    for name in table:
+        find("key", name, dict.fromkeys(known))
 
 
 def _is_number(value: Any) -> bool:

@@ -3,8 +3,6 @@
 import csv
 import io
 import re
-import zipfile
-from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,36 +12,20 @@ import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 
 from pendulum_env._typing import Array
-from pendulum_env.reading import blocks, refuse_archive, refuse_size
 from pendulum_env.recording.columns import Column, find_columns
 from pendulum_env.recording.expression import letters
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.table import LARGEST, REMEDY, Find, Table, gather, need, one_line, since
+from pendulum_env.recording.table import Find, Table, gather, need, one_line, since
 from pendulum_env.recording.vocabulary import HEADER, UNITS
 
 HEAD = 1 << 16  # bytes in which header and delimiter must show themselves
 BLOCK = 1 << 20  # bytes parsed at a time
-LONG = f"a line is longer than {BLOCK} characters: write one line for each sample"
-TAG = re.compile(rb"(</table:table-row|</table:table|<table:table-row|<table:(?:covered-)?table-cell)(?=[\s/>])[^>]*>")
-TIMES = re.compile(rb'table:number-(?:rows|columns)-repeated="(\d{1,18})"')
-LONGEST_TAG = 4096  # bytes
-CELL = re.compile(rb"""\br\s*=\s*["']([A-Z]{1,3})(\d{1,7})["']""")  # where a cell of a sheet stands: r="B7"
-SHARED = re.compile(  # of a cell whose text stands elsewhere, and its number where the cell holds it and nothing else
-    rb"""\bt\s*=\s*["']s["']"""
-    rb"""(?:(?:\s+\w+\s*=\s*"[^"<>]{0,99}"){0,3}\s*>\s*<(?:\w+:)?v>(\d{1,9})</(?:\w+:)?v>\s*</(?:\w+:)?c>)?"""
-)
-PLAIN = re.compile(  # a tag that no reader takes for another
-    rb"""</?(?:[\w.-]+:)?[\w.-]+(?:\s+[\w:.-]+\s*=\s*(?:"[^"<>]*"|'[^'<>]*'))*\s*/?>"""
-)
-DECLARATION = re.compile(rb"""(?:\xef\xbb\xbf)?<\?xml[^<>]*\?>""")
-TEXT = re.compile(
-    rb"<(/?)(?:[\w.-]+:)?(si|t)(?=[\s/>])[^>]*?(/?)>"
-)  # a text that cells share, and what is written in it
-CELL_BYTES = 32  # of a cell in memory
 LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|\Z)")
-NUMBER = re.compile(r"\s*[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf(?:inity)?)?\s*", re.IGNORECASE | re.ASCII)
-
-
+NUMBER = re.compile(
+    r"\s*+[+-]?(?:(?:\d++\.?\d*+|\.\d++)(?:e[+-]?\d++)?|nan|inf(?:inity)?)?\s*+", re.IGNORECASE | re.ASCII
+)
+WIDTH = re.compile(r"Row #(?P<row>\d+): Expected (?P<wanted>\d+) columns, got (?P<found>\d+)")  # as pyarrow says it
+CELL = re.compile(r"In CSV column #(?P<column>\d+): Row #(?P<row>\d+): .*?invalid value '(?P<cell>.*)'", re.DOTALL)
 STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*")
 
 
@@ -61,7 +43,7 @@ class Layout:
 Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
 
 
-def read_csv(path: Path, find: Find = find_columns, largest: float = LARGEST) -> Table:
+def read_csv(path: Path, find: Find = find_columns) -> Table:
     """The columns in need, with empty cells as NaN.
 
     Comment lines (#) and lines of fewer cells at the top are passed over; if no header follows, the last comment may
@@ -71,16 +53,12 @@ def read_csv(path: Path, find: Find = find_columns, largest: float = LARGEST) ->
 
     Raises:
         RecordingError: if there is no header, a column is missing, or a cell is not a number.
-        Unreadable: if it holds more than `largest` bytes, as text or as numbers.
     """
-    if not path.name.lower().endswith(".gz"):
-        return read_text(lambda: pa.input_stream(str(path)), find, largest)
-    return read_text(
-        lambda: pa.PythonFile(_UpTo(pa.input_stream(str(path), compression="gzip"), largest)), find, largest
-    )
+    packed = "gzip" if path.name.lower().endswith(".gz") else None
+    return read_text(lambda: pa.input_stream(str(path), compression=packed), find)
 
 
-def read_excel(path: Path, find: Find = find_columns, largest: float = LARGEST) -> Table:
+def read_excel(path: Path, find: Find = find_columns) -> Table:
     """The first sheet of a workbook that is not empty, read as the text of its cells.
 
     Raises:
@@ -89,9 +67,6 @@ def read_excel(path: Path, find: Find = find_columns, largest: float = LARGEST) 
     need("python_calamine")
     from python_calamine import CalamineWorkbook
 
-    if zipfile.is_zipfile(path):
-        refuse_archive(path, largest, REMEDY)
-        _refuse_spread(path, largest)
     book = CalamineWorkbook.from_path(path)
     rows = next((rows for name in book.sheet_names if (rows := book.get_sheet_by_name(name).to_python())), [])
     text = io.StringIO()
@@ -99,106 +74,10 @@ def read_excel(path: Path, find: Find = find_columns, largest: float = LARGEST) 
         [cell.isoformat() if hasattr(cell, "isoformat") else cell for cell in row] for row in rows
     )
     content = pa.py_buffer(text.getvalue().encode())
-    return read_text(lambda: pa.BufferReader(content), find, largest)
+    return read_text(lambda: pa.BufferReader(content), find)
 
 
-def _refuse_spread(path: Path, largest: float) -> None:
-    """Refuse a sheet whose farthest cell is so far that the table up to it fills the memory, were it all empty."""
-    with zipfile.ZipFile(path) as archive:
-        lengths, longest = _shared_texts(archive)
-        for name in archive.namelist():
-            if name == "content.xml":  # of OpenDocument
-                with archive.open(name) as file:
-                    refuse_size(_repeated(blocks(file, 1 << 62)), largest, REMEDY)
-            if not name.startswith("xl/worksheets/"):
-                continue
-            row = column = shared = 0
-            with archive.open(name) as file:
-                rest, more = b"", True
-                while more:
-                    block = file.read(BLOCK)
-                    more, block = bool(block), rest + block
-                    end = max(0, len(block) - LONGEST_TAG) if more else len(block)
-                    for place, digits in CELL.findall(block):
-                        row = max(row, int(digits))
-                        column = max(column, sum((c - 64) * 26**k for k, c in enumerate(reversed(place))))
-                    for cell in SHARED.finditer(block):
-                        if cell.start() < end:  # and else in the next block
-                            index = int(cell[1] or -1)
-                            shared += lengths[index] if 0 <= index < len(lengths) else longest
-                    rest = block[end:]
-            refuse_size(CELL_BYTES * row * column + shared, largest, REMEDY)
-
-
-def _shared_texts(archive: zipfile.ZipFile) -> "tuple[array[int], int]":
-    """Bytes of the texts that cells of a workbook of Excel share, and of the longest; each cell becomes a copy of one.
-
-    Where the texts are written such that another reader may number them otherwise, as with comments, all are one.
-    """
-    lengths, whole, plain = array("Q"), 0, True
-    for number, info in enumerate(
-        info for info in archive.infolist() if info.filename.lower() == "xl/sharedstrings.xml"
-    ):
-        plain = plain and number == 0
-        read, begun, written, rest = 0, -1, False, b""  # bytes before the block, where a text began
-        with archive.open(info) as file:
-            while block := file.read(BLOCK):
-                whole += len(block)
-                block = rest + block
-                if not read and (declaration := DECLARATION.match(block)):
-                    block, read = block[declaration.end() :], declaration.end()
-                end = block.rfind(b"<")
-                if end < 0 or block.find(b">", end) >= 0:
-                    end = len(block)
-                plain = plain and len(block) - end < LONGEST_TAG
-                plain = plain and block.count(b"<", 0, end) == sum(1 for _ in PLAIN.finditer(block, 0, end))
-                for tag in TEXT.finditer(block, 0, end) if plain else ():
-                    closes, name, empty = tag.groups()
-                    if name == b"t":
-                        written = True
-                    elif closes and begun >= 0 and written:
-                        lengths.append(read + tag.start() - begun)
-                        begun = -1
-                    elif closes or empty or begun >= 0:
-                        plain = False
-                        break
-                    else:
-                        begun, written = read + tag.end(), False
-                read, rest = read + end, block[end:] if plain else b""
-        plain = plain and begun < 0
-    return (lengths, max(lengths, default=0)) if plain else (array("Q"), whole)
-
-
-def _repeated(content: Iterator[bytes]) -> int:
-    """Bytes of a sheet of OpenDocument: its cells up to the last row and column with a value, and texts that repeat."""
-    row = rows = place = column = columns = texts = begun = ended = 0
-    repeats, copies, valued, rest = 1, 1, False, b""
-    for block in content:
-        block, end = rest + block, 0
-        for tag in TAG.finditer(block):
-            texts += (begun + tag.start() - ended) * (copies - 1)
-            end, copies = tag.end(), 1
-            ended = begun + end
-            times = TIMES.search(tag[0])
-            number = min(int(times[1]), 10**9) if times is not None else 1
-            if tag[1] == b"</table:table":  # the next sheet begins anew
-                row = 0
-            elif tag[1] == b"</table:table-row":
-                row += repeats
-                if valued:
-                    rows, columns = max(rows, row), max(columns, column)
-            elif tag[1] == b"<table:table-row":
-                repeats, valued, place, column = number, False, 0, 0
-            else:
-                place += number
-                if b"office:value-type" in tag[0]:
-                    valued, column, copies = True, place, number * repeats
-        end = max(end, len(block) - LONGEST_TAG)
-        begun, rest = begun + end, block[end:]
-    return CELL_BYTES * rows * columns + texts
-
-
-def read_text(opened: Opened, find: Find, largest: float = LARGEST) -> Table:
+def read_text(opened: Opened, find: Find) -> Table:
     """The columns in need of a text, see `read_csv`."""
     with opened() as stream:
         layout = _layout(stream.read(HEAD))
@@ -207,65 +86,20 @@ def read_text(opened: Opened, find: Find, largest: float = LARGEST) -> Table:
     if dated := _stamp(layout, columns["time"]):
         notes.append(f"time is counted from {dated[0].strip()}")
     try:
-        try:
-            table = gather(columns, _blocks(opened, layout, columns), largest)
-        except pa.ArrowInvalid:  # a logger that was interrupted leaves half a row
-            whole = _blocks(lambda: pa.PythonFile(_WithoutLastLine(opened())), layout, columns)
-            table = gather(columns, whole, largest)
-            notes.append("the last row is cut off: left out")
-    except pa.ArrowInvalid as error:
-        if "Empty CSV file" in str(error):
-            raise RecordingError("there is a header but no data: record it again") from None
-        raise RecordingError(
-            _complaint(opened, layout, columns) or f"{one_line(error)}: repair or export again"
-        ) from None
+        table = gather(columns, _blocks(opened, layout, columns))
+    except RecordingError as refusal:
+        try:  # a logger that was interrupted leaves half a row
+            table = gather(columns, _blocks(lambda: _without_last_line(opened), layout, columns))
+        except RecordingError:
+            raise refusal from None
+        notes.append("the last row is cut off: left out")
     return replace(table, notes=tuple(notes))
 
 
-class _UpTo(io.RawIOBase):
-    """A stream of which no more than `largest` bytes are read: what unpacks to more is refused on the way."""
-
-    def __init__(self, stream: pa.NativeFile, largest: float) -> None:
-        self._stream, self._largest, self._size = stream, largest, 0
-
-    def readable(self) -> bool:
-        """It is."""
-        return True
-
-    def read(self, size: int = -1) -> bytes:
-        """At most `size` bytes.
-
-        Raises:
-            Unreadable: if they are beyond the largest.
-        """
-        block: bytes = self._stream.read(BLOCK if size < 0 else size)
-        self._size += len(block)
-        refuse_size(self._size, self._largest, REMEDY)
-        return block
-
-
-class _WithoutLastLine(io.RawIOBase):
-    """A stream up to where its last line begins."""
-
-    def __init__(self, stream: pa.NativeFile) -> None:
-        self._stream, self._held = stream, b""
-
-    def readable(self) -> bool:
-        """It is."""
-        return True
-
-    def read(self, size: int = -1) -> bytes:
-        """At most `size` bytes of whole lines; all but the last of them are held back until a line ends."""
-        size = BLOCK if size < 0 else size
-        while self._held.rfind(b"\n") < 0 or len(self._held) <= size:
-            if not (block := self._stream.read(BLOCK)):
-                break
-            self._held += block
-            if len(self._held) > size + 2 * BLOCK and self._held.rfind(b"\n") < 0:
-                raise RecordingError(LONG)
-        ready = min(size, self._held.rfind(b"\n") + 1)
-        given, self._held = self._held[:ready], self._held[ready:]
-        return given
+def _without_last_line(opened: Opened) -> pa.NativeFile:
+    with opened() as stream:
+        content = stream.read()
+    return pa.BufferReader(pa.py_buffer(content)[: content.rfind(b"\n") + 1])
 
 
 def _shown(text: str) -> str:
@@ -279,27 +113,30 @@ def _blocks(opened: Opened, layout: Layout, columns: dict[str, Column]) -> Itera
     if stamp := _stamp(layout, columns["time"]):
         types[names[columns["time"].index]] = pa.timestamp("ns", tz="UTC" if stamp["zone"] else None)
     began = None
-    with opened() as stream:
-        stream.read(layout.offset)
-        reader = pacsv.open_csv(
-            stream,
-            read_options=pacsv.ReadOptions(column_names=names, block_size=BLOCK),
-            parse_options=pacsv.ParseOptions(delimiter=layout.delimiter),
-            convert_options=pacsv.ConvertOptions(
-                include_columns=kept,
-                column_types=types,
-                null_values=[""],
-                decimal_point=layout.decimal,
-            ),
-        )
-        for batch in reader:
-            block = []
-            for column in batch.columns:
-                if pa.types.is_timestamp(column.type):
-                    began = pc.min(column).value if began is None else began
-                    column = since(column, began)
-                block.append(column.to_numpy(zero_copy_only=False))
-            yield block
+    try:
+        with opened() as stream:
+            stream.read(layout.offset)
+            reader = pacsv.open_csv(
+                stream,
+                read_options=pacsv.ReadOptions(column_names=names, block_size=BLOCK, use_threads=False),  # counts rows
+                parse_options=pacsv.ParseOptions(delimiter=layout.delimiter),
+                convert_options=pacsv.ConvertOptions(
+                    include_columns=kept,
+                    column_types=types,
+                    null_values=[""],
+                    decimal_point=layout.decimal,
+                ),
+            )
+            for batch in reader:
+                block = []
+                for column in batch.columns:
+                    if pa.types.is_timestamp(column.type):
+                        began = pc.min(column).value if began is None else began
+                        column = since(column, began)
+                    block.append(column.to_numpy(zero_copy_only=False))
+                yield block
+    except pa.ArrowInvalid as error:
+        raise RecordingError(_complaint(str(error), layout, columns)) from None
 
 
 def _stamp(layout: Layout, time: Column) -> re.Match[str] | None:
@@ -384,34 +221,19 @@ def _is_numeric(cells: list[str]) -> bool:
     return any(cell.strip() for cell in cells) and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in cells)
 
 
-def _lines(text: io.TextIOWrapper) -> Iterator[str]:
-    """Lines, none longer than a block: one that never ends would fill the memory."""
-    while line := text.readline(BLOCK):
-        if len(line) == BLOCK:
-            raise RecordingError(LONG)
-        yield line
-
-
-def _complaint(opened: Opened, layout: Layout, columns: dict[str, Column]) -> str | None:
-    """What the fast reader stumbled over, found again by reading line by line; None if this reader finds nothing."""
-    with opened() as stream:
-        stream.read(layout.offset)
-        text = io.TextIOWrapper(io.BufferedReader(stream), "utf-8", errors="replace", newline="")
-        try:
-            rows = (cells for cells in csv.reader(_lines(text), delimiter=layout.delimiter) if cells)
-            for row, cells in enumerate(rows, start=1):
-                where = f"data row {row} (header not counted)"
-                if len(cells) != len(layout.headers):
-                    remedy = "separate cells by commas" if layout.delimiter == " " else "repair or remove that row"
-                    return f"{where} has {len(cells)} cells where the header has {len(layout.headers)}: {remedy}"
-                for column in columns.values():
-                    cell = cells[column.index]
-                    if column.quantity == "time" and STAMP.fullmatch(cell) and _stamp(layout, column):
-                        continue
-                    if not NUMBER.fullmatch(cell.replace(layout.decimal, ".")):
-                        return (
-                            f"{where} has {_shown(cell)} as {column.quantity}, not a number: repair or remove that row"
-                        )
-        except csv.Error as error:
-            return f"the text cannot be split into cells ({one_line(error)}): write plain comma-separated numbers"
-    return None
+def _complaint(told: str, layout: Layout, columns: dict[str, Column]) -> str:
+    """What pyarrow stumbled over, in words of the user's."""
+    if "Empty CSV file" in told:
+        return "there is a header but no data: record it again"
+    if "straddling" in told:
+        return f"a line is longer than {BLOCK} characters: write one line for each sample"
+    remedy = "repair or remove that row"
+    if found := WIDTH.search(told):
+        what = f"{found['found']} cells where the header has {found['wanted']}"
+        remedy = "separate cells by commas" if layout.delimiter == " " else remedy
+    elif found := CELL.search(told):
+        (quantity,) = (column.quantity for column in columns.values() if column.index == int(found["column"]))
+        what = f"{_shown(found['cell'])} as {quantity}, not a number"
+    else:
+        return f"the text cannot be split into cells ({one_line(told)}): write plain comma-separated numbers"
+    return f"data row {found['row']} (header not counted) has {what}: {remedy}"

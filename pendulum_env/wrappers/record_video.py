@@ -16,7 +16,7 @@ class RecordVideo(EveryStep[Any, Any]):
 
     Gymnasium's own keeps a picture of every step: at 1 kHz a video of 1,000 frames per second, and 0.9 GB of memory
     for a second. Here pictures are left out, or shown for several frames where a step is longer than a frame;
-    `metadata["render_fps"]` tells how many steps a second has. Needs moviepy, which comes with the extra `rl`.
+    `metadata["render_fps"]` tells how many steps a second has. Needs moviepy, which is the extra `video`.
     """
 
     def __init__(self, env: gym.Env[Any, Any], video_folder: str, *, fps: int = FRAMES, **options: Any) -> None:

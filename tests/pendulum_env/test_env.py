@@ -177,10 +177,20 @@ def test_measurement_is_what_was_asked_for():
         before = info
         _, reward, terminated, _, info = env.step(np.array([9.0], dtype=np.float32))
         assert info["time"] == pytest.approx(k / 1000)
-        assert info["torque"] == 4.0  # clipped
+        assert info["torque"] == 4.0 and info["clipped"]
         assert info["position"] * 8192 / (2 * np.pi) == pytest.approx(round(info["position"] * 8192 / (2 * np.pi)))
         assert info["velocity"] == pytest.approx((info["position"] - before["position"]) * 1000)
         assert (reward, terminated) == (0.0, False)
+
+
+@pytest.mark.parametrize("most", [0.1, 0.7, 15.0])  # single precision rounds the first up and the second down
+def test_clipped_is_what_the_bound_took_from_and_nothing_else(most):
+    env = gym.make(PENDULUM, max_torque=most)
+    assert not env.reset()[1]["clipped"]
+    for action in (env.action_space.high, env.action_space.low, [most], [0.5 * most]):
+        assert not env.step(np.asarray(action))[-1]["clipped"]
+    for action in (1.01 * most, -1.01 * most):
+        assert env.step(np.array([action]))[-1]["clipped"]
 
 
 def test_measured_torque_has_the_noise_that_was_asked_for():

@@ -68,6 +68,17 @@ def test_same_step_keeps_the_last_observation():
     assert (info["final_info"]["time"] == 0.003).all() and (info["time"] == 0).all()
 
 
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_clipped_is_said_of_each_pendulum_and_not_of_one_that_starts_anew(mode):
+    env = gym.make_vec(PENDULUM, num_envs=2, max_torque=3.0, max_episode_steps=3, autoreset_mode=mode)
+    assert env.reset(seed=0)[1]["clipped"].tolist() == [False, False]
+    infos = [env.step(np.array([[4.0], [3.0]], dtype=np.float32))[-1] for _ in range(4)]
+    ended = infos[2]["final_info"] if mode == "SameStep" else infos[2]
+    assert ended["clipped"].tolist() == infos[0]["clipped"].tolist() == [True, False]
+    anew = infos[2] if mode == "SameStep" else infos[3]
+    assert anew["time"].tolist() == [0, 0] and anew["clipped"].tolist() == [False, False]
+
+
 def test_same_step_leaves_the_others_alone():
     env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=50, autoreset_mode="SameStep", torque_noise=0.1)
     env.reset(seed=0)

@@ -1,5 +1,7 @@
 import json
+import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import pytest
 from benchmarks import six_joint
 from benchmarks.two_link import Multisine, TwoLink
 from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
+from tests import robots
 from tests.workbench.pages import Page
 from workbench.cli import main
 
@@ -76,14 +79,48 @@ def test_identify_compare_and_diagnose_an_arm(capsys, folder):
 
     written = ("--json", "diagnosis.json", "-o", "better.json", "--report", "found.html")
     code, out, _ = run(capsys, folder, "diagnose", "hidden.csv", *written)
-    assert code == 0 and "Missing: torque_offset@elbow" in out
+    assert code == 0
+    brief = out.partition("\n\n")[2].splitlines()
+    assert brief[:2] == ["Missing: torque_offset@elbow", "torque_offset@elbow: c"] and len(brief) <= 8
+    assert re.match(r"error held out: shoulder \S+ -> \S+ N m, elbow 0\.\d+ -> 0\.0\d+ N m$", brief[2])
+    assert re.match(r"parameters: torque_offset@elbow (0\.\d+ ± 0\.\d+) N m$", brief[3])
     page = (folder / "found.html").read_text()
     assert "<h1" in page and "Missing: torque_offset@elbow" in page and 'id="candidates"' in page
+    found = json.loads((folder / "diagnosis.json").read_text())["model"]["theta"]["torque_offset@elbow"]
+    assert f"{found['value']:.3f}"[:5] in page.partition('id="candidates"')[0]  # with what was found
     _, before, after = curves(folder / "found.html", "joint-1-velocity")
     assert np.abs(before["y"]).max() > 10 * np.abs(after["y"]).max()
     assert json.loads((folder / "diagnosis.json").read_text())["selected"] == ["torque_offset@elbow"]
     code, out, _ = run(capsys, folder, "compare", "better.json", "hidden.csv")
     assert code == 0
+
+
+def test_compare_tells_what_an_arm_carries(capsys, folder):
+    """A body as heavy as the forearm, at the same place: twice its mass and moments."""
+    run(capsys, folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "empty.json")
+    heavy = replace(ARM, mass=(ARM.mass[0], 2 * ARM.mass[1]), inertia=(ARM.inertia[0], 2 * ARM.inertia[1]))
+    time, signal = np.arange(0, 8, 2e-3), Multisine.paper(3, (6.0, 3.5))
+    loaded = ArmRecording.of(
+        "heavy", ("shoulder", "elbow"), time, heavy.simulate(signal, time)[0], signal.held(time, 2e-3)
+    )
+    write_arm_recording(loaded, folder / "heavy.csv")
+    code, out, _ = run(capsys, folder, "compare", "empty.json", "heavy.csv")
+    assert code == 0 and re.search(
+        r"A payload of 0\.\d+ ± .* kg behind elbow would explain most of it: see --payload", out
+    )
+    for known in ([], ["--without", "plain.csv"]):
+        written = ("--payload", "--json", "payload.json")
+        code, out, _ = run(capsys, folder, "compare", "empty.json", "heavy.csv", *known, *written)
+        assert code == 0 and "Payload at the link behind elbow" in out and "no motion of the joints shows them" in out
+        told = json.loads((folder / "payload.json").read_text())["payload"]
+        assert told["theta"]["m"]["value"] == pytest.approx(ARM.mass[1], rel=0.02)
+        assert told["theta"]["mz"]["value"] == pytest.approx(-ARM.mass[1] * ARM.center[1], rel=0.02)
+    for wrong, said in (
+        (("--payload", "wrist"), "unknown joint 'wrist'"),
+        (("--without", "plain.csv"), "say --payload, too"),
+    ):
+        code, _, err = run(capsys, folder, "compare", "empty.json", "heavy.csv", *wrong)
+        assert code == 2 and said in err and err.count("\n") == 1
 
 
 def test_add_an_effect_at_a_joint(capsys, folder):
@@ -112,6 +149,105 @@ def test_a_study_of_an_arm_has_ranges_roles_and_columns(capsys, folder):
     assert code == 0 and "Missing: torque_offset@elbow" in out and "5000 samples" in out and "3000 samples" in out
     theta = json.loads((folder / "study.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(0.3, rel=0.03)
+
+
+@pytest.fixture(scope="module")
+def lift(tmp_path_factory):
+    """An arm on a torso that slides, with a gripper that the recording has open by 1 cm."""
+    folder = tmp_path_factory.mktemp("lift")
+    (folder / "arm.urdf").write_text(robots.urdf(robots.TORSO))
+    columns = robots.simulate(robots.TORSO, {"left": 0.01}, seconds=8.0)
+    robots.write(columns, folder / "run.csv")
+    columns = {
+        name: values + 0.02 * np.sin(columns["time"]) * (name == "position_left") for name, values in columns.items()
+    }
+    robots.write({name.replace("torso", "torso [mm]"): values * (1e3 if name == "position_torso" else 1)
+                  for name, values in columns.items() if name != "position_right"}, folder / "moved.csv")  # fmt: skip
+    for name, joints in (
+        ("study", ["torso", "shoulder", "elbow"]),
+        ("wrong", ["torso", "sholder"]),
+        ("empty", "torso"),
+    ):
+        (folder / f"{name}.toml").write_text(f'joints = {json.dumps(joints)}\n[[recording]]\nfile = "run.csv"\n')
+    return folder
+
+
+MOVING = ("--joints", "torso,shoulder,elbow")
+
+
+def test_joints_that_do_not_move_are_held_where_the_recording_has_them(capsys, lift):
+    code, out, _ = run(capsys, lift, "identify", "run.csv", *MOVING, "--json", "found.json", "-o", "model.json")
+    assert code == 0 and "held: left at 0.01 m, right at 0.01 m\n" in out and "gets" not in out
+    rows = {line.split()[0]: line.split()[-2:] for line in out.splitlines() if "@torso" in line}
+    assert rows["viscous@torso"] == ["N", "s/m"] and rows["m@torso"][1] == "kg" and rows["coulomb@torso"][1] == "N"
+    found = json.loads((lift / "found.json").read_text())["schemes"]
+    assert found["dynamic"]["residual"]["units"] == ["N", "N m", "N m"] and found["energy"]["residual"]["units"] == [
+        "J"
+    ]
+    assert found["dynamic"]["theta"]["coulomb@torso"]["unit"] == "N"
+    assert json.loads((lift / "model.json").read_text())["held"] == pytest.approx({"left": 0.01, "right": 0.01})
+
+    code, again, _ = run(capsys, lift, "identify", "study.toml", "--scheme", "energy")
+    assert code == 0 and "held: left at 0.01 m, right at 0.01 m\n" in again
+    code, out, _ = run(capsys, lift, "compare", "model.json", "moved.csv", "--report", "page.html", "--json", "e.json")
+    assert code == 0 and "warning: left gets 0.02 m away from there in moved: name it in --joints if it moves" in out
+    assert "position converted to m from column 'position_torso [mm]'" in out
+    assert [error["unit"] for error in json.loads((lift / "e.json").read_text())["joints"]] == ["N", "N m", "N m"]
+    (row,) = [line for line in out.splitlines() if line.startswith("torso")]
+    assert row.split()[2] == "N" and float(row.split()[3]) < 2.0  # [%]
+    titles = [figure["layout"]["xaxis"]["title"]["text"] for figure in Page((lift / "page.html").read_text()).figures]
+    assert titles[:2] == ["position q [m]", "velocity q' [m/s]"] and titles[3] == "angle q [rad]"
+
+
+def test_a_diagnosis_names_what_is_missing_where_a_joint_slides(capsys, lift):
+    columns = robots.simulate(robots.TORSO, {}, seed=4, hidden={"torso": lambda velocity: -12.0})
+    robots.write({name: values for name, values in columns.items() if "left" not in name}, lift / "hidden.csv")
+    code, out, _ = run(capsys, lift, "diagnose", "hidden.csv", *MOVING, "--only", "torque_offset", "-o", "better.json")
+    assert code == 0 and "held: left at zero, right at zero" in out and "Missing: torque_offset@torso" in out
+    assert re.search(r"^error held out: torso \S+ -> \S+ N, shoulder \S+ -> \S+ N m,", out, re.M)
+    assert re.search(r"^parameters: torque_offset@torso \S+ ± \S+ N$", out, re.M)
+    value = json.loads((lift / "better.json").read_text())["theta"]["torque_offset@torso"]
+    assert value["value"] == pytest.approx(12.0, rel=0.05) and value["unit"] == "N"
+    code, out, _ = run(capsys, lift, "add", "better.json", "spring@torso", "hidden.csv")
+    assert code == 0 and any(line.split()[-1] == "N/m" for line in out.splitlines() if "spring.stiffness" in line)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (
+            ("identify", "run.csv"),
+            "there is none for left: name them torque_left and so on, .* naming those that move, --jo",
+        ),
+        (("identify", "run.csv", "--joints", "torso,sholder"), "unknown joint 'sholder': did you mean shoulder"),
+        (("identify", "run.csv", "--joints", "torso,right"), "joint 'right' mimics 'left': name that one"),
+        (("identify", "run.csv", "--joints", "torso,,elbow"), "names of joints with commas"),
+        (("identify", "wrong.toml"), "unknown joint 'sholder': did you mean shoulder"),
+        (("identify", "empty.toml"), "joints is 'torso': write the names of those that move"),
+        (("identify", "study.toml", "--joints", "torso"), "told in two ways"),
+        (("record", "-o", "x.csv", *MOVING), "joint 'torso' does not turn in a vertical plane"),
+        (("add", "model.json", "cogging@torso", "run.csv"), "cogging is of joints that turn: it cannot be at 'torso'"),
+        (
+            ("compare", "model.json", "run.csv", "--joints", "shoulder,elbow"),
+            "is of an arm with joints torso, shoulder",
+        ),
+    ],
+)
+def test_mistakes_about_joints_are_one_line(capsys, lift, arguments, told):
+    run(capsys, lift, "identify", "run.csv", *MOVING, "--scheme", "energy", "-o", "model.json")
+    code, _, err = run(capsys, lift, *arguments)
+    assert code == 2 and re.search(told, err) and err.count("\n") == 1
+
+
+def test_a_base_that_floats_is_taken_for_fixed_only_if_that_is_said(capsys, folder, tmp_path):
+    text = (folder / "arm.urdf").read_text().replace('<link name="base"/>', '<link name="world"/><link name="base"/>')
+    root = '<joint name="root" type="floating"><parent link="world"/><child link="base"/></joint></robot>'
+    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", root))
+    asked = ("identify", str(folder / "plain.csv"), "--scheme", "energy")
+    code, _, err = run(capsys, tmp_path, *asked)
+    assert code == 2 and "joint 'root' lets the base float: say --base fixed" in err and err.count("\n") == 1
+    code, out, _ = run(capsys, tmp_path, *asked, "--base", "fixed")
+    assert code == 0 and "held: root at zero" in out
 
 
 def test_record_an_arm_with_an_effect_at_a_joint(capsys, folder):
@@ -180,5 +316,11 @@ def test_a_pendulums_command_knows_no_joints(capsys, folder):
     assert "is an effect at a joint of an arm" in capsys.readouterr().err
     assert main(["record", "--max-speed", "2", "-o", str(folder / "x.csv")]) == 2
     assert "--max-speed goes with --robot only" in capsys.readouterr().err
+    for option in (("--joints", "elbow"), ("--base", "fixed")):
+        assert main(["identify", str(folder / "plain.csv"), *option]) == 2
+        assert f"{option[0]} is of an arm: give its links with --robot" in capsys.readouterr().err
+    (folder / "arm.toml").write_text('joints = ["elbow"]\n[[recording]]\nfile = "plain.csv"\n')
+    assert main(["identify", str(folder / "arm.toml")]) == 2
+    assert "its study names joints of an arm" in capsys.readouterr().err
     assert main(["identify", str(folder / "plain.csv"), "--columns", "torque_elbow=torque_elbow"]) == 2
     assert "columns are named for" in capsys.readouterr().err

@@ -206,9 +206,17 @@ def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, tmp_path, 
         option: tmp_path / name for option, name in (("--json", "d.json"), ("--report", "d.html"), ("-o", "m.json"))
     }
     options = [str(part) for item in outputs.items() for part in item]
-    assert main(["diagnose", str(runs / "train.csv"), "--holdout", str(runs / "holdout.csv"), *options]) == 0
+    given = ["diagnose", str(runs / "train.csv"), "--holdout", str(runs / "holdout.csv")]
+    assert main([*given, *options]) == 0
+    brief = capsys.readouterr().out.partition("\n\n")[2].splitlines()
+    assert brief[:2] == ["Stribeck friction is missing", f"stribeck: {effects()['stribeck'].law}"]
+    assert re.match(r"error held out: torque 0\.0\d+ -> 0\.00\d+ N m .*, free-running position ", brief[2])
+    assert re.match(r"parameters: inertia .* kg m\^2, .*stribeck 0\.\d+ ± 0\.\d+ N m, ", brief[3])
+    assert brief[4].startswith("next: ") and brief[-1].startswith("wrote ") and len(brief) <= 8
+    assert main([*given, "--all"]) == 0
     out = capsys.readouterr().out
-    assert "- stribeck: fs exp" in out and "+ stribeck" in out and "█" in out
+    assert "+ stribeck" in out and "█" in out and re.search("^score: probability", out, re.M)
+    assert all(re.search(f"^{id} +(selected|rejected) ", out, re.M) for id in FEW) and "better by -" not in out
     follows_design(json.loads(outputs["--json"].read_text()))
     assert Model.load(outputs["-o"]).effects == ("stribeck",)
     assert outputs["--report"].read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
@@ -304,7 +312,7 @@ def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, capsys, few_effect
     path = tmp_path / "report.html"
     assert main(["demo", "--seed", "3", "-o", str(path)]) == 0
     out = capsys.readouterr().out
-    assert out.index("What is missing") < out.index("Errors") < out.index("The truth") < out.index("hidden was")
+    assert out.index("missing") < out.index("error held out") < out.index("The truth") < out.index("hidden was")
     assert {file.name for file in tmp_path.iterdir()} == {"report.html", "report.train.csv", "report.holdout.csv"}
 
 
@@ -437,7 +445,7 @@ BAD = [
     (backwards, "time falls from 0.049 to 0 s at data row 51"),
     (ten_samples, "10 samples"),
     (constant, "position is 1 rad in every row"),
-    (degrees, "position_deg"),
+    (degrees, "position=position:deg"),
     (wrap, "--unwrap"),
     (missing, "no such file"),
 ]

@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from pendulum_env.physics import KnownLoad, Model
+from pendulum_env.physics import Estimate, KnownLoad, Model
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.servo.drive import Drive
@@ -190,12 +190,38 @@ def test_a_motor_of_isaac_lab_gives_the_torque_of_a_duty_with_back_emf(monkeypat
     )
     assert told["name"] == "DCMotorCfg"
     assert (told["friction"], told["viscous_friction"]) == pytest.approx((PLANT["coulomb"], PLANT["viscous"]))
-    error, speed = (part.ravel() for part in np.meshgrid(np.linspace(-2, 2, 41), np.linspace(-9, 9, 37)))
+    error, speed = (part.ravel() for part in np.meshgrid(np.linspace(-2, 2, 41), np.linspace(-40, 40, 41)))
     slope = told["saturation_effort"] / told["velocity_limit"]  # of the line between torque and speed
-    least, most = -told["saturation_effort"] - slope * speed, told["saturation_effort"] - slope * speed
+    end = told["effort_limit"]  # which clips the line
+    least, most = (np.clip(side * told["saturation_effort"] - slope * speed, -end, end) for side in (-1, 1))
     theirs = np.clip(told["stiffness"] * error - told["damping"] * speed, least, most)
     ours = 4.5 * np.clip(1.2 * error - 0.03 * speed, -0.8, 0.8) - 0.05 * speed
     np.testing.assert_allclose(theirs, ours, atol=1e-4)
+
+
+def test_a_motor_of_isaac_lab_that_follows_a_speed_is_braked_by_its_joint_alone(monkeypatch):
+    drive = Drive(control="velocity", output="duty", kp=0.3, limit=0.8, supply=9.0, gain=0.5)
+    request = Request(drive=drive, approximate=True)
+    told = settings(export(joint("back-EMF"), "isaaclab", request).content, monkeypatch, "isaaclab.actuators")
+    assert told["name"] == "IdealPDActuatorCfg"
+    assert (told["damping"], told["effort_limit"]) == pytest.approx((0.3 * 4.5, 0.8 * 4.5))
+    assert told["viscous_friction"] == pytest.approx(PLANT["viscous"] + 0.05)
+    slow = joint("back-EMF", "stribeck:stribeck=0.4")
+    slow = replace(slow, estimates=slow.estimates | {"viscous": replace(slow.estimates["viscous"], value=0.0)})
+    request = Request(drive=Drive(output="duty", kp=1.2, limit=0.8, supply=9.0, gain=0.5), approximate=True)
+    told = settings(export(slow, "isaaclab", request).content, monkeypatch, "isaaclab.actuators")
+    assert told["viscous_friction"] >= 0.0  # no friction drives
+
+
+@pytest.mark.parametrize("format", ["python", "mjcf", "mjlab"])
+def test_a_drive_is_in_the_unit_of_its_model(format):
+    pytest.importorskip("mujoco")
+    unknown = Request(drive=Drive(output="voltage", kp=5.0, limit=6.0))
+    with pytest.raises(ExportError, match="the model is in N m, but the drive gives V: give the drive its gain"):
+        export(joint(), format, unknown)
+    told = replace(joint(), torque_constant=Estimate(0.8, 0.01, "N m/V"))
+    given = replace(unknown, drive=replace(unknown.drive, gain=0.8))
+    assert export(told, format, unknown).content == export(told, format, given).content
 
 
 @pytest.mark.parametrize("name", ["position", "speed"])

@@ -76,7 +76,7 @@ def test_without_loads_that_differ_nothing_is_said_in_newton_metres(
     for command in (
         ["identify", study, "-o", model, "--json", str(tmp_path / "identified.json")],
         ["compare", model, study, "--json", str(tmp_path / "compared.json")],
-        ["diagnose", study, "--json", str(tmp_path / "diagnosis.json"), "--report", str(page)],
+        ["diagnose", study, "-v", "--json", str(tmp_path / "diagnosis.json"), "--report", str(page)],
         ["add", model, "stribeck", study],
     ):
         assert main(command) == 0

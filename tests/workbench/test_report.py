@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from estimators.checks.homogeneity import Difference, Disagreement
-from estimators.checks.residual import Region
+from estimators.checks.residual import Region, profiles, stand_out
 from estimators.diagnosis.result import Candidate, Diagnosis, Verdict
 from estimators.schemes.identification import identify
-from pendulum_env.physics import BASE, Model
+from pendulum_env.physics import BASE, Model, Samples
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import Recording
 from tests.cases import diagnosed
@@ -20,6 +20,7 @@ from workbench.report import render, write_report
 from workbench.report.case import Case
 from workbench.report.figure import broken, numbers, thin
 from workbench.report.sections import SECTIONS
+from workbench.report.sections.failures import profile_figure
 from workbench.report.words import number
 
 PLANT = Model.build((*BASE, Stribeck(0.6)), [0.09, 2.0, 0.35, 0.7, 0.4])
@@ -230,3 +231,15 @@ def test_what_knocked_the_joint_is_among_the_windows_of_a_report(bouncing):
     assert found.knocks_beside is not None
     told, drawn = found.steps[-1].errors["train"], case.training.errors(found.model)
     assert drawn.torque_rms == pytest.approx(told.torque_rms, rel=1e-6)
+
+
+def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn() -> None:
+    curves, time = [("base model", "--base")], np.arange(4000) * 0.005
+    x = Samples(time, 1.5 * time, np.sin(time), np.cos(time))
+    cogs = 0.1 * np.cos(7 * x.position)
+    (around,) = profiles(x, cogs, 0.01, ["position"])
+    drawn = profile_figure(curves, [around], stand_out(x, cogs, 0.01), (), 0.2)
+    angle = np.array(drawn.data[-1]["x"])
+    assert "wrapped" in drawn.layout["xaxis"]["title"]["text"] and np.abs(angle).max() <= np.pi
+    assert np.corrcoef(drawn.data[-1]["y"], np.cos(7 * angle))[0, 1] > 0.98  # not smeared over all turns
+    assert all(-np.pi <= stripe["x0"] < stripe["x1"] <= np.pi for stripe in drawn.layout["shapes"])

@@ -68,7 +68,7 @@ def test_compare_takes_all_of_a_study(bench: Path, tmp_path: Path, capsys: pytes
         (["identify", "study.toml", "-o", "study.toml"], "study.toml: is one of the inputs"),
         (["diagnose", "study.toml", "--holdout", "tuesday.csv"], "tuesday.csv: is named twice"),
         (["diagnose", "study.toml", "--holdout", "study.toml"], "monday.csv: is named twice"),
-        (["identify", "bad.toml"], "bad.toml, line 2: unknown key 'roll'"),
+        (["identify", "bad.toml"], "bad.toml, recording 1: unknown key 'roll'"),
         (["identify", "held.toml"], "held.toml: holds every recording out"),
         (["identify", "none.toml"], "none.toml: cannot be read"),
         (["identify", "gone.toml"], "gone.csv: there is no such file"),

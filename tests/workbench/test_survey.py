@@ -4,7 +4,6 @@ import argparse
 import errno
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -26,9 +25,8 @@ from workbench.cli import main
 from workbench.commands.survey import configure
 from workbench.mistakes import InputError
 from workbench.report.fleet import write_fleet_report
-from workbench.survey import Dataset, Findings, Fleet, Settings, find_cases, survey
+from workbench.survey import Dataset, Fleet, Settings, find_cases, survey, work
 from workbench.survey import dataset as stored
-from workbench.survey import run as running
 from workbench.survey.run import watch
 from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
 from workbench.survey.work import examined
@@ -53,20 +51,20 @@ def stub(case, settings):
         os.kill(os.getpid(), signal.SIGKILL)
     told = json.loads(text) if text.startswith("{") else {}
     theta = {name: (told.get(name, value), std, unit) for name, (value, std, unit) in USUAL.items()}
-    effects = tuple(told.get("effects", ()))
+    effects = told.get("effects", [])
     gains = {**dict.fromkeys(("stribeck", "cogging"), -1.0), **told.get("gains", {})}
-    return Findings(
+    return dict(
         verdict="missing" if effects else "nothing",
         headline="Something" if effects else "Nothing is missing",
         score=0.9 if effects else None,
         selected=effects,
-        ambiguous=(),
-        candidates=tuple(
+        ambiguous=[],
+        candidates=[
             {"effect": id, "verdict": "selected" if id in effects else "rejected", "score": 0.1, "gain": gain,
              "gain_error": 2.0, "variants": 2}
             for id, gain in gains.items()
-        ),
-        parameters=tuple({"name": n, "value": v, "std": s, "unit": u} for n, (v, s, u) in theta.items()),
+        ],
+        parameters=[{"name": n, "value": v, "std": s, "unit": u} for n, (v, s, u) in theta.items()],
         torque_unit="N m", noise_floor=0.01, torque_rms=0.01, position_rms=1e-3, samples=100, duration=1.0,
         diagnosis="{}",
     )  # fmt: skip
@@ -107,7 +105,7 @@ def folder(tmp_path):
 def result(dataset):
     """All of a dataset but what a clock or a process tells."""
     rows = dataset.rows()
-    return [{k: v for k, v in row.items() if k not in ("seconds", "memory", "finished")} for row in rows]
+    return [{k: v for k, v in row.items() if k not in ("seconds", "finished")} for row in rows]
 
 
 def test_a_survey_that_was_broken_off_goes_on_to_the_same_result(folder, tmp_path, client):
@@ -120,112 +118,85 @@ def test_a_survey_that_was_broken_off_goes_on_to_the_same_result(folder, tmp_pat
 
     with pytest.raises(KeyboardInterrupt):
         survey(cases(folder), broken, client, look=stub, tell=stop)
-    assert len(broken.rows(["name"])) == 2
-    (broken.folder / "cases" / ".00000009-torn.parquet.part").write_bytes(b"PAR1")  # what a kill -9 may leave
-    (broken.folder / "cases" / "00000009-torn.parquet").write_bytes(b"PAR1")  # and a disk that lost power
+    kept = len(broken.rows(["name"]))
+    assert kept >= 2
+    (broken.folder / "cases" / ".torn.parquet.part").write_bytes(b"PAR1")  # what a kill -9 may leave
     tally = survey(cases(folder), broken, client, look=stub)
-    assert (tally.done, tally.unchanged) == (4, 2)
+    assert (tally.new["done"], tally.known.total()) == (6 - kept, kept)
     assert result(broken) == result(whole)
 
 
 def test_a_second_run_does_what_is_new_changed_or_asked_otherwise(folder, tmp_path, client, monkeypatch):
     dataset = Dataset(tmp_path / "out")
     survey(cases(folder), dataset, client, look=stub)
-    assert survey(cases(folder), dataset, client, look=stub).unchanged == 6
+    assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6
     for week in (3, 4):
         write(folder, "arm/elbow", week)
-    assert survey(cases(folder), dataset, client, look=stub).done == 2
+    assert survey(cases(folder), dataset, client, look=stub).new["done"] == 2
     changed = write(folder, "arm/wrist", 0, coulomb=1.2)
     tally = survey(cases(folder), dataset, client, look=stub)
-    assert (tally.done, tally.unchanged) == (1, 7)
+    assert (tally.new["done"], tally.known.total()) == (1, 7)
     os.utime(changed, (0, 0))  # touched, and the same inside: it is read once more, and not diagnosed
     tally = survey(cases(folder), dataset, client, look=stub)
-    assert (tally.done, tally.unchanged) == (0, 8)
-    assert survey(cases(folder, options=["--unwrap"]), dataset, client, look=stub).done == 8
-    monkeypatch.setattr(running, "version", lambda: "99")  # as a newer program sees the rows of this one
-    assert survey(cases(folder, options=["--unwrap"]), dataset, client, look=stub).done == 8
+    assert (tally.new["done"], tally.known.total()) == (0, 8)
+    assert survey(cases(folder, options=["--unwrap"]), dataset, client, look=stub).new["done"] == 8
+    monkeypatch.setattr(work, "version", lambda: "99")  # as a newer program sees the rows of this one
+    assert survey(cases(folder, options=["--unwrap"]), dataset, client, look=stub).new["done"] == 8
     assert len(dataset.rows(["name"])) == 8
+
+
+def many(folder, count):
+    """A dataset of so many files, in which five of seven cases each are looked at once more."""
+    dataset = Dataset(folder)
+    dataset.create()
+    for k in range(count):
+        when = BEGAN + timedelta(seconds=k)
+        dataset.append([
+            {"name": f"case{(k + j) % 7}", "reason": str(k), "status": "refused", "date": BEGAN, "finished": when}
+            for j in range(5)
+        ])  # fmt: skip
+    return dataset
 
 
 def test_many_files_become_one_with_the_last_row_of_each_case(tmp_path, monkeypatch):
     monkeypatch.setattr(stored, "GROUP", 2)
-    dataset = Dataset(tmp_path)
-    dataset.create()
-    for k in range(stored.MERGED + 1):
-        names = [f"case{(k + j) % 7}" for j in range(5)]
-        dataset.append([{"name": n, "reason": str(k), "finished": BEGAN + timedelta(seconds=k)} for n in names])
+    dataset = many(tmp_path, stored.FILES + 1)
     before = dataset.rows()
     dataset.merge()
     assert len(dataset.parts) == 1 and dataset.rows() == before
     assert [row["name"] for row in before] == [f"case{k}" for k in range(7)]
     assert pq.read_metadata(dataset.parts[0]).num_rows == 7  # what is past has gone
-    assert {row["reason"] for row in before} == {str(stored.MERGED - 2), str(stored.MERGED - 1), str(stored.MERGED)}
-
-
-def many(folder, count):
-    """A dataset of so many files, each of which has one case of its own."""
-    dataset = Dataset(folder)
-    dataset.create()
-    for k in range(count):
-        dataset.append([{"name": f"case{k}", "finished": BEGAN}])
-    return dataset
+    assert {row["reason"] for row in before} == {str(stored.FILES - 2), str(stored.FILES - 1), str(stored.FILES)}
 
 
 def test_a_dataset_that_is_merged_while_it_is_read_loses_no_row(tmp_path, monkeypatch):
-    dataset, last = many(tmp_path, 3), stored._last
+    dataset, read = many(tmp_path, stored.FILES + 1), stored._rows
+    before = dataset.rows(["name", "reason"])
 
-    def merged_after(parts):
-        found = last(parts)
-        monkeypatch.setattr(stored, "_last", last)
-        dataset.merge(1)
-        return found
+    def merged_before(path, columns):
+        monkeypatch.setattr(stored, "_rows", read)
+        dataset.merge()
+        return read(path, columns)
 
-    monkeypatch.setattr(stored, "_last", merged_after)
-    assert [row["name"] for row in dataset.rows(["name"])] == ["case0", "case1", "case2"]
-    assert len(dataset.parts) == 1
-
-    def always_merged(parts):
-        for path in parts:
-            path.rename(path.with_name(f"{int(path.name[:8]) + 1:08d}-0.parquet"))
-        return last(parts)
-
-    monkeypatch.setattr(stored, "_last", always_merged)
-    with pytest.raises(OSError, match="its files change while they are read: try again"):
-        dataset.rows(["name"])
+    monkeypatch.setattr(stored, "_rows", merged_before)
+    assert dataset.rows(["name", "reason"]) == before and len(dataset.parts) == 1
 
 
-def test_a_survey_that_goes_on_for_long_does_not_leave_a_file_for_every_second(folder, tmp_path, client, monkeypatch):
-    monkeypatch.setattr(running, "WAIT", -1.0)  # every row is a file
-    monkeypatch.setattr(running, "CROWD", 3)
-    dataset, counts = Dataset(tmp_path / "out"), []
-    survey(cases(folder), dataset, client, look=stub, tell=lambda tally: counts.append(len(dataset.parts)))
-    assert max(counts) == 3 and len(dataset.rows(["name"])) == 6
+@pytest.mark.parametrize("damaged", [False, True])
+def test_files_that_cannot_be_merged_stay(tmp_path, monkeypatch, damaged):
+    dataset = many(tmp_path, stored.FILES + 1)
+    if damaged:
+        damage(dataset.parts[0])
+    else:
+        monkeypatch.setattr(Dataset, "_write", full)
     before = dataset.parts
-    monkeypatch.setattr(Dataset, "_write", full)
-    dataset.merge(1)
-    assert dataset.parts == before  # there is no room for the new one beside the old ones
-
-
-def test_merging_that_cannot_succeed_is_tried_once_and_ends_no_survey(folder, tmp_path, client, monkeypatch):
-    monkeypatch.setattr(running, "WAIT", -1.0)
-    monkeypatch.setattr(running, "CROWD", 3)
-    tries, kept = [], stored._kept
-    monkeypatch.setattr(stored, "_kept", lambda parts: tries.append(len(parts)) or kept(parts))
-    dataset = many(tmp_path / "out", 1)
-    damage(dataset.parts[0])
-    before = dataset.parts
-    assert survey(cases(folder), dataset, client, look=stub).done == 6
-    assert tries == [4] and set(before) < set(dataset.parts)
-    assert {row["name"] for row in dataset.rows(["name"])} == {"case0", *(case.name for case in cases(folder))}
-    assert not dataset.merge(1) and len(tries) == 2
-    other = many(tmp_path / "other", 5)
-    other.parts[0].write_text("nothing of it can be read: it stays, and the others are merged")
-    assert [(other.merge(most), len(other.parts)) for most in (4, 3, 0)] == [(True, 5), (True, 2), (False, 2)]
+    dataset.merge()
+    assert dataset.parts == before and len(dataset.rows(["name"])) == 7
 
 
 def damage(part):
     """Overwrite a column of a file that merging reads, but neither its end nor the columns that tell its cases."""
-    column = pq.read_metadata(part).row_group(0).column(stored.SCHEMA.names.index("robot"))
+    column = pq.read_metadata(part).row_group(0).column(stored.SCHEMA.names.index("reason"))
     with part.open("r+b") as file:
         file.seek(column.dictionary_page_offset or column.data_page_offset)
         file.write(b"\xff" * column.total_compressed_size)
@@ -235,13 +206,39 @@ def full(self, tables):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+def test_a_file_that_no_survey_wrote_is_one_row_that_says_so(folder, tmp_path, client):
+    dataset = Dataset(tmp_path / "out")
+    survey(cases(folder), dataset, client, look=stub)
+    own = dataset.rows()
+    parts = dataset.folder / "cases"
+    (parts / "torn.parquet").write_bytes(b"PAR1")
+    pq.write_table(pa.table({"a": [1]}), parts / "other.parquet")
+    pq.write_table(pa.table({"date": pa.array([2**60], pa.timestamp("us", "UTC"))}), parts / "future.parquet")
+    for changed in (
+        {"status": "perhaps"},
+        {"verdict": "guilty"},
+        {"date": None},
+        {"name": None},
+        {"selected": None},
+        {"parameters": [{}]},
+    ):
+        dataset.append([{**own[0], **changed}])
+    dataset.append([{**own[0], **dict.fromkeys(("headline", "robot", "joint", "kind", "torque_rms")), "name": "bare"}])
+    spoilt = [row["reason"] for row in dataset.rows() if row["name"].startswith("cases/")]
+    assert spoilt == ["it is damaged, or no survey wrote it: remove it from the dataset"] * 9
+    assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6
+    write_fleet_report(tmp_path / "fleet.html", Fleet.of(dataset))
+    told = Page((tmp_path / "fleet.html").read_text()).text
+    assert told.count("it is damaged, or no survey wrote it") == 9
+
+
 def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_path, client):
     elbow = folder / "arm" / "elbow"
     for name, text in (("2026-01-05", "corrupt"), ("2026-01-12", "full"), ("2026-01-19", "fault")):
         (elbow / f"{name}.csv").write_text(text)
     dataset = Dataset(tmp_path / "out")
     tally = survey(cases(folder), dataset, client, look=stub)
-    assert (tally.done, tally.refused, tally.failed) == (3, 1, 2)
+    assert (tally.new["done"], tally.new["refused"], tally.new["failed"]) == (3, 1, 2)
     rows = {row["name"]: row for row in dataset.rows(["name", "status", "reason"])}
     assert rows["arm/elbow/2026-01-05.csv"]["status"] == "refused"
     assert rows["arm/elbow/2026-01-05.csv"]["reason"] == "it is damaged: export it again"
@@ -250,25 +247,22 @@ def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_
     (elbow / "2026-01-12.csv").unlink()
     write(folder, "arm/elbow", 1)
     again = survey(cases(folder), dataset, client, look=stub)
-    assert (again.done, again.failed, again.unchanged) == (1, 1, 4)  # what the file cannot mend is tried again
+    assert (again.new["done"], again.new["failed"], again.known.total()) == (
+        1,
+        1,
+        4,
+    )  # what the file cannot mend is tried again
     assert [name for name, _ in again.troubles] == ["arm/elbow/2026-01-05.csv", "arm/elbow/2026-01-19.csv"]
 
 
-def test_rows_wait_while_the_disk_is_full(folder, tmp_path, client, monkeypatch):
-    dataset, write_rows, left = Dataset(tmp_path / "out"), Dataset._write, [3]
-
-    def full_at_first(self, tables):
-        left[0] -= 1
-        (full if left[0] >= 0 else write_rows)(self, tables)
-
-    monkeypatch.setattr(Dataset, "_write", full_at_first)
-    monkeypatch.setattr(running, "WAIT", 0.0)
-    survey(cases(folder), dataset, client, look=stub)
-    assert len(dataset.rows(["name"])) == 6 and left[0] < 0
-    shutil.rmtree(dataset.folder)
-    left[0] = 1000
-    with pytest.raises(InputError, match="No space left on device: 6 cases are not kept: make room and run again"):
+def test_a_full_disk_ends_the_survey_and_what_was_written_stays(folder, tmp_path, client, monkeypatch):
+    dataset, some = Dataset(tmp_path / "out"), cases(folder)[:3]
+    survey(some, dataset, client, look=stub)
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="No space left on device"):
+        patch.setattr(Dataset, "_write", full)
         survey(cases(folder), dataset, client, look=stub)
+    tally = survey(cases(folder), dataset, client, look=stub)
+    assert (tally.new["done"], tally.known.total()) == (3, 3)
 
 
 @pytest.mark.slow
@@ -285,7 +279,7 @@ def test_a_worker_that_is_killed_costs_its_case_at_most(folder, tmp_path):
     ):
         dataset = Dataset(tmp_path / "out")
         tally = survey(cases(folder), dataset, client, look=stub)
-    assert (tally.done, tally.failed) == (5, 1)
+    assert (tally.new["done"], tally.new["failed"]) == (5, 1)
     (name, reason) = tally.troubles[0]
     assert name == "arm/elbow/2026-01-05.csv" and reason.startswith("its worker died")
 
@@ -320,13 +314,6 @@ def fleet(tmp_path_factory, client):
     return fleet_of(tmp_path_factory.mktemp("fleet"), client, told)
 
 
-@pytest.fixture(scope="module")
-def page(fleet):
-    path = fleet.folder.parent / "fleet.html"
-    write_fleet_report(path, fleet)
-    return path
-
-
 def test_drifts_onsets_odd_ones_and_what_all_share_are_found_and_nothing_else(fleet):
     assert [row[:2] for row in drifting_table(fleet).rows] == [("arm1 / elbow", "coulomb")]
     assert [row[:3] for row in jumping_table(fleet).rows] == [("arm4 / elbow", "inertia", "2026-03-02")]
@@ -337,8 +324,9 @@ def test_drifts_onsets_odd_ones_and_what_all_share_are_found_and_nothing_else(fl
     assert not {row[0] for row in pooled_table(fleet).rows} & {"all wrist", "arm0 / wrist"}
 
 
-def test_the_page_says_what_was_found_and_loads_nothing(page):
-    found = Page(page.read_text())
+def test_the_page_says_what_was_found_and_loads_nothing(fleet, tmp_path):
+    write_fleet_report(tmp_path / "fleet.html", fleet)
+    found = Page((tmp_path / "fleet.html").read_text())
     assert (
         "1 of 12 joints drifts, 1 has jumped, 1 differs from its siblings and Stribeck friction is missing in 1"
         in found.text
@@ -351,35 +339,10 @@ def test_the_page_says_what_was_found_and_loads_nothing(page):
 
 
 @pytest.mark.slow
-def test_a_browser_walks_the_page(page):
-    sync_api = pytest.importorskip("playwright.sync_api")
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("chromium is not installed")
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        tab = browser.new_page()
-        faults = []
-        tab.on("pageerror", lambda fault: faults.append(fault))
-        tab.goto(page.as_uri())
-        tab.get_by_role("link", name="Over time").click()
-        tab.locator("#course-0 .main-svg").first.wait_for()
-        tab.get_by_text("All parameters of all joints").click()
-        first = tab.locator("#courses tbody tr").first
-        assert "arm1 / elbow" in first.inner_text() and "drifts" in first.inner_text()
-        tab.get_by_role("link", name="Cases").click()
-        tab.locator("#cases th button", has_text="Verdict").click()  # the other way round
-        tab.locator("#cases th button", has_text="Verdict").click()
-        assert "missing" in tab.locator("#cases tbody tr").first.inner_text()
-        browser.close()
-    assert not faults
-
-
-@pytest.mark.slow
 def test_a_fleet_in_which_nothing_happens_shows_nothing(tmp_path, client):
     fleet = fleet_of(tmp_path, client, lambda arm, joint, week, usual, gains: {**usual, "gains": gains})
     assert not (fleet.drifting or fleet.jumping or fleet.effects or fleet.odd or fleet.shared)
-    assert len(fleet.joints) == 12 and not fleet.troubled
+    assert len(fleet.joints) == 12 and all(row["status"] == "done" for row in fleet.rows)
 
 
 # ------------------------------------------------------------------------------------------------- names and tables
@@ -410,6 +373,25 @@ def test_a_link_is_called_as_it_is_called_and_not_as_what_it_leads_to(tmp_path):
         first, second = cases(tmp_path / folder)
         assert (first.name, first.robot, first.joint) == ("arm1/elbow/2026-03-01.csv", "arm1", "elbow")
         assert second.date.day == 8
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are text")
+def test_loops_of_links_and_names_that_are_no_text_cost_no_other_case(folder, tmp_path, client):
+    elbow = folder / "arm" / "elbow"
+    (elbow / "loop.csv").symlink_to("loop.csv")
+    for name in ("here", "there"):
+        (elbow / name).symlink_to(folder)
+    os.rename(elbow / "2026-01-05.csv", os.fsencode(elbow) + b"/2026-01-05 \xff\x1b.csv")
+    dataset = Dataset(tmp_path / "out")
+    tally = survey(cases(folder), dataset, client, look=stub)
+    assert (tally.new["done"], tally.new["failed"]) == (6, 1)
+    assert [name for name, _ in tally.troubles] == ["arm/elbow/loop.csv"]
+    assert "arm/elbow/2026-01-05 \\udcff\\x1b.csv" in {row["name"] for row in dataset.rows(["name"])}
+    assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6
+    assert len(cases(folder / "**" / "*.csv")) == 6  # `**` goes round no loop either
+    with pytest.raises(InputError, match=r"holds more than 3 \*: write names as"):
+        cases(folder, options=["--names", "*a*a*a*a*a*b"])
+    assert len(cases(folder, options=["--names", "*" * 100 + "{joint}/" + "*" * 100])) == 7
 
 
 def test_a_table_and_a_study_say_what_no_path_does(tmp_path):
@@ -555,4 +537,4 @@ def test_settings_that_decide_have_another_mark(tmp_path):
     path = write(tmp_path, "arm/elbow", 0)
     (case,) = cases(path)
     assert Settings().mark(case) == Settings(reports="all").mark(case)
-    assert Settings().mark(case) != Settings(library=("stribeck",)).mark(case)
+    assert Settings().mark(case) != Settings({"only": ("stribeck",)}).mark(case)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from estimators.arguments import chosen_effects, within_limits
 from pendulum_env.physics import Term
 from workbench.inputs import ids, known, ranges
-from workbench.mistakes import sentence
 
 
 @dataclass(frozen=True)
@@ -48,22 +47,10 @@ class Asked:
             "bounds": ranges(self.bound) if self.bound else {},
         }
 
-    def faults(self, terms: Sequence[Term]) -> dict[str, str]:
-        """What is wrong beside a model's terms, a sentence for each field."""
-        checks: tuple[tuple[str, Callable[[], object]], ...] = (
-            ("only", lambda: chosen_effects(None, ids(self.only) or None, ())),
-            ("without", lambda: chosen_effects(None, **self.effects)),
-            ("fix", lambda: within_limits(terms, {}, Asked(fix=self.fix).limits["fixed"], {})),
-            ("bound", lambda: within_limits(terms, {}, **self.limits)),
-        )
-        found: dict[str, str] = {}
-        for field, check in checks:
-            try:
-                check()
-            except ValueError as mistake:
-                if sentence(mistake) not in found.values():  # the second of a pair is tried with the first
-                    found[field] = sentence(mistake)
-        return found
+    def check(self, terms: Sequence[Term]) -> None:
+        """Refuse what makes no sense beside a model's terms: raises ValueError as the command line does."""
+        chosen_effects(None, **self.effects)
+        within_limits(terms, {}, **self.limits)
 
     def options(self, *fields: str) -> list[str]:
         """Some fields as words of a command."""

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks.residual import Region
+from estimators.checks.residual import Region, turns, wrapped
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.physics import Samples
 from pendulum_env.recording import Recording
 from workbench.report.case import Case
 from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, stacked, thin
-from workbench.report.sections.failures import planes, wrapped
+from workbench.report.sections.failures import planes
 
 MAP, PHASE, TIME = "map", "phase", "time"
 VIEWS = (MAP, PHASE, TIME)
@@ -139,7 +139,10 @@ def within(points: Points, region: Region) -> Mask:
     series = {name: getattr(points, name) for name in ("time", "position", "velocity", "torque")}
     if region.axis not in series:
         return np.zeros(len(points), dtype=bool)
-    return (series[region.axis] >= region.low) & (series[region.axis] <= region.high)
+    values = series[region.axis]
+    if region.axis == "position" and turns(values):
+        values = wrapped(values)
+    return (values >= region.low) & (values <= region.high)
 
 
 def lit(points: Points, selected: Mask, shown: int) -> dict[str, list[JSON]]:

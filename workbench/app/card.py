@@ -6,23 +6,21 @@ from typing import Any
 
 import dash
 import numpy as np
-from dash import ALL, MATCH, ClientsideFunction, Input, Output, State, dcc, html
+from dash import ALL, Input, Output, State, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from pendulum_env._typing import Array
 from workbench.app.mapping import ROLES, Card, Choice, units
-from workbench.app.parts import SPEC, aria, button, graph, labelled, panel, table
+from workbench.app.parts import UNWRAP, aria, button, graph, labelled, panel, table
 from workbench.app.session import Session
 from workbench.app.stage import Bench
-from workbench.app.uploads import UNWRAP
 from workbench.report.figure import Figure, axis, line, thin
 
 COLUMN = "column"  # kind of a plot that a range is brushed in
 ROWS = 4  # that are shown
 POINTS = 300  # of a plot
 HINTS = {  # of what is done with a column
-    "time": "",
     "position": "/6 or *-1 or +90",
     "velocity": "/6 or *-1",
     "torque": "*0.091, *? or *-1",
@@ -31,39 +29,20 @@ HINTS = {  # of what is done with a column
 CALLED = {"": "as named", "A": "A: current", "V": "V: voltage", "duty": "duty: share of the supply"}
 
 
-def show(card: Card, session: Session) -> Component:
+def show(card: Card) -> Component:
     """What is in the file, and the choice of what it means."""
-    known = any(one.file == card.file for one in session.state.loaded)
-    seconds = card.seconds
-    rows: list[tuple[Any, ...]] = []
-    for k, (header, choice, values) in enumerate(
-        zip(card.preview.headers, card.choices, card.preview.values, strict=True)
-    ):
-        if values is None:
-            rows.append(
-                (html.Strong(header), "no numbers", "", *_controls(card.file.name, k, header, choice, disabled=True))
-            )
-            continue
-        first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:ROWS])
-        plot = graph(_plot(k, header, values, seconds), kind=COLUMN, bar=False)
-        rows.append(
-            (html.Strong(header), f"{first}, …", plot, *_controls(card.file.name, k, header, choice, disabled=False))
-        )
-    headers = [(text, False) for text in ("Column", "First rows", "All rows", "It is", "In", "Gain, ratio, offset")]
+    name, seconds = card.source.file.name, card.seconds
+    brush = "Drag over a plot to choose the range." if seconds is not None else "The range can be chosen once time is."
     ends = [
-        labelled(
-            label,
-            dcc.Input(value, type="number", id=_id(end), min=0, placeholder=empty, debounce=True),
-        )
+        labelled(label, dcc.Input(value, type="number", id=_id(end), min=0, placeholder=empty, debounce=True))
         for label, end, value, empty in (
             ("Use it from [s]", "from", card.ends[0], "first row"),
             ("to [s]", "to", card.ends[1], "last row"),
         )
     ]
-    brush = "Drag over a plot to choose the range." if seconds is not None else "The range can be chosen once time is."
     return panel(
-        f"What the columns of {card.file.name} mean",
-        *([html.P(f"{session.plain(card.why)}.", className="why", role="alert")] if card.why else []),
+        f"What the columns of {name} mean",
+        *([html.P(f"{card.why}.", className="why", role="alert")] if card.why else []),
         html.P(
             "Time, position and torque are needed; velocity and reference are of use. What is written in the last "
             "column is done to a column one after the other, as by --columns: a gain, a ratio, an offset. For the "
@@ -71,13 +50,17 @@ def show(card: Card, session: Session) -> Component:
             f"{brush}",
             className="note",
         ),
-        table(headers, rows, "Columns"),
+        table(
+            dict.fromkeys(("Column", "First rows", "All rows", "It is", "In", "Gain, ratio, offset"), False),
+            [_row(card, k, seconds) for k in range(len(card.choices))],
+            "Columns",
+        ),
         html.Div(ends, className="fields"),
         dcc.Checklist([{"label": UNWRAP, "value": "unwrap"}], ["unwrap"] * card.source.unwrap, id=_id("unwrap")),
         html.Div(
             [
-                button("Read it again" if known else "Load it", "card-load", primary=True),
-                button("Leave it as it is" if known else "Leave it out", "card-close"),
+                button("Read it again" if card.known else "Load it", "card-load", primary=True),
+                button("Leave it as it is" if card.known else "Leave it out", "card-close"),
             ],
             className="row",
         ),
@@ -90,23 +73,32 @@ def _id(what: str, k: int = 0) -> dict[str, Any]:
     return {"card": what, "of": k}
 
 
-def _controls(file: str, k: int, header: str, choice: Choice, disabled: bool) -> tuple[Component, Component, Component]:
-    roles = [{"label": "unused", "value": ""}, *({"label": role, "value": role} for role in ROLES)]
-    told = dict.fromkeys(["", *units(choice.role), choice.unit])
-    known = [{"label": CALLED.get(unit, unit), "value": unit} for unit in told]
-    more: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": disabled}
+def _row(card: Card, k: int, seconds: Array | None) -> tuple[Any, ...]:
+    """A column: what is in it, and the choice of what it means."""
+    header, choice, values = card.preview.headers[k], card.choices[k], card.preview.values[k]
+    first, plot = "no numbers", None
+    if values is not None:
+        first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:ROWS]) + ", …"
+        plot = graph(_plot(k, header, values, seconds), kind=COLUMN, bar=False)
+    roles = {"": "unused"} | {role: role for role in ROLES}
+    known = {unit: CALLED.get(unit, unit) for unit in ["", *units(choice.role), choice.unit]}
+    more: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": values is None}
+    then = dcc.Input(
+        choice.then,
+        type="text",
+        id=_id("then", k),
+        placeholder=HINTS.get(choice.role, ""),
+        disabled=values is None or not choice.role,
+        persistence=card.source.file.name,  # what is typed stays while this card is drawn anew
+        persistence_type="memory",
+    )
     return (
+        html.Strong(header),
+        first,
+        plot,
         html.Div(dcc.Dropdown(roles, choice.role, id=_id("role", k), **more), **aria(label=f"Role of {header}")),
         html.Div(dcc.Dropdown(known, choice.unit, id=_id("unit", k), **more), **aria(label=f"Unit of {header}")),
-        dcc.Input(
-            choice.then,
-            type="text",
-            id=_id("then", k),
-            placeholder=HINTS.get(choice.role, ""),
-            disabled=disabled or not choice.role,
-            persistence=file,  # what is typed stays while this card is drawn anew
-            persistence_type="memory",
-        ),
+        then,
     )
 
 
@@ -114,10 +106,10 @@ def _plot(k: int, header: str, values: Array, seconds: Array | None) -> Figure:
     """A column over time, over rows while there is no time."""
     x = seconds if seconds is not None and len(seconds) == len(values) else np.arange(len(values), dtype=float)
     kept = thin(np.nan_to_num(values), POINTS)
-    bare = {"visible": False, "fixedrange": True}
+    bare = axis("", visible=False, fixedrange=True)
     layout = {
-        "xaxis": axis("", **bare),
-        "yaxis": axis("", **bare),
+        "xaxis": bare,
+        "yaxis": bare,
         "margin": {"l": 2, "r": 2, "t": 2, "b": 2},
         "dragmode": "select" if x is seconds else False,
         "selectdirection": "h",
@@ -129,10 +121,7 @@ def _plot(k: int, header: str, values: Array, seconds: Array | None) -> Figure:
 
 def connect(bench: Bench) -> None:
     """Wire the choices, the range and the buttons."""
-    role, unit, *rest = (
-        ({"card": what, "of": ALL}, "value") for what in ("role", "unit", "then", "unwrap", "from", "to")
-    )
-    told = [State(*one) for one in rest]
+    every = [({"card": what, "of": ALL}, "value") for what in ("role", "unit", "then", "unwrap", "from", "to")]
 
     def said(card: Card, roles: list[str], units: list[str], *rest: list[Any]) -> Card:
         thens, (unwrap,), (first,), (last,) = rest
@@ -141,9 +130,8 @@ def connect(bench: Bench) -> None:
 
     @bench.app.callback(
         Output("version", "data", allow_duplicate=True),
-        Input(*role),
-        Input(*unit),
-        *told,
+        *(Input(*one) for one in every[:2]),
+        *(State(*one) for one in every[2:]),
         State("session", "data"),
         prevent_initial_call=True,
     )
@@ -156,24 +144,19 @@ def connect(bench: Bench) -> None:
             asked = said(card, *values[:-1])
             if [(c.role, c.unit) for c in asked.choices] == [(c.role, c.unit) for c in card.choices]:
                 raise PreventUpdate  # controls that have just appeared
-            session.act(lambda: session.consider(asked))
+            session.act(lambda: setattr(session, "cards", (asked, *session.cards[1:])))
             return session.version
 
-    @bench.on(Input("card-load", "n_clicks"), given=(State(*role), State(*unit), *told))
+    @bench.on(Input("card-load", "n_clicks"), given=tuple(State(*one) for one in every))
     def load(session: Session, _: int, *values: Any) -> None:
         session.answer(said(session.cards[0], *values))
 
-    @bench.on(Input("card-close", "n_clicks"))
-    def close(session: Session, _: int) -> None:
-        session.let_go()
-
-    @bench.on(Input({"do": "columns", "of": ALL}, "n_clicks"))
-    def ask(session: Session, _: list[int]) -> None:
-        session.ask(dash.ctx.triggered_id["of"])
+    bench.buttons({"card-close": lambda session: setattr(session, "cards", session.cards[1:])})
+    bench.each({"columns": Session.ask})
 
     @bench.app.callback(
-        Output({"card": "from", "of": ALL}, "value"),
-        Output({"card": "to", "of": ALL}, "value"),
+        Output(*every[4]),
+        Output(*every[5]),
         Input({"kind": COLUMN, "of": ALL}, "selectedData"),
         prevent_initial_call=True,
     )
@@ -183,10 +166,3 @@ def connect(bench: Bench) -> None:
             raise PreventUpdate
         first, last = sorted(map(float, drawn))
         return [round(max(first, 0.0), 3)], [round(last, 3)]
-
-    bench.app.clientside_callback(
-        ClientsideFunction("app", "draw"),
-        Output({"kind": COLUMN, "of": MATCH}, "figure"),
-        Input({"kind": f"{COLUMN}-{SPEC}", "of": MATCH}, "data"),
-        Input("theme-now", "data"),
-    )  # type: ignore[no-untyped-call]

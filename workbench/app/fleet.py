@@ -7,7 +7,6 @@ from pathlib import Path
 
 import flask
 
-from workbench.mistakes import sentence
 from workbench.report.fleet import render
 from workbench.survey import Dataset, Fleet
 
@@ -25,11 +24,8 @@ def serve(server: flask.Flask, survey: Path) -> None:
     dataset = Dataset(survey.resolve())
 
     @server.get(PAGE)
-    def fleet() -> str | flask.Response:
-        try:
-            return _page(dataset, tuple(dataset.parts))
-        except OSError as error:  # its files are merged meanwhile, or are out of reach
-            return flask.Response(sentence(error), 503, mimetype="text/plain")
+    def fleet() -> str:
+        return _page(dataset, tuple(dataset.parts))
 
     @server.get(f"{PAGE}reports/<name>")  # one folder and no other: a name holds no slash
     def case(name: str) -> flask.Response:

@@ -30,13 +30,11 @@ class Following:
 
     Attributes:
         said: which effect is missing.
-        verdict: whether the running model still predicts.
         course: time [s] and evidence that something is missing [nat], once a second of motion.
         events: alarms, and what was added or taken out.
     """
 
     said: OnlineDiagnosis
-    verdict: Verdict
     course: tuple[tuple[float, float], ...]
     events: tuple[Event, ...]
 
@@ -72,22 +70,23 @@ class Follower:
                 if verdict.kind != self._kind:
                     self._warn(verdict)
 
+    def _note(self, text: str, alarm: bool) -> None:
+        self._events.append(Event(self._time, text, alarm))
+
     def _tell(self, said: OnlineDiagnosis) -> None:
         if np.isfinite(said.evidence):
             self._course.append((self._time, said.evidence))
         missing = said.kind == "missing"
         if missing and not self._missing:
-            self._events.append(
-                Event(self._time, f"missing: {listing([name(id) for id in said.group], 'or')}", alarm=True)
-            )
+            self._note(f"missing: {listing([name(id) for id in said.group], 'or')}", True)
         self._missing = missing
 
     def _warn(self, verdict: Verdict) -> None:
         self._kind = verdict.kind
         if verdict.kind == "value":
-            self._events.append(Event(self._time, f"value changed: {name(verdict.parameter)}", alarm=True))
+            self._note(f"value changed: {name(verdict.parameter)}", True)
         elif verdict.kind == "structure":
-            self._events.append(Event(self._time, "structure changed", alarm=True))
+            self._note("structure changed", True)
 
     def add(self, effect: str) -> None:
         """Take an effect into the model.
@@ -97,7 +96,7 @@ class Follower:
         """
         with self._lock:
             self._diagnoser.add(effect)
-            self._events.append(Event(self._time, f"added: {name(effect)}", alarm=False))
+            self._note(f"added: {name(effect)}", False)
             self._renew()
 
     def undo(self) -> None:
@@ -109,11 +108,11 @@ class Follower:
         with self._lock:
             last = self._diagnoser.said.added[-1:]
             self._diagnoser.undo()
-            self._events.append(Event(self._time, f"taken out: {name(last[0])}", alarm=False))
+            self._note(f"taken out: {name(last[0])}", False)
             self._renew()
 
     def look(self) -> Following:
         """What is said now."""
         with self._lock:
             course, events = tuple(self._course), tuple(self._events)
-            return Following(self._diagnoser.said, self._watch.verdicts[0], course, events)
+            return Following(self._diagnoser.said, course, events)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from typing import Any
 
 from dash import ClientsideFunction, Input, Output, State, ctx, dcc, html, no_update
@@ -11,19 +10,17 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from workbench.app import fleet
-from workbench.app.parts import PLOT, SPEC, aria, button
+from workbench.app.card import COLUMN
+from workbench.app.parts import LINKED, PLOT, SPEC, aria, button, saves
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.stages import STAGES
-from workbench.app.stages.compare import LINKED
 from workbench.app.state import State as Work
 from workbench.report.page import shared
 from workbench.report.sections.story import changes
 from workbench.report.words import listing, name, number, opening
 
 TITLE = "pendulum-ident"
-SESSION = "session.zip"
-AS_NOISE = 1.15  # times the noise floor, an error that noise may well explain
 WORTH = 1.05  # times smaller, from which an error has become smaller
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 POLL = 300  # [ms] between two looks at a job
@@ -109,20 +106,16 @@ def story_so_far(state: Work, stage: Stage) -> list[Component]:
     """The headline, and the numbers behind it."""
     kicker, title, lead = stage.headline or told(state)
     parts: list[Component] = [html.P(kicker, className="kicker"), html.H1(title)]
-    if lead:
-        parts.append(html.P(lead, className="lead"))
-    return parts
+    return [*parts, html.P(lead, className="lead")] if lead else parts
 
 
 def steps(session: Session) -> list[Component]:
     """The way back, and to another day."""
-    if not (session.last_change or session.state.loaded):
-        return []
     what = session.last_change
+    if not (what or session.state.loaded):
+        return []
     back = button(f"Undo: {what}" if what else "Undo", "back", disabled=session.busy() or not what)
-    return [
-        html.Div([back, button("Save session", "save-session", disabled=not session.state.loaded)], className="row")
-    ]
+    return [html.Div([back, saves("Save session", "session", disabled=not session.state.loaded)], className="row")]
 
 
 def told(state: Work) -> tuple[str, str, list[Any]]:
@@ -135,33 +128,23 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
         return "Workbench", "What does your model lack?", [what]
     count = len(state.loaded)
     kicker = f"{count} recording{'s' if count > 1 else ''}, {state.seconds:.3g} s"
-    if not state.ladder:
+    if state.trouble:
         return kicker, "Nothing can be fitted yet", [f"{opening(state.trouble)}."]
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name(effect)}' for effect in state.added)}"
-    diagnosis = state.told
+    diagnosis, names = state.told, listing([name(effect) for effect in state.added])
     first, last = (state.ladder[k].errors["holdout"] for k in (0, -1))
-    floor = f"noise alone would leave {number(diagnosis.noise_floor)}{NBSP}N{NBSP}m"
-    if state.added:
-        lead = ["On data it was not fitted to, the torque error fell from ", _b(first.torque_rms, "N m"), " to "]
-        lead += [_b(last.torque_rms, "N m"), f" ({floor}), and that of a free-running simulation from "]
-        lead += [_b(first.position_rms, "rad"), " to ", _b(last.position_rms, "rad"), "."]
-    else:
-        lead = ["On data it was not fitted to, the base model leaves a torque error of ", _b(last.torque_rms, "N m")]
-        lead += [f"; {floor}."]
+    lead = ["On data it was not fitted to, the torque error is ", _b(last.torque_rms, "N m")]
+    lead += [", that of the base model ", _b(first.torque_rms, "N m")] if state.added else []
+    lead.append(f"; noise alone would leave {number(diagnosis.noise_floor)}{NBSP}N{NBSP}m.")
     if state.found:
         would = next(iter(changes(diagnosis)))
         lead += [f" With {listing([name(effect) for effect in state.found])} it would be ", _b(would.after, "N m"), "."]
-    if state.added and not state.found:
-        smaller = first.torque_rms / last.torque_rms
-        if last.torque_rms < AS_NOISE * diagnosis.noise_floor:
-            lead.append(" That is as good as the noise allows.")
-        elif diagnosis.unexplained:
-            lead.append(" More is missing than that.")
-        names = listing([name(effect) for effect in state.added])
-        if smaller < WORTH:
-            return kicker, f"{opening(names)} hardly lowers the error", lead
-        return kicker, f"With {names} the torque error is {number(smaller, 2)} times smaller", lead
-    return kicker, diagnosis.headline, lead
+    if state.found or not state.added:
+        return kicker, diagnosis.headline, lead
+    smaller = first.torque_rms / last.torque_rms
+    if smaller < WORTH:
+        return kicker, f"{opening(names)} hardly lowers the error", lead
+    return kicker, f"With {names} the torque error is {number(smaller, 2)} times smaller", lead
 
 
 def _b(value: float, unit: str) -> Component:
@@ -175,38 +158,29 @@ def running(session: Session) -> list[Component]:
         return []
     pace = job.pace
     left = "" if pace.left is None else f" · about {max(1, round(pace.left))} s left"
-    return [
-        html.Div(
-            [
-                html.Div([html.Strong(job.title), html.Span(f" {pace.what}{left}", className="note")]),
-                html.Progress(value=str(round(pace.share, 3)), max="1", **aria(label=job.title)),
-            ],
-            className="running-text",
-        ),
-        button("Cancel", "cancel"),
-    ]
+    what = html.Div([html.Strong(job.title), html.Span(f" {pace.what}{left}", className="note")])
+    bar = html.Progress(value=str(round(pace.share, 3)), max="1", **aria(label=job.title))
+    return [html.Div([what, bar], className="running-text"), button("Cancel", "cancel")]
 
 
 def show(session: Session, stage: Stage) -> list[Component]:
     """A stage, or the way to it."""
-    state = session.state
-    if stage.needs_model and not state.ladder:
-        why = opening(state.trouble) if state.trouble else "There is nothing to show before a recording is loaded"
-        return [html.Section([html.P(f"{why}."), html.A("Go to Data", href="#data")], className="panel empty")]
+    if stage.needs_model and session.state.trouble:
+        why = html.P(f"{opening(session.state.trouble)}.")
+        return [html.Section([why, html.A("Go to Data", href="#data")], className="panel empty")]
     return stage.show(session)
 
 
 def connect(bench: Bench) -> None:
     """Wire the page and all stages."""
     _connect_page(bench)
-    _connect_jobs(bench)
     _connect_scripts(bench)
     for stage in STAGES:
         stage.connect(bench)
 
 
 def _connect_page(bench: Bench) -> None:
-    """Wire what is drawn anew when the session or the address changes."""
+    """Wire what is drawn anew when the session or the address changes, and the progress of jobs."""
 
     @bench.app.callback(
         Output("nav", "children"),
@@ -232,10 +206,6 @@ def _connect_page(bench: Bench) -> None:
                 html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
             )
 
-
-def _connect_jobs(bench: Bench) -> None:
-    """Wire the progress of jobs, and the way out of one."""
-
     @bench.app.callback(
         Output("job", "children"),
         Output("poll", "disabled"),
@@ -257,35 +227,8 @@ def _connect_jobs(bench: Bench) -> None:
             changed = session.version != version if version else ctx.triggered_id == "poll" and not busy
             return running(session), not busy, session.version if changed else no_update
 
-    @bench.on(Input("back", "n_clicks"))
-    def back(session: Session, _: int) -> None:
-        session.undo()
-
-    @bench.app.callback(
-        Output("download", "data", allow_duplicate=True),
-        Input("save-session", "n_clicks"),
-        State("session", "data"),
-        prevent_initial_call=True,
-    )
-    def save(clicks: int, id: str) -> dict[str, Any]:
-        if not clicks:
-            raise PreventUpdate
-        session = bench.sessions.of(id)
-        with session.lock:
-            return {"filename": SESSION, "content": b64encode(session.save()).decode(), "base64": True}
-
-    @bench.app.callback(
-        Output("version", "data", allow_duplicate=True),
-        Input("cancel", "n_clicks"),
-        State("session", "data"),
-        prevent_initial_call=True,
-    )
-    def cancel(clicks: int, id: str) -> int:
-        if not clicks:
-            raise PreventUpdate
-        session = bench.sessions.of(id)
-        session.cancel()
-        return session.version
+    bench.buttons({"back": Session.undo})
+    bench.buttons({"cancel": Session.cancel}, urgent=True)
 
 
 def _connect_scripts(bench: Bench) -> None:
@@ -294,19 +237,15 @@ def _connect_scripts(bench: Bench) -> None:
     def in_the_page(function: str, output: Output, *given: Input | State) -> None:
         bench.app.clientside_callback(ClientsideFunction("app", function), output, *given)  # type: ignore[no-untyped-call]
 
-    plot, linked, text = ({"kind": kind, "of": MATCH} for kind in (PLOT, LINKED, "fragment"))
+    linked, text = ({"kind": kind, "of": MATCH} for kind in (LINKED, "fragment"))
     theme = Input("theme-now", "data")
     in_the_page("session", Output("session", "data"), Input("url", "pathname"))
     in_the_page("theme", Output("theme-now", "data"), Input("theme", "n_clicks"))
-    in_the_page("draw", Output(plot, "figure"), Input({"kind": f"{PLOT}-{SPEC}", "of": MATCH}, "data"), theme)
-    in_the_page(
-        "brush",
-        Output(linked, "figure"),
-        Input({"kind": f"{LINKED}-{SPEC}", "of": MATCH}, "data"),
-        theme,
-        Input("lit", "data"),
-        State(linked, "id"),
-    )
+    for kind in (PLOT, COLUMN):
+        figure = Output({"kind": kind, "of": MATCH}, "figure")
+        in_the_page("draw", figure, Input({"kind": f"{kind}-{SPEC}", "of": MATCH}, "data"), theme)
+    linked_spec = Input({"kind": f"{LINKED}-{SPEC}", "of": MATCH}, "data")
+    in_the_page("brush", Output(linked, "figure"), linked_spec, theme, Input("lit", "data"), State(linked, "id"))
     in_the_page("fragment", Output(text, "title"), Input({"kind": "markup", "of": MATCH}, "data"), State(text, "id"))
     in_the_page("warm", Output("warm", "children"), Input("stage", "children"))
     in_the_page("swing", Output("pendulum", "title"), Input("live-motion", "data"))

@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
@@ -17,11 +16,12 @@ from pendulum_env.recording.expression import NUMBER, Expression, parse
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, RAW, TOLD, UNITS
-from workbench.words import enumerate_words
+from pendulum_env.words import listing
 
 ROLES = tuple(ALIASES)
 NEEDED = 3  # columns with numbers: time, position and torque
 PLAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # what is written alone is a gain
+Ends = tuple[float | None, float | None]  # of a range [s] from the first row; None where it goes to the first or last
 
 
 @dataclass(frozen=True)
@@ -56,36 +56,42 @@ class Card:
     """A file whose columns a person is asked about.
 
     Attributes:
-        file: where it lies, in the session's folder.
-        source: how it is to be read; its columns are those of `choices`.
+        source: how it is to be read; its columns and range are those of `choices` and `ends` instead.
         choices: what is said of each column.
         preview: what is in the file.
-        ends: of the range to use [s] from the first row; None where it goes to the first or last.
+        ends: of the range to use.
+        known: id of the recording that it is of; empty while that waits for an answer.
         why: what is wrong with it, in a sentence; empty if a person asked to see it.
     """
 
-    file: Path
     source: Source
     choices: tuple[Choice, ...]
     preview: Preview
-    ends: tuple[float | None, float | None] = (None, None)
+    ends: Ends = (None, None)
+    known: str = ""
     why: str = ""
 
     @classmethod
-    def of(cls, file: Path, source: Source, why: str = "") -> Card:
+    def of(cls, source: Source, known: str = "", why: str = "") -> Card:
         """Look at a file, beginning with what is said of it or what the names of its columns tell.
 
         Raises:
             RecordingError: if it cannot be read, or has too few columns to choose from.
         """
-        shown = preview(file)
+        shown = preview(source.file)
         if sum(values is not None for values in shown.values) < NEEDED:
-            raise RecordingError(why or f"{file}: has fewer than {NEEDED} columns of numbers: nothing can be chosen")
-        return cls(file, source, _choices(shown, source.columns), shown, source.range or (None, None), why)
+            raise RecordingError(f"{source.file}: has fewer than {NEEDED} columns of numbers: nothing can be chosen")
+        return cls(source, _choices(shown, source.columns), shown, source.range or (None, None), known, why)
 
-    def told(self, choices: Sequence[Choice], unwrap: bool, ends: tuple[float | None, float | None]) -> Card:
+    def told(self, choices: Sequence[Choice], unwrap: bool, ends: Ends) -> Card:
         """The card with other choices."""
         return replace(self, choices=tuple(choices), source=replace(self.source, unwrap=unwrap), ends=ends)
+
+    @property
+    def _said(self) -> list[tuple[str, str, str]]:
+        """Role, name and expression of each column that has a role."""
+        pairs = zip(self.preview.headers, self.choices, strict=True)
+        return [(choice.role, header, choice.expression(header)) for header, choice in pairs if choice.role]
 
     @property
     def columns(self) -> Mapping[str, str]:
@@ -94,15 +100,11 @@ class Card:
         Raises:
             ColumnError: if two columns have the same role.
         """
-        columns: dict[str, str] = {}
-        named: dict[str, list[str]] = {}
-        for header, choice in zip(self.preview.headers, self.choices, strict=True):
-            if choice.role:
-                columns[choice.role] = choice.expression(header)
-                named.setdefault(choice.role, []).append(repr(header))
-        for role, headers in named.items():
+        columns = {role: expression for role, _, expression in self._said}
+        for role in columns:
+            headers = [repr(header) for other, header, _ in self._said if other == role]
             if len(headers) > 1:
-                raise ColumnError(f"{self.file}: columns {enumerate_words(headers)} are all to be {role}: choose one")
+                raise ColumnError(f"{self.source.file}: columns {listing(headers)} are all to be {role}: choose one")
         others = [q for q in OPTIONAL if q not in columns and is_told(q, self.preview.headers)]
         return columns | dict.fromkeys(others, UNUSED)
 
@@ -119,18 +121,16 @@ class Card:
             first = 0.0 if first is None else first
             last = np.floor(np.nanmax(seconds)) + 1.0 if last is None else last
             if not 0 <= first < last:
-                raise RecordingError(f"{self.file}: range is {first:g} to {last:g} s: let it end after it begins")
+                raise RecordingError(
+                    f"{self.source.file}: range is {first:g} to {last:g} s: let it end after it begins"
+                )
             chosen = (float(first), float(last))
         return replace(self.source, columns=self.columns, range=chosen)
 
     @cached_property
     def seconds(self) -> Array | None:
         """Time from the first row on [s] (N,), None where no column is chosen for it."""
-        told = [
-            choice.expression(header)
-            for header, choice in zip(self.preview.headers, self.choices, strict=True)
-            if choice.role == "time"
-        ]
+        told = [expression for role, _, expression in self._said if role == "time"]
         return self.preview.seconds(told[0]) if told else None
 
 

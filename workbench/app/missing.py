@@ -9,16 +9,16 @@ import numpy as np
 from dash import Input, Output, State, html
 from dash.development.base_component import Component
 
-from estimators.online import Standing
-from workbench.app.following import Event, Follower, Following
-from workbench.app.parts import button
+from workbench.app.following import Follower, Following
+from workbench.app.parts import button, graph
 from workbench.app.session import Session
 from workbench.app.stage import Bench
 from workbench.mistakes import InputError
-from workbench.report.figure import Figure, numbers
+from workbench.report.figure import Figure, axis, line
 from workbench.report.words import listing, name, number, opening
 
 COURSE = "live-evidence"
+LABEL = "Evidence that the model lacks something, over time, with alarms"
 HEIGHT = 190  # [px]
 SHOWN = 6  # effects
 FLOOR, ROOF = -5.0, 60.0  # [nat], between which evidence is drawn
@@ -32,15 +32,14 @@ OUTPUTS = (
 )
 
 
-def view(plot: Callable[[str, int], Component]) -> list[Component]:
+def view() -> list[Component]:
     """The verdict, the time line, the bars, and two buttons that stay while all else moves."""
+    presses = [button("Add it", "live-add", disabled=True), button("Undo", "live-undo", disabled=True)]
     return [
         html.P("", id="live-verdict", className="note", role="status"),
-        plot(COURSE, HEIGHT),
+        graph(Figure(COURSE, LABEL, [], {}, HEIGHT), bar=False),
         html.Div(id="live-bars", className="odds"),
-        html.Div(
-            [button("Add it", "live-add", disabled=True), button("Undo", "live-undo", disabled=True)], className="row"
-        ),
+        html.Div(presses, className="row"),
     ]
 
 
@@ -54,9 +53,7 @@ def connect(bench: Bench) -> None:
             raise InputError("nothing is missing that could be added: wait for an alarm")
         _change(session, lambda follower: follower.add(shown))
 
-    @bench.on(Input("live-undo", "n_clicks"))
-    def undo(session: Session, _: int) -> None:
-        _change(session, Follower.undo)
+    bench.buttons({"live-undo": lambda session: _change(session, Follower.undo)})
 
 
 def _change(session: Session, do: Callable[[Follower], None]) -> None:
@@ -85,10 +82,6 @@ def _verdict(now: Following) -> str:
         word = "nothing is missing so far"
     else:
         word = "learning how the model predicts"
-    if now.verdict.kind == "value":
-        word += f"; {name(now.verdict.parameter)} has changed" if now.verdict.parameter else "; a value has changed"
-    if now.verdict.kind == "structure":
-        word += "; its structure has changed"
     error = f", error {number(said.error)} N m" if np.isfinite(said.error) else ""
     return f"Model {model}: {word}{error}."
 
@@ -99,61 +92,48 @@ def _bars(now: Following) -> Component | str:
     if not said.ranking:
         return ""
     rows = [_bar("Nothing", said.none, "")]
-    rows += [_bar(opening(name(one.effect)), one.probability, _gain(one)) for one in said.ranking[:SHOWN]]
+    for one in said.ranking[:SHOWN]:
+        rows.append(_bar(opening(name(one.effect)), one.probability, f"{one.gain:+.0f} ± {one.error:.0f} nat"))
     return html.Table(html.Tbody(rows))
-
-
-def _gain(one: Standing) -> str:
-    return f"{one.gain:+.0f} ± {one.error:.0f} nat"
 
 
 def _bar(label: str, share: float, note: str) -> Component:
     meter = html.Span(html.I(style={"width": f"{100 * share:.0f}%"}), className="meter")
-    return html.Tr(
-        [
-            html.Th(label, scope="row"),
-            html.Td(meter),
-            html.Td(f"{share:.2f}", className="number"),
-            html.Td(note, className="number"),
-        ]
-    )
+    numbers = [html.Td(text, className="number") for text in (f"{share:.2f}", note)]
+    return html.Tr([html.Th(label, scope="row"), html.Td(meter), *numbers])
 
 
 def course(now: Following, time: float) -> Figure:
     """Evidence that something is missing over time, its threshold, and what happened when."""
     seen = np.array(now.course).reshape(-1, 2)
-    drawn: list[dict[str, Any]] = [
-        {
-            "type": "scatter",
-            "mode": "lines+markers",
-            "x": numbers(seen[:, 0]),
-            "y": numbers(np.clip(seen[:, 1], FLOOR, ROOF)),
-            "line": {"color": "--base", "width": 2},
-            "marker": {"size": 5},
-        }
-    ]
+    marks = {"mode": "lines+markers", "line": {"color": "--base", "width": 2}, "marker": {"size": 5}}
+    drawn = [line(seen[:, 0], np.clip(seen[:, 1], FLOOR, ROOF), "evidence", "--base", "nat", **marks)]
     threshold, end = now.said.threshold, max(time, 1.0)
     lines = [_line(0.0, end, threshold, threshold, "--muted", "dot")]
     lines += [_line(e.time, e.time, FLOOR, ROOF, "--base" if e.alarm else "--final", "solid") for e in now.events]
+    notes = [
+        {
+            "x": event.time,
+            "y": ROOF * (1.0 - 0.17 * (k % 5)),
+            "text": event.text,
+            "showarrow": False,
+            "xanchor": "left",
+            "xshift": 4,
+            "font": {"size": 11},
+        }
+        for k, event in enumerate(now.events)
+    ]
     layout = {
-        "xaxis": {"title": {"text": "time [s]"}, "range": [0.0, end]},
-        "yaxis": {"title": {"text": "evidence [nat]"}, "range": [FLOOR, ROOF]},
+        "xaxis": axis("time [s]", range=[0.0, end]),
+        "yaxis": axis("evidence [nat]", range=[FLOOR, ROOF]),
         "showlegend": False,
         "hovermode": False,
         "shapes": lines,
-        "annotations": [_note(event, k) for k, event in enumerate(now.events)],
+        "annotations": notes,
     }
-    return Figure(COURSE, "Evidence that the model lacks something, over time, with alarms", drawn, layout, HEIGHT)
+    return Figure(COURSE, LABEL, drawn, layout, HEIGHT)
 
 
 def _line(left: float, right: float, low: float, high: float, color: str, dash: str) -> dict[str, Any]:
     line = {"color": color, "width": 1.4, "dash": dash}
     return {"type": "line", "x0": left, "x1": right, "y0": low, "y1": high, "line": line}
-
-
-def _note(event: Event, k: int) -> dict[str, Any]:
-    return {"x": event.time, "y": ROOF * (1.0 - 0.17 * (k % 5)), "text": event.text, "showarrow": False} | {
-        "xanchor": "left",
-        "xshift": 4,
-        "font": {"size": 11},
-    }

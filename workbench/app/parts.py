@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dash import dcc, html
 from dash.development.base_component import Component
 
+from pendulum_env.physics import effects
+from workbench.app.torques import choices
+from workbench.app.uploads import UPLOAD
 from workbench.report import page
 from workbench.report.figure import Figure
 from workbench.report.section import Section
+from workbench.report.words import name, opening
 
 Content = Component | str | Sequence[Component | str] | None
 
-PLOT, SPEC = "plot", "spec"  # a graph, and the figure that it draws in the page's colours
+PLOT, LINKED, SPEC = "plot", "linked", "spec"  # a graph, one that selections light up in, and the figure of either
+UNWRAP = "unwrap: undo jumps of 2π in position"
 BUTTONS = ["zoom2d", "pan2d", "resetScale2d", "toImage"]  # by name, so that none that sends data elsewhere slips in
 CLEAR = "rgba(0,0,0,0)"
-EMPTY = {  # a graph before its figure comes
-    "layout": {
-        "xaxis": {"visible": False},
-        "yaxis": {"visible": False},
-        "paper_bgcolor": CLEAR,
-        "plot_bgcolor": CLEAR,
-    }
-}
+HIDDEN = {"visible": False}
+EMPTY = {"layout": {"xaxis": HIDDEN, "yaxis": HIDDEN, "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR}}
+KEPT: dict[str, Any] = {"persistence": True, "persistence_type": "session"}  # what a tab has entered, over a reload
 
 
 def graph(figure: Figure, caption: Content = None, kind: str = PLOT, bar: bool = True) -> Component:
@@ -61,20 +61,11 @@ def spec(figure: Figure) -> dict[str, Any]:
     return {"data": figure.data, "layout": figure.layout}
 
 
-CONTROLS = {  # what the command line calls otherwise
-    "the other commands do with --align": "the button “Correct it” does so in all stages",
-    "correct it with --align (`Aligned.of` in Python)": "the button “Correct it” does so",
-}
-
-
 def fragment(section: Section) -> Component:
-    """Text and tables of a section of the report, in its own words but for options; figures are left to `graph`."""
-    markup = page.fragment(section)
-    for option, control in CONTROLS.items():
-        markup = markup.replace(option, control)
+    """Text and tables of a section of the report, in its own words; figures are left to `graph`."""
     return html.Div(
         [
-            dcc.Store(id={"kind": "markup", "of": section.id}, data=markup),
+            dcc.Store(id={"kind": "markup", "of": section.id}, data=page.fragment(section)),
             html.Div(id={"kind": "fragment", "of": section.id}, className="fragment"),
         ]
     )
@@ -87,10 +78,45 @@ def button(label: Content, id: Any, primary: bool = False, **more: Any) -> Compo
     )
 
 
-def labelled(label: str, control: Component, note: str = "", wrong: str = "") -> Component:
-    """A control with its label, and a word on it, or what is wrong with what it holds."""
-    said = html.Small(wrong, className="wrong", role="alert") if wrong else html.Small(note) if note else None
-    return html.Label([html.Span(label), control, *([said] if said else [])], className="field")
+def saves(file: str, what: str, of: str = "", **more: Any) -> Component:
+    """A button that saves a file; `what` is one of `export.FILES`."""
+    return button(file, {"save": what, "of": of}, **more)
+
+
+def effects_to_choose(nothing: str = "") -> dict[str, str]:
+    """Names of all effects by id, and perhaps of none."""
+    return ({"": nothing} if nothing else {}) | {id: opening(name(id)) for id in effects()}
+
+
+def dropdown(id: str, options: Mapping[str, str] | Sequence[Any], value: Any, **more: Any) -> Component:
+    """A choice of one thing."""
+    return dcc.Dropdown(options, value, id=id, clearable=False, **more)
+
+
+def number_field(id: str, value: float | None, **more: Any) -> Component:
+    """A field for a number, which a tab keeps."""
+    return dcc.Input(value, type="number", id=id, **more, **KEPT)
+
+
+def run_fields(prefix: str, seconds: float, low: float, high: float) -> list[Component]:
+    """A form for a run of so many seconds from low to high: its torque, and what is hidden in the plant."""
+    hidden = effects_to_choose("nothing")
+    return [
+        labelled("Excitation", dropdown(f"{prefix}excitation", choices(), "paper", searchable=False, **KEPT)),
+        labelled("Hidden effect", dropdown(f"{prefix}effect", hidden, "", **KEPT)),
+        labelled("Peak torque [N m]", number_field(f"{prefix}amplitude", None, min=0, placeholder="usual")),
+        labelled("Length [s]", number_field(f"{prefix}seconds", seconds, min=low, max=high)),
+    ]
+
+
+def drop(label: Content, id: str, **more: Any) -> Component:
+    """A place that files are dropped on."""
+    return dcc.Upload(label, id=id, max_size=UPLOAD, className="drop", className_active="drop over", style={}, **more)
+
+
+def labelled(label: str, control: Component, note: str = "") -> Component:
+    """A control with its label, and a word on it."""
+    return html.Label([html.Span(label), control, *([html.Small(note)] if note else [])], className="field")
 
 
 def panel(title: str, *content: Component | str, className: str = "") -> Component:
@@ -98,14 +124,11 @@ def panel(title: str, *content: Component | str, className: str = "") -> Compone
     return html.Section([html.H2(title), *content], className=f"panel {className}".strip())
 
 
-def table(headers: Sequence[tuple[str, bool]], rows: Sequence[Sequence[Any]], label: str) -> Component:
-    """Rows under headers; a header says whether its column holds numbers. Wide ones scroll by keyboard, too."""
-
-    def cell(value: Any, number: bool) -> Component:
-        return html.Td(value, className="number" if number else None)
-
-    head = html.Tr([html.Th(name, scope="col", className="number" if number else None) for name, number in headers])
-    body = [html.Tr([cell(value, number) for value, (_, number) in zip(row, headers, strict=True)]) for row in rows]
+def table(headers: Mapping[str, bool], rows: Sequence[Sequence[Any]], label: str) -> Component:
+    """Rows under headers, of which each tells whether its column holds numbers. Wide ones scroll by keyboard, too."""
+    of = ["number" if number else None for number in headers.values()]
+    head = html.Tr([html.Th(name, scope="col", className=kind) for name, kind in zip(headers, of, strict=True)])
+    body = [html.Tr([html.Td(x, className=kind) for x, kind in zip(row, of, strict=True)]) for row in rows]
     return html.Div(
         html.Table([html.Thead(head), html.Tbody(body)]),
         className="scroll",

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from estimators.progress import Progress
 from pendulum_env.files import write_whole
-from pendulum_env.recording import Recording, read_recording
-from workbench.app.jobs import Job, Workers
+from pendulum_env.recording import Source
 from workbench.app.session import Session
 from workbench.app.state import Loaded, State
 from workbench.app.torques import LEARNT
@@ -21,9 +21,20 @@ from workbench.terminal import Terminal
 
 DIAGNOSIS = "diagnosis.json"
 LONGEST = 120.0  # [s]
-DEMO = (  # what is hidden in the demo, and what each of its recordings is for
-    ("demo.csv", ("--seconds=15", "--effect=stribeck", "--seed=1"), False),
-    ("demo-holdout.csv", ("--seconds=10", "--effect=stribeck", "--seed=2"), True),
+
+
+@dataclass(frozen=True)
+class Wish:
+    """A recording to be made: its file's name, options of `record`, and whether it is held out."""
+
+    name: str
+    options: tuple[str, ...]
+    held_out: bool = False
+
+
+DEMO = (
+    Wish("demo.csv", ("--seconds=15", "--effect=stribeck", "--seed=1")),
+    Wish("demo-holdout.csv", ("--seconds=10", "--effect=stribeck", "--seed=2"), held_out=True),
 )
 
 
@@ -44,41 +55,32 @@ class Quiet(Terminal):
         yield lambda what, share: self._tell(title, share)
 
 
-def record(runs: Sequence[tuple[Path, Sequence[str]]], progress: Progress) -> list[Recording]:
-    """Run `pendulum-ident record` for each file with its options, and read what it wrote."""
-    recordings = []
-    for file, options in runs:
-        arguments = parse(["record", *options, f"--output={file}"])
+def record(folder: Path, wishes: Sequence[Wish], progress: Progress) -> list[Loaded]:
+    """Run `pendulum-ident record` for each wish into a folder, and read what it wrote."""
+    loaded = []
+    for wish in wishes:
+        file = folder / wish.name
+        arguments = parse(["record", *wish.options, f"--output={file}"])
         arguments.run(arguments, Quiet(progress))
-        recordings.append(read_recording(file))
-    return recordings
+        origin = tuple(word.replace(f"{folder}/", "") for word in wish.options)
+        loaded.append(Loaded.of(Source(file, "holdout" if wish.held_out else "fit"), origin=origin))
+    return loaded
 
 
-def start(session: Session, workers: Workers, runs: Sequence[tuple[str, tuple[str, ...], bool]]) -> None:
-    """Record into a session in the background: name, options and whether it is held out, of each recording.
+def start(session: Session, *wishes: Wish, folder: Path | None = None) -> None:
+    """Record into a session in the background.
 
     Raises:
         InputError: if a name is taken.
     """
-    files = [session.place(name) for name, _, _ in runs]
-    task = partial(record, [(file, options) for file, (_, options, _) in zip(files, runs, strict=True)])
-
-    def done(job: Job, recordings: list[Recording]) -> None:
-        loaded = [
-            Loaded(file, recording, held_out, options)
-            for file, recording, (_, options, held_out) in zip(files, recordings, runs, strict=True)
-        ]
-        session.finish(job, lambda: session.keep(*loaded))
-
-    def failed(job: Job, why: str) -> None:
-        for file in files:
-            file.unlink(missing_ok=True)
-        session.fail(job, why)
-
-    session.start(Job("Recording", task, workers, done, failed))
+    for one in session.state.loaded:
+        if one.id in [wish.name for wish in wishes]:
+            raise InputError(f"{one.id}: is loaded already: remove it first")
+    task = partial(record, folder or session.place(), wishes)
+    session.work("Recording", task, lambda loaded: session.keep(*loaded))
 
 
-def start_suggested(session: Session, workers: Workers) -> None:
+def start_suggested(session: Session) -> None:
     """Record the experiment that the diagnosis suggests, on the simulated pendulum of the first recording.
 
     Raises:
@@ -88,11 +90,11 @@ def start_suggested(session: Session, workers: Workers) -> None:
     plant = simulated(state)
     if state.diagnosis is None or state.diagnosis.suggestion is None or plant is None:
         raise InputError("there is no experiment to record: only a simulated pendulum can be recorded from here")
-    diagnosis = session.folder / DIAGNOSIS
-    write_whole(diagnosis, json.dumps(state.diagnosis.json()))
+    folder = session.place()
+    write_whole(folder / DIAGNOSIS, json.dumps(state.diagnosis.json()))
     seed = 1 + len(state.loaded)
-    words = (*plant, "--excitation=suggested", f"--diagnosis={diagnosis}", f"--seed={seed}")
-    start(session, workers, [(free_name(session), words, False)])
+    words = (*plant, "--excitation=suggested", f"--diagnosis={folder / DIAGNOSIS}", f"--seed={seed}")
+    start(session, Wish(free_name(state), words), folder=folder)
 
 
 def simulated(state: State) -> tuple[str, ...] | None:
@@ -102,9 +104,10 @@ def simulated(state: State) -> tuple[str, ...] | None:
     return tuple(word for word in state.loaded[0].origin if word.startswith("--effect="))
 
 
-def free_name(session: Session) -> str:
+def free_name(state: State) -> str:
     """A name for the next recording."""
-    return next(name for k in range(1, 1000) if not (session.folder / (name := f"recording-{k}.csv")).exists())
+    known = {one.id for one in state.loaded}
+    return next(name for k in range(1, 1000) if (name := f"recording-{k}.csv") not in known)
 
 
 def options(
@@ -113,14 +116,8 @@ def options(
     """Options of `record` from the controls of a form; each is one word, so that none can be taken for another."""
     if seconds is None or not 1 <= seconds <= LONGEST:
         raise InputError(f"a recording from here lasts from 1 to {LONGEST:g} s: use the command line for more")
-    words = [f"--seconds={seconds:.15g}"]
-    words += (
-        ["--excitation=rl", f"--policy={LEARNT[excitation]}"]
-        if excitation in LEARNT
-        else [f"--excitation={excitation}"]
-    )
-    if amplitude is not None:
-        words.append(f"--amplitude={amplitude:.15g}")
-    if effect:
-        words.append(f"--effect={effect}")
+    learnt = ["--excitation=rl", f"--policy={LEARNT[excitation]}"] if excitation in LEARNT else []
+    words = [f"--seconds={seconds:.15g}", *(learnt or [f"--excitation={excitation}"])]
+    words += [] if amplitude is None else [f"--amplitude={amplitude:.15g}"]
+    words += [f"--effect={effect}"] if effect else []
     return (*words, f"--seed={seed or 0:.15g}")

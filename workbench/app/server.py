@@ -4,32 +4,26 @@ from __future__ import annotations
 
 import logging
 import socket
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Thread
 from urllib.parse import urlsplit
 
 import flask
-import numpy as np
 from dash import Dash, set_props
 from werkzeug.exceptions import HTTPException
 from werkzeug.serving import WSGIRequestHandler, make_server
 
-from pendulum_env.backends import record
-from pendulum_env.excitation import excitation
-from pendulum_env.recording import Source, read_recording, write_recording
+from pendulum_env.recording import Source
 from workbench.app import fleet, layout
 from workbench.app.sessions import Sessions
 from workbench.app.stage import Bench
-from workbench.app.state import Loaded, State
 from workbench.app.uploads import UPLOAD
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.report.page import plotly
 
 log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
-WARM_UP = 2.0  # [s], length of a recording
 NAMES = (HOST, "localhost")  # by which a browser may call it; another name is a trick of a foreign page
 LARGEST = 4 * UPLOAD // 3 + 1_000_000  # bytes of a request: an upload in base64, and what goes with it
 POLICY = (  # nothing comes from elsewhere, and nothing goes there
@@ -60,7 +54,7 @@ def make_app(recordings: Sequence[Source] = (), rig: Path | None = None, survey:
         on_error=_excuse,
     )
     app.layout = layout.page(survey is not None)
-    bench = Bench(app, Sessions(recordings, rig), survey=survey)
+    bench = Bench(app, Sessions(recordings, rig), survey)
     layout.connect(bench)
     if survey is not None:
         fleet.serve(app.server, survey)
@@ -103,15 +97,6 @@ def _guard(server: flask.Flask) -> None:
         return response
 
 
-def _warm_up() -> None:
-    """Read and fit a recording, so that what the libraries do at first is not done while a user waits."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "first.csv"
-        rng = np.random.default_rng(0)
-        write_recording(record(None, excitation("paper", rng, WARM_UP), WARM_UP, rng=rng), file)
-        State.of([Loaded(file, read_recording(file))])
-
-
 class _Silent(WSGIRequestHandler):
     """Says nothing about requests that went well."""
 
@@ -140,7 +125,6 @@ class Server:
             raise InputError(f"port {port} is taken: name another with --port, or 0 for any that is free") from None
         with listening:
             self.bench = make_app(recordings, rig, survey)
-            _warm_up()
             number = listening.getsockname()[1]
             self._server = make_server(
                 HOST, number, self.bench.app.server, threaded=True, request_handler=_Silent, fd=listening.fileno()
@@ -149,11 +133,11 @@ class Server:
 
     def serve(self) -> None:
         """Answer until an interrupt comes."""
-        self.bench.workers.warm()
+        self.bench.sessions.workers.warm()
         Thread(target=plotly, daemon=True).start()  # packing it takes a moment, and is done once
         self._server.serve_forever()
 
     def close(self) -> None:
         """End everything, once it does not serve any more."""
         self._server.server_close()
-        self.bench.close()
+        self.bench.sessions.close()

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import re
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from secrets import token_hex
 from threading import RLock
 
 from pendulum_env.recording import Source
+from workbench.app.jobs import Workers
 from workbench.app.session import Session
 from workbench.mistakes import InputError
 
@@ -20,14 +21,14 @@ IDLE = 12 * 3600.0  # [s] after which a session that nobody has asked for ends
 
 
 class Sessions:
-    """All sessions of a server by the id that each page holds."""
+    """All sessions of a server by the id that each page holds, and the workers that they share."""
 
     def __init__(self, recordings: Sequence[Source] = (), rig: Path | None = None) -> None:
-        """Make a folder for their folders; every session begins with a copy of the recordings, and may run the rig."""
+        """Make a folder for their folders; every session begins with the recordings, and may run the rig."""
         self._initial, self._rig = tuple(recordings), rig
+        self.workers = Workers()
         self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-")
-        self._all: dict[str, Session] = {}
-        self._asked: dict[str, float] = {}  # when for each [s]
+        self._all: dict[str, Session] = {}  # the one used last is last
         self._lock = RLock()
 
     def of(self, id: object) -> Session:
@@ -38,35 +39,31 @@ class Sessions:
         """
         if not isinstance(id, str) or ID.fullmatch(id) is None:
             raise InputError("this page has no session: load it again")
+        now = time.monotonic()
         with self._lock:
-            gone = self._idle(time.monotonic(), id)
-            known = self._all.pop(id, None)
-            if known is None:
-                os.makedirs(self._root.name, mode=0o700, exist_ok=True)  # somebody may have cleaned up
-            session = known or Session(Path(tempfile.mkdtemp(dir=self._root.name)), self._rig)
-            if known is None:
+            session = self._all.pop(id, None)
+            late = [k for k, other in self._all.items() if now - other.asked > IDLE and not other.busy()]
+            ended = [self._all.pop(k) for k in late]
+            is_new = session is None
+            if session is None:
+                session = Session(Path(self._root.name) / token_hex(8), self.workers, self._rig)
                 session.lock.acquire()  # who asks for it next waits for its recordings, who asks for another does not
-            self._all[id] = session  # the one used last is last
+            session.asked = now
+            self._all[id] = session
             if len(self._all) > MOST_SESSIONS:
-                gone.append(self._all.pop(next(iter(self._all))))
-        if known is None:
+                ended.append(self._all.pop(next(iter(self._all))))
+        if is_new:
             try:
                 if self._initial:
-                    session.act(lambda: session.copy(self._initial))
+                    session.act(lambda: session.load(self._initial))
             finally:
                 session.lock.release()
-        for other in gone:
+        for other in ended:
             other.end()
         return session
 
-    def _idle(self, now: float, id: str) -> list[Session]:
-        """Take out the sessions that nobody has asked for in a long time; the one of an id is asked for now."""
-        self._asked = {known: at for known, at in self._asked.items() if known in self._all} | {id: now}
-        late = [known for known, at in self._asked.items() if now - at > IDLE and not self._all[known].busy()]
-        return [self._all.pop(known) for known in late]
-
     def close(self) -> None:
-        """End all sessions, motors first."""
+        """End all sessions, motors first, and the workers."""
         with self._lock:
             for session in self._all.values():
                 if session.run is not None:
@@ -75,3 +72,4 @@ class Sessions:
                 session.end()
             self._all.clear()
             self._root.cleanup()
+        self.workers.close()

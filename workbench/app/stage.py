@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import dash
-from dash import Dash, Input, Output, State
+from dash import ALL, Dash, Input, Output, State
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from workbench.app.jobs import Workers
 from workbench.app.session import Session
 from workbench.app.sessions import Sessions
 
@@ -21,25 +20,20 @@ PATIENCE = 0.4  # [s] that an answer waits for a job, so that short ones need no
 
 @dataclass
 class Bench:
-    """What all callbacks share: the app, its sessions, its workers, and the survey that it shows if there is one."""
+    """What all callbacks share: the app, its sessions, and the survey that it shows if there is one."""
 
     app: Dash
     sessions: Sessions = field(default_factory=Sessions)
-    workers: Workers = field(default_factory=Workers)
     survey: Path | None = None
 
-    def close(self) -> None:
-        """End everything."""
-        self.sessions.close()
-        self.workers.close()
-
-    def on(self, *triggers: Input, given: tuple[State, ...] = ()) -> Callable[[Callable[..., None]], None]:
+    def on(self, *triggers: Input, given: tuple[State, ...] = (), urgent: bool = False) -> Callable[[Any], None]:
         """Register what a control does to the session, `do(session, *values)`; the page follows by itself.
 
-        The function runs under the session's lock; a user's mistake becomes the notice on the page.
+        The function runs under the session's lock, not while a job does, and a user's mistake becomes the notice on the
+        page; an urgent one runs at once whatever goes on.
         """
 
-        def register(do: Callable[..., None]) -> None:
+        def register(do: Callable[..., object]) -> None:
             @self.app.callback(
                 Output("version", "data", allow_duplicate=True),
                 *triggers,
@@ -51,6 +45,9 @@ class Bench:
                 if not any(entry["value"] for entry in dash.ctx.triggered):  # a control that has just appeared
                     raise PreventUpdate
                 session = self.sessions.of(values[-1])
+                if urgent:
+                    do(session, *values[:-1])
+                    return session.version
                 session.act(lambda: do(session, *values[:-1]))
                 job = session.job
                 if job is not None:
@@ -58,6 +55,18 @@ class Bench:
                 return session.version
 
         return register
+
+    def buttons(self, does: Mapping[str, Callable[[Session], object]], urgent: bool = False) -> None:
+        """Register what buttons do to the session, by their ids."""
+        for id, do in does.items():
+            self.on(Input(id, "n_clicks"), urgent=urgent)(lambda session, _, do=do: do(session))
+
+    def each(self, does: Mapping[str, Callable[[Session, str], object]]) -> None:
+        """Register what buttons `{"do": what, "of": which}` do to the session, told which."""
+        for what, do in does.items():
+            self.on(Input({"do": what, "of": ALL}, "n_clicks"))(
+                lambda session, _, do=do: do(session, dash.ctx.triggered_id["of"])
+            )
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from pathlib import Path
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from estimators.arguments import within_limits
 from estimators.checks.alignment import Aligned
 from estimators.checks.homogeneity import Disagreement, disagreements
 from estimators.checks.identifiability import Doubt, identifiability
-from estimators.checks.residual import Region, profiles, stand_out
+from estimators.checks.residual import Region, stand_out
 from estimators.checks.torque_constant import Calibrated, told
 from estimators.diagnosis.added import Addition
 from estimators.diagnosis.addition import fit
@@ -25,13 +25,19 @@ from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, Step
 from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
+from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording, Source
+from pendulum_env.recording.record import by_torque
+from pendulum_env.recording.study import named_twice
 from workbench.app.asked import NOTHING, Asked
 from workbench.app.brushing import Points
+from workbench.app.uploads import UNPACKED
 from workbench.commands.identify import six_schemes
+from workbench.mistakes import InputError
 from workbench.report.case import Case
-from workbench.report.words import listing, name
+
+NO_RECORDING = "load a recording first"
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,36 +45,39 @@ class Loaded:
     """A recording of a session.
 
     Attributes:
-        file: where it lies, in the session's folder.
-        recording: what it holds.
-        held_out: whether it is kept for checking.
+        id: by which the page names it: that of its file, with a number where several are of one file.
+        source: how its file is read, and whether it is held out.
+        recording: what that gives.
         origin: arguments of `pendulum-ident record` that made it; empty if it was uploaded.
-        told: how the file is read, where its names do not tell.
-        measured: what it held before `recording` was corrected; None if it was not.
     """
 
-    file: Path
+    id: str
+    source: Source
     recording: Recording
-    held_out: bool = False
     origin: tuple[str, ...] = ()
-    told: Source | None = None
-    measured: Recording | None = None
+
+    @classmethod
+    def of(cls, source: Source, known: Sequence[Loaded] = (), origin: tuple[str, ...] = ()) -> Loaded:
+        """Read a recording beside those that are known, of whose files it may be another range.
+
+        Raises:
+            InputError: if it is known already.
+            RecordingError: if it cannot be read, in the words of the command line.
+        """
+        name = source.file.name
+        alike = [one for one in known if one.source.file.name == name]
+        if any(one.source.file != source.file or named_twice((one.source, source)) for one in alike):
+            raise InputError(f"{name}: is loaded already: remove it, or give this one another name")
+        recording = by_torque(replace(source, largest=UNPACKED).read())
+        if not alike:
+            return cls(name, source, recording, origin)
+        number = next(k for k in range(2, len(alike) + 3) if all(one.id != f"{name} ({k})" for one in alike))
+        return cls(f"{name} ({number})", source, replace(recording, name=f"{recording.name} ({number})"), origin)
 
     @property
-    def uncorrected(self) -> Loaded:
-        """The same as it was read."""
-        return self if self.measured is None else replace(self, recording=self.measured, measured=None)
-
-    def corrected(self, recording: Recording) -> Loaded:
-        """The same with another recording in the place of what was read."""
-        if recording is self.recording:
-            return self
-        return replace(self, recording=recording, measured=self.measured or self.recording)
-
-    @property
-    def source(self) -> Source:
-        """The same as a study names it."""
-        return replace(self.told or Source(self.file), role="holdout" if self.held_out else "fit")
+    def held_out(self) -> bool:
+        """Whether it is kept for checking."""
+        return self.source.role == "holdout"
 
     @property
     def is_plain(self) -> bool:
@@ -77,8 +86,48 @@ class Loaded:
 
 
 @dataclass(frozen=True, eq=False)
+class Prepared:
+    """Recordings that a model can be fitted to.
+
+    Attributes:
+        train, holdout: fitted and held-out ones in N m, with their torque in time if that is asked for.
+        timing: what is found of the time between torque and motion.
+        evidence: what is fitted and what is held out, as windows and flights.
+        base: the base model, fitted.
+    """
+
+    train: tuple[Recording, ...]
+    holdout: tuple[Recording, ...]
+    timing: Aligned
+    evidence: tuple[Evidence, Evidence]
+    base: Step
+
+
+@lru_cache(maxsize=4)  # states of the same choices share it
+def prepare(loaded: tuple[Loaded, ...], terms: tuple[Term, ...], is_aligned: bool, asked: Asked) -> Prepared:
+    """What recordings give to fit models to; `asked` tells what is known of the base model's terms.
+
+    Raises:
+        InputError: if nothing can be fitted.
+        IdentificationError: if there is too little motion.
+    """
+    train = [one.recording for one in loaded if not one.held_out]
+    if not train:
+        raise InputError("every recording is held out: keep one to fit the model to" if loaded else NO_RECORDING)
+    calibrated = Calibrated.of(train, [one.recording for one in loaded if one.held_out])
+    if calibrated.doubt is not None:
+        raise InputError(f"{calibrated.doubt}; or give the gain itself")
+    timing = Aligned.of(calibrated.recordings, calibrated.holdout)
+    own = timing if is_aligned else calibrated
+    evidence = gather(own.recordings, own.holdout)
+    base = fit(*evidence, within_limits(terms, {}, **asked.limits)[0])
+    base = replace(base, model=told(base.model, evidence[0].data))
+    return Prepared(own.recordings, own.holdout, timing, evidence, base)
+
+
+@dataclass(frozen=True, eq=False)
 class State:
-    """Recordings, the ladder of models fitted to them, and what a diagnosis found.
+    """What a user has chosen, and what came of long work; all else follows from these when somebody looks at it.
 
     Attributes:
         loaded: recordings.
@@ -86,10 +135,7 @@ class State:
         model_file: name of the file that they came from; empty for the paper's four.
         is_aligned: whether torque that was logged late or filtered is corrected.
         asked: which effects are looked for, and which values are known.
-        corrected: what was, in sentences.
-        ladder: the base model, then one step for each effect that was added; empty while nothing can be fitted.
-        trouble: why nothing can be fitted.
-        evidence: what is fitted and what is held out, as windows and flights; None while nothing can be fitted.
+        grown: the ladder once effects were added: the base model, then one step for each; empty before.
         diagnosis: the last one of these recordings.
         started: the ladder that it started from.
     """
@@ -99,86 +145,64 @@ class State:
     model_file: str = ""
     is_aligned: bool = False
     asked: Asked = NOTHING
-    corrected: tuple[str, ...] = ()
-    ladder: tuple[Step, ...] = ()
-    trouble: str = ""
-    evidence: tuple[Evidence, Evidence] | None = None
+    grown: tuple[Step, ...] = ()
     diagnosis: Diagnosis | None = None
     started: tuple[Step, ...] = ()
 
-    @classmethod
-    def of(
-        cls,
-        loaded: Sequence[Loaded],
-        terms: Sequence[Term] = BASE,
-        model_file: str = "",
-        is_aligned: bool = False,
-        asked: Asked = NOTHING,
-    ) -> State:
-        """Begin with recordings as they were read: the base model is fitted to them, if it can be."""
-        bare = cls(tuple(one.uncorrected for one in loaded), tuple(terms), model_file, is_aligned, asked)
-        if not loaded:
-            return bare
-        if not bare.train:
-            return replace(bare, trouble="every recording is held out: keep one to fit the model to")
-        try:
-            calibrated = Calibrated.of(bare.train, bare.holdout)
-            if calibrated.doubt is not None:
-                return replace(bare, trouble=f"{calibrated.doubt}; or give the gain itself")
-            bare = bare._with(calibrated)
-            if is_aligned:
-                aligned = Aligned.of(bare.train, bare.holdout)
-                bare = replace(bare._with(aligned), corrected=aligned.texts(True))
-            evidence = gather(bare.train, bare.holdout)
-            base = fit(*evidence, within_limits(terms, {}, **asked.limits)[0])
-            base = replace(base, model=told(base.model, evidence[0].data))
-            return replace(bare, ladder=(base,), evidence=evidence)
-        except IdentificationError as error:
-            return replace(bare, trouble=str(error))
-
-    def _with(self, corrected: Calibrated | Aligned) -> State:
-        """The state with its recordings in N m, or with their torque in time."""
-        fitted, held_out = iter(corrected.recordings), iter(corrected.holdout)
-        return replace(
-            self, loaded=tuple(one.corrected(next(held_out if one.held_out else fitted)) for one in self.loaded)
-        )
-
-    def having(self, loaded: Sequence[Loaded]) -> State:
-        """Begin anew with other recordings and the same base model."""
-        return State.of(loaded, self.terms, self.model_file, self.is_aligned, self.asked)
-
-    def fitting(self, terms: Sequence[Term] = BASE, model_file: str = "") -> State:
-        """Begin anew with another base model and the same recordings."""
-        return State.of(self.loaded, terms, model_file, self.is_aligned, self.asked)
-
-    def aligned(self, is_aligned: bool) -> State:
-        """Begin anew with torque that was logged late or filtered corrected, or as it was logged."""
-        if is_aligned == self.is_aligned:
-            return self
-        return State.of(self.loaded, self.terms, self.model_file, is_aligned, self.asked)
+    def anew(self, **choices: Any) -> State:
+        """Other choices, from which the ladder begins anew."""
+        return replace(self, **choices, grown=(), diagnosis=None, started=())
 
     def asking(self, asked: Asked) -> State:
-        """Look for other effects from now on; where other values are known, begin anew with them."""
-        if asked == self.asked:
-            return self
-        if asked.limits == self.asked.limits:
-            return replace(self, asked=asked)
-        return State.of(self.loaded, self.terms, self.model_file, self.is_aligned, asked)
+        """Look for other effects from now on; where other values are known, the ladder begins anew with them."""
+        return replace(self, asked=asked) if asked.limits == self.asked.limits else self.anew(asked=asked)
 
     @cached_property
-    def timing(self) -> Aligned | None:
-        """What is found of the time between torque and motion; None while nothing can be fitted."""
-        return Aligned.of(self.train, self.holdout) if self.ladder else None
+    def _prepared(self) -> Prepared | str:
+        """What models are fitted to, or why nothing can be fitted."""
+        try:
+            return prepare(self.loaded, self.terms, self.is_aligned, Asked(fix=self.asked.fix, bound=self.asked.bound))
+        except (Mistake, IdentificationError) as error:
+            return str(error)
 
     @property
-    def train(self) -> list[Recording]:
+    def prepared(self) -> Prepared:
+        """What models are fitted to.
+
+        Raises:
+            InputError: if nothing can be fitted.
+        """
+        if isinstance(self._prepared, str):
+            raise InputError(self._prepared)
+        return self._prepared
+
+    @property
+    def trouble(self) -> str:
+        """Why nothing can be fitted; empty if there is a model."""
+        return self._prepared if isinstance(self._prepared, str) else ""
+
+    @property
+    def ladder(self) -> tuple[Step, ...]:
+        """The base model, then one step for each effect that was added; empty while nothing can be fitted."""
+        return () if self.trouble else self.grown or (self.prepared.base,)
+
+    @property
+    def recordings(self) -> list[Recording]:
+        """Those that are loaded, in N m and in time as far as that is known and asked for."""
+        if self.trouble:
+            return [one.recording for one in self.loaded]
+        fitted, held_out = iter(self.train), iter(self.holdout)
+        return [next(held_out if one.held_out else fitted) for one in self.loaded]
+
+    @property
+    def train(self) -> tuple[Recording, ...]:
         """Recordings that are fitted."""
-        return [one.recording for one in self.loaded if not one.held_out]
+        return self.prepared.train
 
     @property
-    def holdout(self) -> list[Recording]:
+    def holdout(self) -> tuple[Recording, ...]:
         """Recordings to check on; empty if the ends of the fitted ones are."""
-        return [one.recording for one in self.loaded if one.held_out]
+        return self.prepared.holdout
 
     @property
     def model(self) -> Model:
@@ -205,33 +229,36 @@ class State:
         """Effects that the diagnosis calls for beyond the ladder, as long as the ladder goes with it."""
         return () if self.astray else tuple(effect for effect in ids(self.called_for) if effect not in self.added)
 
-    def diagnosed(self, diagnosis: Diagnosis, started: tuple[Step, ...]) -> State:
-        """The state with a diagnosis that started from a ladder."""
-        return replace(self, diagnosis=diagnosis, started=started)
+    def diagnosed(self, found: Diagnosis) -> State:
+        """The state with a diagnosis that started from its ladder."""
+        return replace(self, diagnosis=found, started=self.ladder)
 
-    def grown(self, addition: Addition) -> State:
+    def with_step(self, addition: Addition) -> State:
         """The state with one more step; the effect's own refit of the model before it replaces the last step."""
         last = replace(addition.before, added=self.ladder[-1].added)
-        return replace(self, ladder=(*self.ladder[:-1], last, addition.after))
+        return replace(self, grown=(*self.ladder[:-1], last, addition.after))
 
-    def undone(self) -> State:
+    def without_step(self) -> State:
         """The state without the last effect that was added."""
-        return replace(self, ladder=self.ladder[:-1]) if self.added else self
+        return replace(self, grown=self.ladder[:-1]) if self.added else self
 
     @cached_property
     def doubts(self) -> tuple[Doubt, ...]:
         """What the fitted recordings cannot tell about the model's parameters."""
-        terms = self.model.terms if self.ladder else BASE
-        return identifiability([m for recording in self.train for m in measure_segments(recording)], terms)
+        fitted = [r for r, one in zip(self.recordings, self.loaded, strict=True) if not one.held_out]
+        terms = self.model.terms if not self.trouble else BASE
+        return (
+            identifiability([m for recording in fitted for m in measure_segments(recording)], terms) if fitted else ()
+        )
 
     @cached_property
     def disagreements(self) -> tuple[Disagreement, ...]:
         """Recordings that show another plant than the others, as the diagnosis has it, or would begin with."""
         if self.diagnosis is not None:
             return self.diagnosis.disagreements
-        if self.evidence is None:
+        if self.trouble:
             return ()
-        parts = self.evidence if self.holdout else self.evidence[:1]
+        parts = self.prepared.evidence if self.holdout else self.prepared.evidence[:1]
         return disagreements([part.data for part in parts], self.model.terms, only_if_all_fit=True)
 
     @cached_property
@@ -243,7 +270,7 @@ class State:
     def told(self) -> Diagnosis:
         """What the report tells: the diagnosis as far as the ladder goes with it, or the ladder itself."""
         if self.diagnosis is None:
-            floor = self._train.data.noise(abs(self.model.estimates["inertia"].value))
+            floor = self.prepared.evidence[0].data.noise(abs(self.model.estimates["inertia"].value))
             advice = tuple(doubt.text for doubt in self.doubts)
             return Diagnosis(self.ladder, (), (), self._left(floor), floor, advice)
         if self.astray:
@@ -259,37 +286,22 @@ class State:
     def standing(self) -> Case:
         """The same with all recordings and the ladder as they are, whatever the diagnosis found beyond them."""
         diagnosis = replace(self.told, steps=self.ladder, disagreements=(), window_share=1.0, knocks_beside=None)
-        return replace(Case.of(self.train, self.holdout, diagnosis), gathered=self.evidence)
-
-    @property
-    def _train(self) -> Evidence:
-        if self.evidence is None:
-            raise ValueError("there is no evidence before recordings are loaded")
-        return self.evidence[0]
+        case = Case.of(self.train, self.holdout, diagnosis)
+        return replace(case, gathered=self.prepared.evidence)
 
     @cached_property
-    def scheming(self) -> Case:
-        """The same with the six schemes, which take a moment."""
-        return replace(self.standing, identification=self.identification)
-
-    def points(self, number: int) -> Points:
-        """Windows of a loaded recording under the models of the ladder's ends; worked out once."""
-        if number not in self._points:
-            self._points[number] = Points.of(self.standing, self.loaded[number].recording)
-        return self._points[number]
-
-    @cached_property
-    def _points(self) -> dict[int, Points]:
-        return {}
+    def points(self) -> tuple[Points, ...]:
+        """Windows of each loaded recording under the models of the ladder's ends."""
+        return tuple(Points.of(self.standing, recording) for recording in self.recordings)
 
     def _left(self, floor: float) -> tuple[Region, ...]:
         """Where the last model leaves more than noise."""
-        evidence = self._train
+        evidence = self.prepared.evidence[0]
         residual: Array = evidence.watching(self.model).residual(self.model.terms, self.model.theta)
         inertia = abs(self.model.estimates["inertia"].value) if "inertia" in self.model.estimates else 0.0
         if Criterion().is_noise(evidence.data.structure(residual, inertia), floor):
             return ()
-        return tuple(stand_out(profiles(evidence.samples, residual, floor)))
+        return tuple(stand_out(evidence.samples, residual, floor))
 
     @property
     def seconds(self) -> float:
@@ -300,28 +312,6 @@ class State:
     def samples(self) -> int:
         """Samples of all recordings."""
         return sum(len(one.recording) for one in self.loaded)
-
-
-def change(old: State, new: State) -> str:
-    """What was done between two states, in the words of a button that takes it back."""
-    before, after = ({one.file: one for one in state.loaded} for state in (old, new))
-    if coming := [one.recording.name for file, one in after.items() if file not in before]:
-        return f"load {listing(coming)}"
-    if gone := [one.recording.name for file, one in before.items() if file not in after]:
-        return f"remove {listing(gone)}"
-    if new.is_aligned != old.is_aligned:
-        return "correct the torque" if new.is_aligned else "take the torque as it was logged"
-    if len(new.added) > len(old.added):
-        return f"add {name(new.added[-1])}"
-    if new.diagnosis is not None and new.diagnosis is not old.diagnosis:
-        return "diagnose"
-    if new.terms != old.terms or new.model_file != old.model_file:
-        return f"start from {new.model_file or 'four terms'}"
-    if new.asked != old.asked:
-        return "choose what is looked for"
-    if any(after[file].held_out != one.held_out for file, one in before.items()):
-        return "fit or check"
-    return f"take {name(old.added[-1])} out" if len(new.added) < len(old.added) else "read columns anew"
 
 
 def ids(steps: Sequence[Step]) -> tuple[str, ...]:

@@ -13,10 +13,10 @@ from workbench.report.words import opening
 LEARNT = {f"rl-{policy}": policy for policy in NAMES}  # the only policies that a page can name
 
 
-def choices() -> list[dict[str, str]]:
-    """All of them, for a control."""
-    signals = [{"label": opening(id), "value": id} for id in EXCITATIONS]
-    return signals + [{"label": f"Learnt policy, {bound} torque bounded", "value": id} for id, bound in LEARNT.items()]
+def choices() -> dict[str, str]:
+    """All of them by name, as a control calls them."""
+    signals = {id: opening(id) for id in EXCITATIONS}
+    return signals | {id: f"Learnt policy, {bound} torque bounded" for id, bound in LEARNT.items()}
 
 
 def torque_of(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import binascii
 import re
-from collections.abc import Collection
 from pathlib import Path
 
 from pendulum_env.recording.storage import READERS
@@ -14,32 +13,25 @@ from workbench.mistakes import InputError
 UPLOAD = 48_000_000  # bytes of one file, a quarter of an hour at 1 kHz
 UNPACKED = 400_000_000  # bytes of what a packed file holds, and of its columns in memory
 LONGEST_NAME = 80  # characters
-MODELS = (".json",)
-STUDIES = (".toml",)
-SESSIONS = (".zip",)
-UNWRAP = "undo jumps of 2π in position"  # what the page calls the reader's `unwrap`
+ENDINGS = sorted((*READERS, ".json", ".toml", ".zip"), key=len)[::-1]
 
 
-def safe_name(name: str, endings: Collection[str] = READERS) -> str:
+def safe_name(name: str) -> str:
     """File name without folders and without letters that mean something to a system, its ending kept."""
     last = re.split(r"[/\\]", name)[-1]
     plain = re.sub(r"[^\w .()+-]", "_", last).strip(" .")
-    ending = next((ending for ending in sorted(endings, key=len)[::-1] if plain.lower().endswith(ending)), "")
+    ending = next((ending for ending in ENDINGS if plain.lower().endswith(ending)), "")
     stem = plain[: len(plain) - len(ending)].lstrip("-")
     return f"{stem[: LONGEST_NAME - len(ending)] or 'recording'}{ending}"
 
 
-def is_study(name: str) -> bool:
-    """Whether a file's name is that of a study."""
-    return name.lower().endswith(STUDIES)
-
-
-def unpack(file: Path, content: str) -> None:
-    """Write what the page sent as a data URL.
+def unpack(folder: Path, name: str, content: str) -> Path:
+    """Write what the page sent as a data URL to a folder; returns the file.
 
     Raises:
         InputError: if it is too large, or did not arrive whole.
     """
+    file = folder / safe_name(name)
     head, _, body = content.partition(",")
     if len(body) * 3 // 4 > UPLOAD:
         raise InputError(f"{file.name}: is larger than {UPLOAD / 1e6:.0f} MB: shorten it, or use the command line")
@@ -49,3 +41,4 @@ def unpack(file: Path, content: str) -> None:
         file.write_bytes(base64.b64decode(body, validate=True))
     except (binascii.Error, ValueError):
         raise InputError(f"{file.name}: did not arrive whole: upload it again") from None
+    return file

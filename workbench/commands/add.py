@@ -53,6 +53,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     asked = given(arguments)
     check_outputs([arguments.output], asked.files)
     model = read_model(arguments.model)
+    asked = asked.read_as(model, arguments.model)
     recordings, holdout = (read_recordings(part, terminal) for part in (asked.fitted, asked.held_out))
     recordings, holdout = in_torque(recordings, holdout, terminal)
     recordings, holdout = in_time(recordings, holdout, arguments.align, terminal)
@@ -71,7 +72,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terminal.say(f"warning: {added.doubt}", style="yellow")
     terminal.heading("Parameters")
     terminal.table(*parameters_table(after.model))
-    wrote([write_model(after.model, arguments.output, terminal)], terminal)
+    wrote([write_model(after.model, arguments.output, asked.fitted, terminal)], terminal)
 
 
 def _effect(text: str) -> str:

@@ -26,6 +26,7 @@ from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
+LAST = ""  # joint of a payload, if none is named
 FOLLOWED = 80.0  # [%] of the motion in free runs, below which torque alone does not make a good model
 
 
@@ -44,6 +45,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "drive is known, these errors stand beside the others anyway",
     )
     take_robot(parser)
+    parser.add_argument(
+        "--payload",
+        metavar="JOINT",
+        nargs="?",
+        const=LAST,
+        help="with --robot: what the arm carries in these recordings and the model does not know, at the link behind "
+        "JOINT (default the last)",
+    )
+    parser.add_argument(
+        "--without",
+        metavar="RECORDING",
+        action="append",
+        default=[],
+        help="with --payload: a recording without it (may be repeated), to which the model is fitted anew",
+    )
     parser.add_argument("--json", metavar="FILE", help="write errors, profiles and regions")
 
 
@@ -54,10 +70,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
         arms.compare(arguments, terminal)
         return
+    if arguments.payload is not None or arguments.without:
+        raise InputError("--payload and --without are for arms: say which with --robot")
     asked = given(arguments)
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, [arguments.model, *asked.files])
     model = read_model(arguments.model)
+    asked = asked.read_as(model, arguments.model)
     recordings = read_recordings((*asked.fitted, *asked.held_out), terminal)
     if arguments.loop and not are_driven(recordings):
         raise InputError(

@@ -16,8 +16,8 @@ from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
 from workbench.commands.identify import six_schemes
-from workbench.inputs import check_outputs, whole, wrote
-from workbench.story import tell
+from workbench.inputs import check_outputs, take_verbose, whole, wrote
+from workbench.story import story
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
@@ -31,6 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--robot", choices=("two-link",), help="an arm in the place of a pendulum (needs the extra arms)"
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="another seed hides another effect (default 0)")
+    take_verbose(parser)
     parser.add_argument(
         "-o",
         "--output",
@@ -48,7 +49,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.robot is not None:
         from workbench import arm_demo  # Pinocchio is imported by who needs it
 
-        arm_demo.run(report, files, SECONDS, arguments.seed, terminal)
+        arm_demo.run(report, files, SECONDS, arguments.seed, terminal, arguments.verbose)
         return
     from workbench.report import write_report  # plotly takes a while to import
 
@@ -67,7 +68,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
     with terminal.progress("diagnosing") as progress:
         found = diagnose([train], [holdout], progress=progress)
-    tell(found, terminal)
+    story(found).tell(terminal, arguments.verbose, more=False)
     with terminal.progress("writing the report"):
         write_report(report, [train], [holdout], found, six_schemes([train], found.model.terms))
     reveal(plant, found, terminal)

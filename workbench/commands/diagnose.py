@@ -11,7 +11,7 @@ from estimators.diagnosis.experiment import USUAL
 from estimators.diagnosis.run import diagnose
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
-from pendulum_env.physics import BASE
+from pendulum_env.physics import Model
 from workbench.commands.identify import six_schemes
 from workbench.inputs import (
     argument,
@@ -27,10 +27,11 @@ from workbench.inputs import (
     take_limits,
     take_recordings,
     take_robot,
+    take_verbose,
     write_model,
     wrote,
 )
-from workbench.story import tell
+from workbench.story import story
 from workbench.terminal import Terminal
 
 
@@ -45,7 +46,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     take_limits(parser)
     take_instruments(parser)
-    parser.add_argument("--all", action="store_true", help="print every effect, also those that could not be judged")
+    take_verbose(parser)
+    parser.add_argument("--all", action="store_true", help="the same with every effect, also those not judged")
     parser.add_argument(
         "--max-torque",
         metavar="NM",
@@ -56,12 +58,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-angle",
         metavar="RAD",
-        type=number(0.01),
-        default=math.inf,
-        help="bound of its angle to either side [rad]",
+        type=number(0.01, math.inf),
+        help="bound of its angle to either side [rad], inf for any (default: the angles that were recorded)",
     )
     parser.add_argument(
-        "--max-speed", metavar="RAD/S", type=number(0.01), default=math.inf, help="bound of its speed [rad/s]"
+        "--max-speed",
+        metavar="RAD/S",
+        type=number(0.01, math.inf),
+        help="bound of its speed [rad/s], inf for any (default: the highest that was recorded)",
     )
     parser.add_argument("--experiment", metavar="FILE.csv", help="write the torque of the suggested experiment")
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
@@ -83,7 +87,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
     asked = given(arguments)
     check_outputs(outputs, asked.files)
-    base = read_model(arguments.model).terms if arguments.model else BASE
+    model = read_model(arguments.model) if arguments.model else Model()
+    base, asked = model.terms, asked.read_as(model, arguments.model)
     recordings, holdout = (read_recordings(part, terminal) for part in (asked.fitted, asked.held_out))
     recordings, holdout = in_torque(recordings, holdout, terminal)
     with terminal.progress("diagnosing") as progress:
@@ -112,9 +117,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
                 fitted = Aligned.by(found.alignments, recordings, holdout).recordings
                 schemes = six_schemes(fitted, found.model.terms)
             write_report(arguments.report, recordings, holdout, found, schemes)
-    tell(found, terminal, arguments.all)
+    story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)
     if arguments.experiment is not None and found.suggestion is None:
-        terminal.say(f"nothing is left open that an experiment would settle: {arguments.experiment} is not written")
+        terminal.say(f"{arguments.experiment} is not written: there is no experiment")
         outputs[0] = None
-    outputs[-1] = write_model(found.model, arguments.output, terminal)
+    outputs[-1] = write_model(found.model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pendulum_env.backends.emulators import EMULATORS, Emulation, emulate
-from pendulum_env.backends.emulators.emulator import MISHAPS
+from pendulum_env.backends.emulators import MISHAPS, emulate
+from pendulum_env.backends.hardware.adapters import ADAPTERS
 from workbench.inputs import check_outputs, number, plant_of, take_plant, whole
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
@@ -18,7 +18,7 @@ RATES = {"serial": 1000.0, "canopen402": 500.0, "nidaq": 250.0}  # [Hz], that ea
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare kind, plant and outputs."""
-    parser.add_argument("kind", choices=list(EMULATORS), help="how the drive is reached")
+    parser.add_argument("kind", choices=list(ADAPTERS), help="how the drive is reached")
     parser.add_argument("-o", "--output", default="rig.toml", metavar="FILE", help="configuration (default rig.toml)")
     take_plant(parser)
     parser.add_argument(
@@ -53,17 +53,17 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     patience = max(GAP * arguments.watchdog, 2.0 / rate)
     limits = {"watchdog": arguments.watchdog, "gap": patience, "reply": arguments.reply}
     limits |= {"behind": BEHIND, "overruns": 1_000_000}
-    emulation = Emulation(
-        arguments.kind,
-        plant_of(arguments),
-        Path(arguments.output),
-        rate,
-        {"limits": limits},
-        first=arguments.first_count,
-        realtime=arguments.realtime,
-        log=None if arguments.log is None else Path(arguments.log),
-    )
     try:
-        emulate(emulation, said)
+        emulate(
+            arguments.kind,
+            plant_of(arguments),
+            Path(arguments.output),
+            rate,
+            {"limits": limits},
+            said,
+            first=arguments.first_count,
+            realtime=arguments.realtime,
+            log=None if arguments.log is None else Path(arguments.log),
+        )
     except ModuleNotFoundError as error:
         raise InputError(str(error)) from None

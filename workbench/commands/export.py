@@ -13,7 +13,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.physics import Model
 from pendulum_env.reading import shown
 from pendulum_env.recording import Recording
-from pendulum_env.recording.study import Source
+from pendulum_env.recording.study import Source, read_as
 from workbench.export import ACTUATORS, BODIES, FORMATS, READABLE, Exported, Request, export
 from workbench.inputs import (
     check_outputs,
@@ -89,6 +89,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     )
     model = read_model(arguments.model)
     exported = export(model, arguments.to, request)
+    if sources:
+        sources = tuple(read_as(source, model.log_format, arguments.model) for source in sources)
+        _check(model, exported, request, arguments.to, in_units_of(model, read_recordings(sources, terminal)), terminal)
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)
         for note in exported.notes:
@@ -97,10 +100,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         sys.stdout.write(exported.content)
     if arguments.callback is not None:
         write_whole(arguments.callback, exported.callback)
-    if sources:
-        recordings = in_units_of(model, read_recordings(sources, terminal))
-        tell = _tell_in_loop if arguments.to == "mjcf" and are_driven(recordings) else _tell
-        tell(model, exported, request, recordings, terminal)
     wrote(outputs, terminal)
 
 
@@ -134,6 +133,18 @@ def _refuse(arguments: argparse.Namespace, checks: bool) -> None:
         )
 
 
+def _check(
+    model: Model, exported: Exported, request: Request, to: str, recordings: tuple[Recording, ...], terminal: Terminal
+) -> None:
+    """Print how far what is exported is from recordings, of servos in the loop."""
+    if to != "mjcf" or not are_driven(recordings):
+        _tell(model, exported, request, recordings, terminal)
+    elif request.drive is None:
+        raise InputError(f"{recordings[0].name}: is of a servo: say the drive to export and check with --drive")
+    else:
+        _tell_in_loop(model, request, recordings, terminal)
+
+
 def _tell(
     model: Model, exported: Exported, request: Request, recordings: tuple[Recording, ...], terminal: Terminal
 ) -> None:
@@ -155,10 +166,8 @@ def _tell(
     _table(rows, found.motion, terminal)
 
 
-def _tell_in_loop(
-    model: Model, exported: Exported, request: Request, recordings: tuple[Recording, ...], terminal: Terminal
-) -> None:
-    """Print how far both simulations are from recordings of which they know nothing but the goal."""
+def _tell_in_loop(model: Model, request: Request, recordings: tuple[Recording, ...], terminal: Terminal) -> None:
+    """Print how far both simulations are from recordings of which they know the goal, each with its own drive."""
     from workbench.export.check import check_in_loop
 
     with terminal.progress("running in MuJoCo"):

@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
     tell(found, model, terminal, "instruments" if arguments.instruments else "windows (saved)")
     if model is not None:
-        outputs[1] = write_model(model, arguments.output, terminal)
+        outputs[1] = write_model(model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
 
 

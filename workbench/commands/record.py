@@ -139,9 +139,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         seconds = arguments.seconds or SECONDS
         arms.record(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
         return
-    for name in ("max_angle", "max_speed"):
+    for name in ("max_angle", "max_speed", "joints", "base"):
         if getattr(arguments, name) is not None:
-            raise InputError(f"--{name.replace('_', '-')} goes with --robot only: a pendulum's torque is not designed")
+            raise InputError(f"--{name.replace('_', '-')} goes with --robot only: it is of an arm")
     rig = configured(arguments)
     rate = arguments.rate if rig is None else rig.rate
     command, seconds = experiment(arguments, rng, rate)

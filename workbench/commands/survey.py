@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
@@ -19,13 +20,19 @@ from workbench.survey.dataset import Dataset
 from workbench.survey.fleet import Fleet
 from workbench.survey.run import Tally, survey, watch
 from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
-from workbench.survey.work import Settings
+from workbench.survey.work import PAGES, Settings
 from workbench.terminal import Terminal
 
 if TYPE_CHECKING:
     from distributed import Client
 
-PAGES = ("none", "found", "all")
+TABLES = (  # with what is said where there is no row
+    ("What is missing where", effects_table, "nothing, in any joint"),
+    ("What drifts", drifting_table, "no parameter, beyond its errors and its scatter"),
+    ("What changed from a date on", jumping_table, None),
+    ("Joints that differ from their siblings", odd_table, None),
+    ("Weak in each, present in all", pooled_table, None),
+)
 LISTED = 20  # cases that could not be diagnosed, told by name
 EVERY = 10.0  # [s]
 
@@ -42,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--report", metavar="FLEET.html", help="write a page on all cases of the dataset")
     parser.add_argument(
         "--reports",
-        choices=PAGES,
+        choices=tuple(PAGES),
         default="none",
         help="cases that get a page of their own below FOLDER, 2 MB each: none, those where something is found, or all "
         "(default none)",
@@ -76,27 +83,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs([arguments.report], arguments.recordings)
     if dataset.folder.exists() and not dataset.folder.is_dir():
         raise InputError(f"{dataset.folder}: is a file: name a folder for the dataset")
-    base = read_model(arguments.model).terms if arguments.model else BASE
-    library = chosen_effects(None, arguments.only, arguments.without)
-    within_limits(base, library, arguments.fixed, arguments.bounds)  # refused here rather than in every case
-    settings = Settings(
-        tuple(base),
-        library=tuple(library),
-        fixed=arguments.fixed,
-        bounds=arguments.bounds,
-        plugins=tuple(Path(path).resolve() for path in arguments.plugin or ()),
-        reports=arguments.reports,
-        folder=dataset.folder.resolve(),
-    )
-
-    said: set[tuple[str, str]] = set()  # of what could not be diagnosed: it is told once
-
-    def find() -> list[Case]:
-        return find_cases(arguments.recordings, arguments, arguments.names)
-
-    if not arguments.watch:
-        cases = find()
-        terminal.say(f"recordings: {len(cases)}, joints: {joints(cases)}")
+    settings = _settings(arguments)
+    said: set[str] = set()  # of what could not be found or diagnosed: it is told once
     with ExitStack() as stack:
 
         @cache
@@ -105,82 +93,77 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
         def work(cases: Sequence[Case]) -> None:
             with terminal.counting("diagnosing") as tell:
+
+                def told(tally: Tally) -> None:
+                    trouble = tally.new["refused"] + tally.new["failed"]
+                    tell(tally.through, tally.total, f"{trouble} could not be" if trouble else "")
+
                 try:
-                    tally = survey(cases, dataset, client, settings, tell=_telling(tell))
+                    tally = survey(cases, dataset, client, settings, tell=told)
                 except KeyboardInterrupt:
                     terminal.say(f"what is done is kept in {dataset.folder}: run again to go on")
                     raise
             _say(tally, said, terminal)
-            if tally.through > tally.unchanged or not arguments.watch:
+            if tally.new or not arguments.watch:
                 _show(dataset, arguments.report, terminal)
 
-        if not arguments.watch:
-            work(cases)
-        else:
+        def find() -> list[Case]:
+            """What there is by now; a name or a table that makes no sense yet may be half written."""
             try:
-                watch(_patient(find, terminal), work, arguments.every)
+                return find_cases(arguments.recordings, arguments, arguments.names)
+            except MISTAKES as mistake:
+                _once([f"waiting: {sentence(mistake)}"], said, terminal)
+                return []
+
+        if arguments.watch:
+            try:
+                watch(find, work, arguments.every)
             except KeyboardInterrupt:
                 terminal.say("stopped watching")
+        else:
+            cases = find_cases(arguments.recordings, arguments, arguments.names)
+            terminal.say(f"recordings: {len(cases)}, joints: {joints(cases)}")
+            work(cases)
     wrote([dataset.folder, arguments.report], terminal)
 
 
-def _patient(find: Callable[[], list[Case]], terminal: Terminal) -> Callable[[], list[Case]]:
-    """Look again later where a name or a table makes no sense yet: it may be half written. Each reason is said once."""
-    said: set[str] = set()
-
-    def found() -> list[Case]:
-        try:
-            return find()
-        except MISTAKES as mistake:
-            if (reason := sentence(mistake)) not in said:
-                said.add(reason)
-                terminal.say(f"waiting: {reason}", style="yellow")
-            return []
-
-    return found
+def _settings(arguments: argparse.Namespace) -> Settings:
+    base = read_model(arguments.model).terms if arguments.model else BASE
+    library = chosen_effects(None, arguments.only, arguments.without)
+    within_limits(base, library, arguments.fixed, arguments.bounds)  # refused here rather than in every case
+    asked = {"base": tuple(base), "only": tuple(library), "fixed": arguments.fixed, "bounds": arguments.bounds}
+    plugins = tuple(Path(os.path.realpath(path)) for path in arguments.plugin or ())
+    return Settings(asked, plugins, arguments.reports, Path(os.path.realpath(arguments.output)))
 
 
-def _telling(tell: Callable[[int, int, str], None]) -> Callable[[Tally], None]:
-    def told(tally: Tally) -> None:
-        trouble = tally.refused + tally.failed
-        tell(tally.through, tally.total, f"{trouble} could not be" if trouble else "")
+def _once(texts: Sequence[str], said: set[str], terminal: Terminal) -> None:
+    """Say what was not said before, up to a number of lines."""
+    new = [text for text in texts if text not in said]
+    said.update(new)
+    for text in new[:LISTED]:
+        terminal.say(text, style="yellow")
+    if len(new) > LISTED:
+        terminal.say(f"and {len(new) - LISTED} more: see status and reason in the dataset")
 
-    return told
 
-
-def _say(tally: Tally, said: set[tuple[str, str]], terminal: Terminal) -> None:
-    known = f"{tally.unchanged} known from before" + f" ({tally.refused_before} refused)" * (tally.refused_before > 0)
-    terminal.say(f"{tally.done} diagnosed, {known}, {tally.refused} refused, {tally.failed} failed")
-    troubles = [trouble for trouble in tally.troubles if trouble not in said]
-    said.update(troubles)
-    for name, reason in troubles[:LISTED]:
-        terminal.say(f"- {name}: {reason}", style="yellow")
-    if len(troubles) > LISTED:
-        terminal.say(f"and {len(troubles) - LISTED} more: see status and reason in the dataset")
+def _say(tally: Tally, said: set[str], terminal: Terminal) -> None:
+    before = f" ({tally.known['refused']} refused)" if tally.known["refused"] else ""
+    new = f"{tally.new['refused']} refused, {tally.new['failed']} failed"
+    terminal.say(f"{tally.new['done']} diagnosed, {tally.known.total()} known from before{before}, {new}")
+    _once([f"- {name}: {reason}" for name, reason in tally.troubles], said, terminal)
 
 
 def _show(dataset: Dataset, report: str | None, terminal: Terminal) -> None:
     """Print what the fleet shows, and write its page."""
     fleet = Fleet.of(dataset)
-    terminal.heading("What is missing where")
-    if fleet.effects:
-        terminal.table(*effects_table(fleet))
-    else:
-        terminal.say("nothing, in any joint")
-    terminal.heading("What drifts")
-    if fleet.drifting:
-        terminal.table(*drifting_table(fleet))
-    else:
-        terminal.say("no parameter, beyond its errors and its scatter")
-    if fleet.jumping:
-        terminal.heading("What changed from a date on")
-        terminal.table(*jumping_table(fleet))
-    if fleet.odd:
-        terminal.heading("Joints that differ from their siblings")
-        terminal.table(*odd_table(fleet))
-    if fleet.shared:
-        terminal.heading("Weak in each, present in all")
-        terminal.table(*pooled_table(fleet))
+    for heading, make, otherwise in TABLES:
+        table = make(fleet)
+        if table.rows or otherwise:
+            terminal.heading(heading)
+        if table.rows:
+            terminal.table(*table)
+        elif otherwise:
+            terminal.say(otherwise)
     if report is not None:
         from workbench.report.fleet import write_fleet_report  # plotly takes a while to import
 

@@ -6,11 +6,13 @@ on a joint, `isaaclab` and `mjlab` the actuator of one, and name what of a model
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from workbench.export.request import Exported, ExportError, Request
+from workbench.export.servo import in_units_of
 
 FORMATS: dict[str, tuple[str, str]] = {  # ending of a file's name, and what it is
     "mjcf": (".xml", "a model for MuJoCo"),
@@ -31,11 +33,15 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
 
     Raises:
         ValueError: if the format is unknown.
-        ExportError: if the format cannot hold the model, and approximations are not allowed.
+        ExportError: if the format cannot hold the model, and approximations are not allowed, or a drive is in another
+            unit than the model.
         InputError: if a library of the extra `export` is not installed.
     """
     find("format", format, FORMATS)
-    exported: Exported = import_module(f"workbench.export.{format}").export(model, request or Request())
+    request = request or Request()
+    if request.drive is not None:
+        request = replace(request, drive=in_units_of(model, request.drive))
+    exported: Exported = import_module(f"workbench.export.{format}").export(model, request)
     return exported
 
 

@@ -116,8 +116,10 @@ class Friction:
     missing: tuple[str, ...]
 
     @classmethod
-    def of(cls, model: Model, held: Collection[str]) -> Friction:
+    def of(cls, model: Model, held: Collection[str], less: float = 0.0) -> Friction:
         """Friction of a model in a format that holds the terms of these ids beside those of `EVERY`.
+
+        What a format holds of viscous friction elsewhere, as a motor's back-EMF [N m s/rad], is left out.
 
         Where that is not all, viscous and dry friction come as close to the sum as they can, in both directions alike.
         """
@@ -128,7 +130,7 @@ class Friction:
         missing += [
             f"{term.id} ({term.law}): {INSTEAD.get(term.id, 'it is left out')}" for term in others if term not in folded
         ]
-        viscous, dry = value(model, "viscous") + value(model, "back_emf"), value(model, "coulomb")
+        viscous, dry = value(model, "viscous") + value(model, "back_emf") - less, value(model, "coulomb")
         if not folded and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(missing))
         speed = np.linspace(0.0, FASTEST, SPEEDS + 1)[1:]

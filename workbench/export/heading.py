@@ -59,7 +59,7 @@ def given_note(quantity: Quantity) -> str:
 
 def state_note(name: str) -> str:
     """What a part of the state is, and its unit."""
-    return STATE.get(name, "memory of the effect")
+    return STATE.get(name, "what it was before, as the model remembers it")
 
 
 def parameter_note(parameter: Parameter) -> str:

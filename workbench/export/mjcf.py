@@ -21,7 +21,7 @@ from workbench.export.arm import EVERY, Body, Friction, Stop, arm, value
 from workbench.export.callback import ACTUATOR, JOINT, callback, inertia_of
 from workbench.export.extra import needed
 from workbench.export.heading import comment, title
-from workbench.export.request import Exported, Request, keep
+from workbench.export.request import Exported, ExportError, Request, keep
 from workbench.export.servo import Servo
 
 BODY = tuple(id for id in EVERY if id != "back_emf")  # a motor that is off does not brake
@@ -111,6 +111,8 @@ def _with_callback(model: Model, held: Collection[str], request: Request) -> Exp
     estimates = {name: model.estimates[name] for name in model.estimates if name.partition(".")[0] in bodily}
     inertia = estimates["inertia"]
     estimates["inertia"] = replace(inertia, value=inertia.value + inertia_of(model, others))
+    if estimates["inertia"].value <= 0:
+        raise ExportError("a link behind the motor has all of the arm's inertia: no body is left that the motor turns")
     body = replace(model, terms=terms, estimates=estimates, correlation=())
     exported = export(body, replace(request, drive=None, callback=None))
     return replace(exported, callback=callback(model, others, request))

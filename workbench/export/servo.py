@@ -1,14 +1,16 @@
-"""What simulators for learning have of a servo: a spring to the goal, a damper, and a limit of the torque."""
+"""A servo as simulators know it: a spring to the goal, a damper, and a limit of the torque."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
-from pendulum_env.servo.drive import Drive
+from pendulum_env.physics import Model
+from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.servo.drive import UNIT, Drive
 from workbench.export.request import ExportError, Request
 
 
@@ -43,6 +45,19 @@ class Servo:
             missing.append(f"a delay of {drive.delay:g} s from measuring to acting: it is left out")
         stiffness, damping = (0.0, drive.kp) if drive.acts_on_speed else (drive.kp, drive.kd)
         return cls(stiffness * scale, damping * scale, drive.most * scale, tuple(missing))
+
+
+def in_units_of(model: Model, drive: Drive) -> Drive:
+    """A drive whose torque is in the unit of a model's; raises ExportError if nobody knows its gain."""
+    known = model.torque_constant
+    if drive.gain is None and known is not None and known.unit == f"{NEWTON_METRE}/{UNIT[drive.output]}":
+        drive = replace(drive, gain=known.value)
+    if drive.unit != model.torque_unit:
+        raise ExportError(
+            f"the model is in {model.torque_unit}, but the drive gives {drive.unit}: give the drive its gain, or take "
+            "a model in that unit"
+        )
+    return drive
 
 
 def supply_of(drive: Drive) -> float:

@@ -28,6 +28,7 @@ class Case:
         diagnosis: what was found.
         identification: the schemes side by side, where they were run.
         gathered: evidence from the recordings, fitted and held out, where it is at hand already.
+        first: what the model is called that the diagnosis started from.
     """
 
     train: tuple[Recording, ...]
@@ -36,6 +37,7 @@ class Case:
     diagnosis: Diagnosis
     identification: Identification | None = None
     gathered: tuple[Evidence, Evidence] | None = None
+    first: str = "base model"
 
     @classmethod
     def of(
@@ -84,7 +86,7 @@ class Case:
     @property
     def models(self) -> tuple[tuple[str, str, Model], ...]:
         """Label, colour and model of what is drawn: the base model and, where effects were added, the final one."""
-        base = ("base model", "--base", self.base)
+        base = (self.first, "--base", self.base)
         final = ("final model", "--final", self.diagnosis.model)
         return (base, final) if self.diagnosis.selected else (base,)
 

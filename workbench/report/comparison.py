@@ -41,7 +41,7 @@ def render(compared: Comparison, recordings: Recordings) -> str:
         own = in_units_of(compared.model, chosen_recordings(recordings))
         sections.insert(1, loop(compared.told_in_loop, [("model", compared.model)], own))
     page = assemble(sections, f"comparison with {words.listing([recording.name for recording in case.train])}")
-    return words.per(page.replace("base model", "model"), compared.torque_unit)  # nothing is added to it here
+    return words.per(page, compared.torque_unit)
 
 
 def distances(compared: Comparison) -> Section:
@@ -57,4 +57,4 @@ def _case(compared: Comparison, recordings: Recordings) -> Case:
     errors = compared.joint.errors
     step = Step(None, compared.model, {"train": errors, "holdout": errors})
     told = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, ())
-    return Case(own, own, False, told, gathered=(together, together))
+    return Case(own, own, False, told, gathered=(together, together), first="model")  # nothing is added to it

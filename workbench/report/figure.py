@@ -120,9 +120,12 @@ def span(series: Sequence[Array], margin: float = 0.06) -> list[float]:
 
 
 def views(
-    x: Array, upper: Sequence[Array], lower: Sequence[Array], seconds: float, worst_first: bool
+    x: Array, upper: Sequence[Array], lower: Sequence[Array], seconds: float, worst_first: bool, model: str
 ) -> tuple[View, ...]:
-    """All of two stacked plots over time x (N,), and the stretch where the first of the lower series is largest."""
+    """All of two stacked plots over time x (N,), and the stretch where the first of the lower series is largest.
+
+    The lower series are what models leave; `model` is what the first one is called.
+    """
 
     def view(label: str, low: float, high: float) -> View:
         inside = (x >= low) & (x <= high)
@@ -138,7 +141,7 @@ def views(
     starts = np.arange(start, stop - seconds + 0.5, 0.5)
     sums = [float(size[(x >= s) & (x <= s + seconds)].sum()) for s in starts]
     first = float(starts[int(np.argmax(sums))])
-    worst = view(f"Where the base model is worst ({seconds:g} s)", first, first + seconds)
+    worst = view(f"Where the {model} is worst ({seconds:g} s)", first, first + seconds)
     return (worst, everything) if worst_first else (everything, worst)
 
 

@@ -4,6 +4,6 @@ from workbench.survey.cases import Case, find_cases
 from workbench.survey.dataset import Dataset
 from workbench.survey.fleet import Fleet
 from workbench.survey.run import Tally, survey
-from workbench.survey.work import Findings, Settings, look
+from workbench.survey.work import Settings, look
 
-__all__ = ["Case", "Dataset", "Findings", "Fleet", "Settings", "Tally", "find_cases", "look", "survey"]
+__all__ = ["Case", "Dataset", "Fleet", "Settings", "Tally", "find_cases", "look", "survey"]

@@ -1,8 +1,4 @@
-"""What is surveyed: recordings in folders, globs, studies and tables, each with its robot, joint and date.
-
-A table has a column `file`, relative to the table, and may have `robot`, `joint`, `date` and `kind`; siblings are the
-joints of one kind. Elsewhere the path tells: `arm3/elbow/2026-03-01.csv`, or what a pattern makes of it.
-"""
+"""What is surveyed: recordings in folders, globs, studies and tables, each with its robot, joint and date."""
 
 from __future__ import annotations
 
@@ -10,14 +6,14 @@ import csv
 import glob
 import math
 import os
-import re
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import takewhile
+from itertools import islice, takewhile
 from pathlib import Path, PurePosixPath
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pendulum_env.lookup import find
@@ -26,16 +22,13 @@ from pendulum_env.reading import amount, read_bytes, regular_size
 from pendulum_env.recording import Source
 from pendulum_env.recording.storage import READERS
 from workbench.inputs import sources_of
-from workbench.mistakes import InputError
+from workbench.mistakes import InputError, printable
+from workbench.survey.names import LABELS, date_of, guessed, matched
 
 STUDY = "study.toml"
-PROSE = (".txt",)  # endings that a folder is not searched for: they are rarely recordings
-LABELS = ("robot", "joint", "kind", "date")
-DATE = re.compile(
-    r"(?<!\d)(?P<year>\d{4})(?P<dash>-?)(?P<month>\d\d)(?P=dash)(?P<day>\d\d)"
-    r"(?:[T_ -](?P<hour>\d\d)[-:h]?(?P<minute>\d\d)(?:[-:m]?(?P<second>\d\d))?)?(?!\d)"
-)
-TABLE = 100_000_000  # bytes, of a million rows
+ENDINGS = tuple(ending for ending in READERS if ending != ".txt")  # that a folder is searched for; text is often prose
+TABLE = 100_000_000  # characters, of a million rows
+HEADER = 1 << 16  # characters of a table's first line
 
 
 @dataclass(frozen=True)
@@ -73,34 +66,41 @@ def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = N
         InputError: if there are none, one is named twice, or a table or a name makes no sense.
         StudyError: if a study makes no sense.
     """
-    given = [named for name in names for named in _expanded(name)]
-    root = Path(os.path.commonpath([_root(Path(_before_pattern(name))) for name in names]))
+    given = [path for name in names for path in _expanded(name)]
+    root = Path(os.path.commonpath([_root(_before_pattern(name)) for name in names]))
     found: dict[str, Case] = {}
     for path in given:
-        for case in _cases(path, root, reading, pattern):
+        for source, told in _sources(path, reading):
+            case = _case(source, told, root, pattern)
             if found.setdefault(case.name, case) is not case:
-                raise InputError(f"{case.source.file}: is named twice: name each recording once")
+                raise InputError(f"{source.file}: is named twice: name each recording once")
     if not found:
-        raise InputError(f"{names[0]}: holds no recording: files end in {', '.join(_endings())}, or in .txt if named")
+        raise InputError(f"{names[0]}: holds no recording: files end in {', '.join(ENDINGS)}, or in .txt if named")
     return [found[name] for name in sorted(found)]
 
 
 def _expanded(name: str) -> list[Path]:
+    """What a name stands for: itself, or the files that match it as a pattern; no link to a folder is followed."""
     if Path(name).exists():
         return [Path(name)]
     if not glob.has_magic(name):
         raise InputError(f"{name}: there is no such folder or file: check the path")
-    paths = [Path(path) for path in sorted(glob.glob(name, recursive=True))]
+    base = _before_pattern(name)
+    rest = Path(name).relative_to(base)
+    try:
+        paths = sorted(base.glob(str(rest / "*" if rest.name == "**" else rest)))
+    except ValueError as error:
+        raise InputError(f"{name}: {error}: check the pattern") from None
+    paths = [path for path in paths if not any(map(_is_hidden, path.relative_to(base).parts))]
     if not paths:
         raise InputError(f"{name}: names no file: check the pattern")
     return [path for path in paths if path.is_file()] or paths
 
 
-def _before_pattern(name: str) -> str:
+def _before_pattern(name: str) -> Path:
     """Folders of a name up to its first pattern, so that cases are called alike whatever it matches today."""
-    if not glob.has_magic(name) or Path(name).exists():
-        return name
-    return str(Path(*takewhile(lambda part: not glob.has_magic(part), Path(name).parts)))
+    path = Path(name)
+    return path if path.exists() else Path(*takewhile(lambda part: not glob.has_magic(part), path.parts))
 
 
 def _root(path: Path) -> Path:
@@ -108,38 +108,42 @@ def _root(path: Path) -> Path:
     return path if path.is_dir() else path.parent
 
 
-def _endings() -> list[str]:
-    return [ending for ending in READERS if ending not in PROSE]
-
-
-def _cases(path: Path, root: Path, reading: Namespace, pattern: str | None) -> Iterator[Case]:
+def _sources(path: Path, reading: Namespace) -> Iterator[tuple[Source, Mapping[str, str]]]:
+    """Recordings of a folder, a table, a study or a file, each with what a table says of it."""
     if path.is_dir():
-        yield from (_named(source, root, pattern) for source in _in_folder(path, reading))
-    elif (rows := _rows(path)) is not None:
-        for number, row in enumerate(rows, 2):
-            try:
-                yield _tabled(path.parent, row, root, reading, pattern)
-            except InputError as error:
-                raise InputError(f"{path}, row {number}: {error}") from None
+        yield from ((source, {}) for source in _in_folder(path, reading))
+    elif (rows := _table(path)) is None:
+        yield from ((source, {}) for source in sources_of(str(path), reading))
     else:
-        yield from (_named(source, root, pattern) for source in sources_of(str(path), reading))
+        for number, row in enumerate(rows, 2):
+            where = f"{path}, row {number}"
+            if not row.get("file"):
+                raise InputError(f"{where}: names no file: fill in the column file")
+            if "date" in row and date_of(row["date"]) is None:
+                raise InputError(f"{where}: {row['date']!r} is no date: write it as 2026-03-01 or 2026-03-01T14:30")
+            if Path(row["file"]).suffix.lower() == ".toml":
+                raise InputError(f"{where}: {row['file']}: is a study: a table names recordings, one in each row")
+            yield from ((source, row) for source in sources_of(str(path.parent / row["file"]), reading))
 
 
 def _in_folder(folder: Path, reading: Namespace) -> Iterator[Source]:
     """Recordings below a folder; what a study names is read as it says, hidden files and surveys are passed over."""
-    told: set[Path] = set()
+    told: set[str] = set()
     files: list[Path] = []
     for where, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith(".") and not is_survey(Path(where, name)))
+        folders[:] = sorted(name for name in folders if not _is_hidden(name) and not is_survey(Path(where, name)))
         if STUDY in names:
             for source in sources_of(str(Path(where, STUDY)), reading):
-                told.add(source.file.resolve())
+                told.add(os.path.realpath(source.file))
                 yield source
-        ending = tuple(_endings())
-        files += [Path(where, name) for name in names if name.lower().endswith(ending) and not name.startswith(".")]
+        files += [Path(where, name) for name in names if name.lower().endswith(ENDINGS) and not _is_hidden(name)]
     for file in files:
-        if file.resolve() not in told:
+        if os.path.realpath(file) not in told:
             yield from sources_of(str(file), reading)
+
+
+def _is_hidden(name: str) -> bool:
+    return name.startswith(".") and name != ".."
 
 
 def is_survey(folder: Path) -> bool:
@@ -147,154 +151,71 @@ def is_survey(folder: Path) -> bool:
     return (folder / "cases").is_dir() and (folder / "SURVEY").exists()
 
 
-# ------------------------------------------------------------------------------------------------- tables and names
-
-
-def _rows(path: Path) -> list[dict[str, str]] | None:
-    """Rows of a table of recordings; None if the file is no such table."""
+def _table(path: Path) -> list[dict[str, str]] | None:
+    """Rows of a table of recordings; None if the file has no column `file`, or is to be read as a recording."""
     name = path.name.lower()
-    try:
-        if name.endswith((".csv", ".parquet")):
-            regular_size(path, math.inf)
-        if name.endswith(".csv"):
-            with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-                headers = next(csv.reader([file.readline(1 << 16)]), [])
-            if "file" not in map(_key, headers):
-                return None
-            rows = csv.reader(read_bytes(path, TABLE).decode("utf-8-sig").splitlines())
-            next(rows)
-            return [_row(path, headers, row) for row in rows if row]
-        if name.endswith(".parquet"):
-            headers = pq.read_schema(path).names
-            if "file" not in map(_key, headers):
-                return None
-            return [_row(path, headers, row) for row in _cells(path)]
-    except (OSError, ValueError, csv.Error) as error:
-        if isinstance(error, Mistake):
-            raise
-        return None  # what cannot be read is told where recordings are read
-    return None
-
-
-def _cells(path: Path) -> Iterator[list[str]]:
-    """Rows of a table in Parquet, where what stands there often is stored once."""
-    size = 0
-    with pq.ParquetFile(path) as file:
-        for batch in file.iter_batches(batch_size=16):
-            cells = ["" if cell is None else str(cell) for row in batch.to_pylist() for cell in row.values()]
-            size += sum(map(len, cells))
-            if size > TABLE:
-                raise InputError(f"{path}: holds more than the {amount(TABLE)} that a table may: leave out columns")
-            yield cells
-
-
-def _key(header: str) -> str:
-    return header.strip().lower()
-
-
-def _row(path: Path, headers: Sequence[str], cells: Sequence[str]) -> dict[str, str]:
-    row = {_key(header): cell.strip() for header, cell in zip(headers, cells, strict=False)}
-    for name in row:
-        try:
-            find("column", name, dict.fromkeys(("file", *LABELS)))
-        except ValueError as error:
-            raise InputError(f"{path}: {error}") from None
-    return row
-
-
-def _tabled(folder: Path, row: Mapping[str, str], root: Path, reading: Namespace, pattern: str | None) -> Case:
-    if not row.get("file"):
-        raise InputError("names no file: fill in the column file")
-    (source,) = _one(sources_of(str(folder / row["file"]), reading), row["file"])
-    return _named(source, root, pattern, {name: row[name] for name in LABELS if row.get(name)})
-
-
-def _one(sources: Sequence[Source], name: str) -> Sequence[Source]:
-    if len(sources) != 1:
-        raise InputError(f"{name}: a table names recordings, one in each row: name the study itself to survey it")
-    return sources
-
-
-def _named(source: Source, root: Path, pattern: str | None, told: Mapping[str, str] | None = None) -> Case:
-    """A case from its source; what is not told of it, the path below the root tells."""
-    told = dict(told or {})
-    below = PurePosixPath(Path(os.path.relpath(source.file, root)).as_posix())
-    guessed = _matched(below, pattern) if pattern is not None else _guessed(below)
-    stretch = "" if source.range is None else f"#{source.range[0]:g}-{source.range[1]:g}"
-    if "date" in told:
-        date, dated_by = _date(told["date"]), "table"
-        if date is None:
-            raise InputError(f"{told['date']!r} is no date: write it as 2026-03-01 or 2026-03-01T14:30")
-    else:
-        date, dated_by = _date(guessed.get("date", "")), "name"
-    if date is None:
-        date, dated_by = _file_time(source.file), "file"
-    labels = guessed | told
-    joint = labels.get("joint", "")
-    return Case(
-        str(below) + stretch, source, labels.get("robot", ""), joint, labels.get("kind") or joint, date, dated_by
-    )
-
-
-def _guessed(below: PurePosixPath) -> dict[str, str]:
-    """Robot, joint and date from a path: folders name robot and joint, or the file the joint of a dated folder."""
-    stem = _stem(below)
-    folders = [part for part in below.parts[:-1] if part != ".."]
-    plain = [part for part in folders if _date(part) is None]
-    rest = DATE.sub("", stem).strip(" _-.")
-    dates = [text[0] for part in (stem, *reversed(folders)) if (text := DATE.search(part)) and _date(text[0])]
-    dated_folder = len(plain) < len(folders) and DATE.search(stem) is None
-    words = [*plain, rest or stem] if dated_folder or not plain else plain
-    found = {"joint": words[-1], "robot": words[-2] if len(words) > 1 else ""}
-    return found | ({"date": dates[0]} if dates else {})
-
-
-def _matched(below: PurePosixPath, pattern: str) -> dict[str, str]:
-    parts = re.split(r"(\{\w*\}|\*)", pattern)
-    try:
-        for part in parts[1::2]:
-            if part != "*":
-                find("part of a name", part[1:-1], dict.fromkeys(LABELS))
-        text = "".join(
-            "[^/]*" if part == "*" else f"(?P<{part[1:-1]}>[^/]+?)" if k % 2 else re.escape(part)
-            for k, part in enumerate(parts)
-        )
-        compiled = re.compile(f"(?:.*/)?{text}")
-    except (ValueError, re.error) as error:
-        raise InputError(f"{pattern}: {error}: write names as {{robot}}/{{joint}}_{{date}}") from None
-    match = compiled.fullmatch(str(below.parent / _stem(below)))
-    if match is None:
-        raise InputError(f"{below}: does not read as {pattern}: mend --names, or use a table")
-    return match.groupdict()
-
-
-def _stem(path: PurePosixPath) -> str:
-    ending = next((ending for ending in READERS if path.name.lower().endswith(ending)), path.suffix)
-    return path.name[: len(path.name) - len(ending)]
-
-
-def _date(text: str) -> datetime | None:
-    """A date, UTC unless it says otherwise; None if the text is none."""
-    if match := DATE.fullmatch(text.strip()):
-        day, hour, minute, second = (
-            "".join(match.group("year", "month", "day")),
-            *match.group("hour", "minute", "second"),
-        )
-        try:
-            return datetime.strptime(f"{day}{hour or '00'}{minute or '00'}{second or '00'}+0000", "%Y%m%d%H%M%S%z")
-        except ValueError:
-            return None
-    try:
-        date = datetime.fromisoformat(text.strip())
-    except ValueError:
+    if not name.endswith((".csv", ".parquet")):
         return None
-    return date.astimezone(UTC) if date.tzinfo else date.replace(tzinfo=UTC)
+    regular_size(path, math.inf)
+    lines = _csv(path) if name.endswith(".csv") else _parquet(path)
+    try:
+        headers = [header.strip().lower() for header in next(lines)]
+        if "file" not in headers:
+            return None
+        rows = [line for line in _within(lines, path) if line]
+    except Mistake:
+        raise
+    except (OSError, ValueError, csv.Error, pa.ArrowException):
+        return None  # what cannot be read is told where recordings are read
+    try:
+        for header in headers:
+            find("column", header, dict.fromkeys(("file", *LABELS)))
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    return [{header: cell.strip() for header, cell in zip(headers, row, strict=False) if cell.strip()} for row in rows]
 
 
-def _file_time(file: Path) -> datetime:
+def _within(lines: Iterator[Sequence[str]], path: Path) -> Iterator[Sequence[str]]:
+    """Lines of a table, up to its largest size."""
+    size = 0
+    for line in lines:
+        size += sum(map(len, line))
+        if size > TABLE:
+            raise InputError(f"{path}: holds more than the {amount(TABLE)} that a table may: leave out columns")
+        yield line
+
+
+def _csv(path: Path) -> Iterator[Sequence[str]]:
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        yield next(csv.reader([file.readline(HEADER)]), [])
+    yield from islice(csv.reader(read_bytes(path, TABLE).decode("utf-8-sig").splitlines()), 1, None)
+
+
+def _parquet(path: Path) -> Iterator[Sequence[str]]:
+    with pq.ParquetFile(path) as file:
+        yield file.schema_arrow.names
+        for batch in file.iter_batches(batch_size=16):  # what stands there often is stored once
+            yield from (["" if cell is None else str(cell) for cell in row.values()] for row in batch.to_pylist())
+
+
+def _case(source: Source, told: Mapping[str, str], root: Path, pattern: str | None) -> Case:
+    """A case from its source; what a table does not tell of it, the path below the root tells."""
+    below = PurePosixPath(printable(Path(os.path.relpath(source.file, root)).as_posix()))
+    stretch = "" if source.range is None else f"#{source.range[0]:g}-{source.range[1]:g}"
+    from_name = matched(below, pattern) if pattern is not None else guessed(below)
+    labels = from_name | dict(told)
+    date, dated_by = date_of(labels.get("date", "")), "table" if "date" in told else "name"
+    if date is None:
+        date, dated_by = file_time(source.file), "file"
+    joint = labels.get("joint", "")
+    return Case(f"{below}{stretch}", source, labels.get("robot", ""), joint, labels.get("kind", joint), date, dated_by)
+
+
+def file_time(file: Path) -> datetime:
+    """When a file was changed last; 1970 if there is none, which is told when it is read."""
     try:
         return datetime.fromtimestamp(file.stat().st_mtime, UTC)
-    except OSError:  # told when the file is read
+    except (OSError, ValueError, OverflowError):
         return datetime.fromtimestamp(0, UTC)
 
 

@@ -9,10 +9,10 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from workbench.mistakes import InputError
-from workbench.processes import interrupts_wait
+from workbench.processes import attend, interrupts_wait
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Worker
 
 
 @contextmanager
@@ -51,9 +51,14 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
                 n_workers=workers,
                 threads_per_worker=1,  # a diagnosis computes in Python most of the time
                 memory_limit=limit,
-                preload="workbench.survey.worker",
+                preload="workbench.survey.cluster",
                 dashboard_address="127.0.0.1:0",  # for nobody else, and beside other surveys
                 silence_logs=logging.CRITICAL,  # what happened to a case is in the dataset
             )
             client = stack.enter_context(Client(stack.enter_context(cluster)))
         yield client
+
+
+def dask_setup(worker: Worker) -> None:
+    """Called by Dask in each worker that is begun here: Ctrl-C is left to the survey, which ends its workers itself."""
+    attend()

@@ -1,21 +1,25 @@
-"""The Parquet dataset of a survey: one row for each case, in files that are whole or not there."""
+"""The Parquet dataset of a survey: a row for each case, in files that are whole or not there."""
 
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from pendulum_env.files import replacing, write_whole
+from workbench.mistakes import printable
+from workbench.survey.cases import file_time
 
 Row = Mapping[str, Any]
 
+STATUSES = ("failed", "refused", "done")  # to be tried again; a file that cannot be used; diagnosed
+VERDICTS = ("missing", "unexplained", "nothing")
 TEXT = pa.string()
 NUMBER = pa.float64()
 SCHEMA = pa.schema(
@@ -27,9 +31,9 @@ SCHEMA = pa.schema(
         "date": pa.timestamp("us", "UTC"),
         "dated_by": TEXT,
         "file": TEXT,
-        "status": TEXT,  # done, refused (the file cannot be used) or failed (to be tried again)
+        "status": TEXT,  # one of `STATUSES`
         "reason": TEXT,  # why it was refused or failed
-        "verdict": TEXT,  # nothing, missing, unexplained
+        "verdict": TEXT,  # one of `VERDICTS`
         "headline": TEXT,
         "score": NUMBER,  # probability of the surest effect that is missing
         "selected": pa.list_(TEXT),
@@ -54,7 +58,6 @@ SCHEMA = pa.schema(
         "samples": pa.int64(),
         "duration": NUMBER,  # of the recording [s]
         "seconds": NUMBER,  # that the diagnosis took
-        "memory": NUMBER,  # most that the worker has had [MB]
         "diagnosis": TEXT,  # JSON, as `diagnose --json` writes it
         "report": TEXT,  # file of the case's own page, below the survey's folder
         "hash": TEXT,  # of the file's content
@@ -65,9 +68,9 @@ SCHEMA = pa.schema(
         "finished": pa.timestamp("us", "UTC"),
     }
 )
-MERGED = 16  # files up to which a dataset is left as it is
-CROWD = 200  # the same while a survey goes on: two milliseconds each, whenever it is looked at
-READINGS = 3  # of a dataset whose files are merged meanwhile
+OWN = ("name", "status", "verdict", "date", "finished")  # columns without which no row makes sense
+FULL = {"selected": (), "candidates": ("effect", "verdict"), "parameters": ("name", "value", "unit")}  # lists, likewise
+FILES = 16  # that a dataset is left with: each takes two milliseconds whenever it is read
 GROUP = 500  # rows that are copied at a time
 
 
@@ -75,14 +78,14 @@ GROUP = 500  # rows that are copied at a time
 class Dataset:
     """A folder of Parquet files, `cases/*.parquet`; any Parquet reader takes them as one table.
 
-    Of several rows for a case the last one holds. One survey at a time may write there.
+    Of several rows for a case the one that was finished last holds. One survey at a time may write there.
     """
 
     folder: Path
 
     @property
     def parts(self) -> list[Path]:
-        """Its files, oldest first."""
+        """Its files."""
         return sorted((self.folder / "cases").glob("*.parquet"))
 
     def create(self) -> None:
@@ -96,7 +99,7 @@ class Dataset:
             write_whole(self.folder / "SURVEY", "Written by pendulum-ident survey: cases/ is one Parquet dataset.\n")
 
     def append(self, rows: Sequence[Row]) -> None:
-        """Add rows as one more file, whole or not at all.
+        """Add rows, if there are any, as one more file, whole or not at all.
 
         Raises:
             OSError: if it cannot be written, as on a full disk.
@@ -105,90 +108,84 @@ class Dataset:
             self._write([pa.Table.from_pylist([dict(row) for row in rows], schema=SCHEMA)])
 
     def _write(self, tables: Iterable[pa.Table]) -> None:
-        number = int(self.parts[-1].name.split("-")[0]) + 1 if self.parts else 0
-        path = self.folder / "cases" / f"{number:08d}-{uuid.uuid4().hex[:8]}.parquet"
+        path = self.folder / "cases" / f"{uuid.uuid4().hex}.parquet"
         with replacing(path) as file, pq.ParquetWriter(file, SCHEMA, compression="zstd") as writer:
             for table in tables:
                 writer.write_table(table)
 
-    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """The last row of every case, in the order of names; all columns, or some.
+    def rows(self, columns: Sequence[str] = tuple(SCHEMA.names)) -> list[dict[str, Any]]:
+        """The last row of every case, in the order of names, and one for each file that makes no sense."""
+        parts = self.parts
+        found = [row for path in parts for row in _rows(path, {*columns, *OWN}) or [_spoilt(path)]]
+        if not set(parts) <= set(self.parts):  # a survey has merged some meanwhile: their rows are elsewhere
+            return self.rows(columns)
+        last = _last(found)
+        return [{column: last[name][column] for column in columns} for name in sorted(last)]
 
-        Raises:
-            OSError: if its files are merged again and again while they are read.
-        """
-        wanted = list(columns) if columns is not None else SCHEMA.names
-        read = list(dict.fromkeys(["name", *wanted]))
-        for _ in range(READINGS):
-            parts = self.parts
-            rows = _last(parts)
-            tables = [part.take(rows[k]) for k, path in enumerate(parts) if (part := _part(path, read)) is not None]
-            if set(parts) <= set(self.parts):  # else a survey has merged some meanwhile: their rows are elsewhere
-                together = pa.concat_tables([SCHEMA.empty_table().select(read), *tables])
-                return together.sort_by("name").select(wanted)
-        raise OSError(f"{self.folder}: its files change while they are read: try again")
-
-    def rows(self, columns: Sequence[str] | None = None) -> list[dict[str, Any]]:
-        """`table` as dictionaries."""
-        found: list[dict[str, Any]] = self.table(columns).to_pylist()
-        return found
-
-    def merge(self, most: int = MERGED) -> bool:
-        """Put all files into one, which holds the last row of each case, if there are more; a part at a time is held.
+    def merge(self) -> None:
+        """Put all files into one with the last row of each case, if they are many.
 
         Whenever this is cut short, no row is lost: the new file is there before the old ones go. Where the disk has no
         room for both, or one is damaged, they stay.
-
-        Returns:
-            Whether it is worth trying again: False if it failed, or there are more files that cannot be read.
         """
-        everything = self.parts
-        if len(everything) <= most:
-            return True
-        parts = [path for path in everything if _part(path, ("name",)) is not None]  # others may be readable again
-        if len(parts) > most:
-            try:
-                self._write(_kept(parts))
-                for path in parts:
+        own = {path: rows for path in self.parts if (rows := _rows(path, OWN))}
+        if len(own) > FILES:
+            last = _last(row for rows in own.values() for row in rows)
+            with suppress(OSError, pa.ArrowException):
+                self._write(_kept(own, last))
+                for path in own:
                     path.unlink(missing_ok=True)
-            except (OSError, pa.ArrowException, ValueError):
-                return False
-        return len(everything) - len(parts) <= most
 
 
-def _last(parts: Sequence[Path]) -> list[pa.Array]:
-    """Places in each file of those rows that are the last of their case."""
-    last: dict[str, tuple[int, int, int]] = {}  # time, file, place
-    for k, path in enumerate(parts):
-        table = _part(path, ("name", "finished"))
-        if table is not None:
-            times = table["finished"].cast(pa.int64()).to_pylist()
-            for place, (name, time) in enumerate(zip(table["name"].to_pylist(), times, strict=True)):
-                last[name] = max(last.get(name, (time, k, place)), (time, k, place))
-    places: list[list[int]] = [[] for _ in parts]
-    for _, k, place in last.values():
-        places[k].append(place)
-    return [pa.array(sorted(own), pa.int64()) for own in places]
+def _last(rows: Iterable[Row]) -> dict[str, Row]:
+    """The row of each case that was finished last, by name."""
+    return {row["name"]: row for row in sorted(rows, key=lambda row: row["finished"])}
 
 
-def _kept(parts: Sequence[Path]) -> Iterator[pa.Table]:
-    """The last row of each case, a few at a time."""
-    for path, places in zip(parts, _last(parts), strict=True):
-        if not len(places):
-            continue
-        first = 0
+def _rows(path: Path, columns: Collection[str]) -> list[dict[str, Any]]:
+    """Rows of a file; none if it is damaged, or no survey wrote it: its cases are then diagnosed again."""
+    try:
+        with pq.ParquetFile(path) as file:
+            rows: list[dict[str, Any]] = _chosen(file.read(columns=list(columns)), columns).to_pylist()
+    except (OSError, ValueError, KeyError, OverflowError, pa.ArrowException):
+        return []
+    return rows if all(map(_makes_sense, rows)) else []
+
+
+def _chosen(table: pa.Table, columns: Iterable[str]) -> pa.Table:
+    """Columns of a table as the schema has them: an earlier version may have had more."""
+    return table.select(list(columns)).cast(pa.schema([SCHEMA.field(column) for column in columns]))
+
+
+def _makes_sense(row: Row) -> bool:
+    """Whether what is read of a row is all there: of one that was diagnosed, verdict and lists."""
+    if row["status"] not in STATUSES or None in (row["name"], row["date"], row["finished"]):
+        return False
+    lists = [(row[name], keys) for name, keys in FULL.items() if name in row]
+    return row["status"] != "done" or (row["verdict"] in VERDICTS and all(_is_full(*one) for one in lists))
+
+
+def _is_full(items: Sequence[Any] | None, keys: Sequence[str]) -> bool:
+    return items is not None and all(one is not None and None not in [one[key] for key in keys] for one in items)
+
+
+def _spoilt(path: Path) -> dict[str, Any]:
+    """Row of a file that makes no sense."""
+    return dict.fromkeys(SCHEMA.names) | {
+        "name": f"cases/{printable(path.name)}",
+        "date": file_time(path),
+        "dated_by": "file",
+        "status": "failed",
+        "reason": "it is damaged, or no survey wrote it: remove it from the dataset",
+        "finished": file_time(path),
+    }
+
+
+def _kept(parts: Iterable[Path], last: Mapping[str, Row]) -> Iterator[pa.Table]:
+    """Those rows of files that are the last of their cases, a few at a time."""
+    for path in parts:
         with pq.ParquetFile(path) as file:
             for batch in file.iter_batches(GROUP):
-                inside = pc.and_(pc.greater_equal(places, first), pc.less(places, first + len(batch)))
-                own = pc.subtract(places.filter(inside), first)
-                first += len(batch)
-                if len(own):
-                    yield pa.Table.from_batches([batch]).take(own).cast(SCHEMA)
-
-
-def _part(path: Path, columns: Sequence[str]) -> pa.Table | None:
-    """Columns of one file; None if it is no such file: its cases are then diagnosed again."""
-    try:
-        return pq.read_table(path, schema=SCHEMA, columns=list(columns))
-    except (OSError, pa.ArrowException):
-        return None
+                table = _chosen(pa.Table.from_batches([batch]), SCHEMA.names)
+                names, times = (table[column].to_pylist() for column in ("name", "finished"))
+                yield table.filter([last[name]["finished"] == time for name, time in zip(names, times, strict=True)])

@@ -24,47 +24,28 @@ def effects_table(fleet: Fleet) -> Table:
 def drifting_table(fleet: Fleet) -> Table:
     """Parameters that drift."""
     rows = [
-        (joint.label, series.parameter, plus_minus(series.drift.level, series.drift.level_error), series.unit,
-         slope(series), by_chance(series.drift.chance))
-        for joint, series in fleet.drifting
-    ]  # fmt: skip
+        (one.joint.label, one.parameter, mean(one), one.unit, change(one), by_chance(one.course.chance))
+        for one in fleet.drifting
+    ]
     return Table(("joint", "parameter", "mean", "unit", "a week [%]", "by chance"), rows, left=("parameter", "unit"))
 
 
 def jumping_table(fleet: Fleet) -> Table:
     """Parameters that are others from a date on."""
     rows = [
-        (joint.label, series.parameter, f"{series.jumps_at:%Y-%m-%d}", change(series), by_chance(series.jump.chance))
-        for joint, series in fleet.jumping
-        if series.jump is not None
+        (one.joint.label, one.parameter, f"{one.since:%Y-%m-%d}", change(one), by_chance(one.course.chance))
+        for one in fleet.jumping
     ]
     return Table(("joint", "parameter", "since", "change [%]", "by chance"), rows, left=("parameter", "since"))
-
-
-def change(series: Series) -> str:
-    """A jump, in per cent of the mean."""
-    if series.jump is None or not series.drift.level:
-        return "+nan"
-    share = 100 / abs(series.drift.level)
-    return _signed(plus_minus(share * series.jump.change, share * series.jump.error))
-
-
-def slope(series: Series) -> str:
-    """Change in a week, in per cent of the mean."""
-    share = 100 * WEEK / abs(series.drift.level) if series.drift.level else np.nan
-    return _signed(plus_minus(share * series.drift.slope, share * series.drift.slope_error))
-
-
-def _signed(value: str) -> str:
-    return value if value.startswith("-") else f"+{value}"
 
 
 def odd_table(fleet: Fleet) -> Table:
     """Joints that differ from their siblings."""
     rows = [
-        (one.joint.label, one.series.parameter, plus_minus(one.series.drift.level, one.series.drift.level_error),
-         plus_minus(one.odd.expected, one.odd.spread), one.series.unit, by_chance(one.odd.chance))
+        (one.joint.label, one.parameter, mean(one), plus_minus(one.odd.expected, one.odd.spread), one.unit,
+         by_chance(one.odd.chance))
         for one in fleet.odd
+        if one.odd is not None
     ]  # fmt: skip
     return Table(("joint", "parameter", "mean", "expected", "unit", "by chance"), rows, left=("parameter", "unit"))
 
@@ -79,6 +60,33 @@ def pooled_table(fleet: Fleet) -> Table:
     return Table(("group", "effect", "gain [nat]", "cases", "named in", "probability"), rows, left=("effect",))
 
 
+def courses_table(fleet: Fleet) -> Table:
+    """Every parameter of every joint, those first that change."""
+    rows = [
+        (one.joint.label, one.parameter, ("jumps" if one.since else "drifts") if one.changes else "steady",
+         str(len(one.date)), mean(one), one.unit, change(one), f"since {one.since:%Y-%m-%d}" if one.since else "a week",
+         by_chance(one.course.chance), f"{one.course.excess:.2g}")
+        for one in sorted(fleet.series, key=lambda one: not one.changes)
+    ]  # fmt: skip
+    headers = ("joint", "parameter", "course", "cases", "mean", "unit", "change [%]", "when", "by chance", "scatter")
+    return Table(headers, rows, left=("parameter", "course", "unit", "when"))
+
+
+def mean(series: Series) -> str:
+    """Weighted mean over time."""
+    return plus_minus(series.course.level, series.course.level_error)
+
+
+def change(series: Series) -> str:
+    """Height of a step, or change in a week, in per cent of the mean."""
+    course, weeks = series.course, 1.0 if series.since else WEEK
+    if not (course.level and np.isfinite(course.change)):
+        return "–"
+    share = 100 * weeks / abs(course.level)
+    text = plus_minus(share * course.change, share * course.change_error)
+    return text if text.startswith("-") else f"+{text}"
+
+
 def by_chance(chance: float) -> str:
     """A small probability."""
-    return f"{chance:.1g}" if chance >= 1e-12 else "< 1e-12"
+    return "–" if np.isnan(chance) else f"{chance:.1g}" if chance >= 1e-12 else "< 1e-12"

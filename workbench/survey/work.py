@@ -7,111 +7,91 @@ import json
 import math
 import os
 import re
-import sys
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib import metadata
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 from estimators.checks.alignment import Aligned
 from estimators.diagnosis.result import Diagnosis, Verdict
 from estimators.diagnosis.run import diagnose
-from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON
-from pendulum_env.physics import BASE, Term, effects, load_plugin
+from pendulum_env.mistake import Mistake
+from pendulum_env.physics import Term, load_plugin
 from pendulum_env.reading import regular_size
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import by_torque
 from pendulum_env.recording.table import REMEDY
-from workbench.mistakes import MISTAKES, sentence
+from workbench.mistakes import MISTAKES, InputError, printable, sentence
 from workbench.survey.cases import Case
+from workbench.survey.dataset import VERDICTS
 
-BLOCK = 1 << 20  # bytes that are hashed at a time
+PAGES = {"none": (), "found": ("missing", "unexplained"), "all": VERDICTS}  # verdicts of cases that get a page each
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What a survey asks of every diagnosis.
+    """What a survey asks for.
 
     Attributes:
-        base: terms of the model to start from.
-        criterion: what effects have to achieve.
-        library: ids of the effects that may be named.
-        fixed: values of parameters that are known, by name.
-        bounds: of others.
+        asked: of every diagnosis: arguments of `estimators.diagnose` by name, such as `base`, `only` or `fixed`.
         plugins: files that register effects of the user's own; each worker loads them.
-        reports: which cases get a page of their own: `none`, `found` (those where something is missing) or `all`.
+        reports: which cases get a page of their own, a key of `PAGES`.
         folder: where the survey is written; the workers write pages there.
     """
 
-    base: tuple[Term, ...] = tuple(BASE)
-    criterion: Criterion = field(default_factory=Criterion)
-    library: tuple[str, ...] = field(default_factory=lambda: tuple(effects()))
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    asked: Mapping[str, Any] = field(default_factory=dict)
     plugins: tuple[Path, ...] = ()
     reports: str = "none"
     folder: Path | None = None
 
     def mark(self, case: Case) -> str:
-        """Hash of all that decides on the result, apart from the file and the version."""
-        source = case.source
-        asked = {
-            "model": self._model,
-            "columns": dict(source.columns),
-            "unwrap": source.unwrap,
-            "range": source.range,
-            "largest": source.largest,  # what was refused for its size may be read now
-            "load": asdict(source.load) if source.load is not None else None,
-        }
-        return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:16]
+        """Hash of all that decides on a row apart from what is in the file, wherever it lies."""
+        of_case = vars(case) | {"source": vars(case.source) | {"file": None}}
+        text = json.dumps([version(), self.asked, self._plugins, of_case], sort_keys=True, default=_plain)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @cached_property
-    def _model(self) -> JSON:
-        return {
-            "base": [[term.id, term.shape] for term in self.base],
-            "criterion": asdict(self.criterion),
-            "library": sorted(self.library),
-            "fixed": dict(self.fixed),
-            "bounds": dict(self.bounds),
-            "plugins": [content_hash(path) for path in self.plugins],
-        }
+    def _plugins(self) -> list[str]:
+        return [content_hash(path) for path in self.plugins]
 
-    def asks_for_page(self, verdict: str | None) -> bool:
-        """Whether a case of that verdict gets a page."""
-        return self.reports == "all" or (self.reports == "found" and verdict in ("missing", "unexplained"))
+    def is_answered(self, case: Case, row: JSON) -> bool:
+        """Whether a row is what would be found of a case now: the same was asked, of the same content."""
+        return (
+            row["status"] != "failed"
+            and row["settings"] == self.mark(case)
+            and (row["report"] is not None or row["verdict"] not in PAGES[self.reports])
+            and _is_unchanged(case, row)
+        )
 
 
-@dataclass(frozen=True)
-class Findings:
-    """What a diagnosis found, as a row of the dataset has it; see `SCHEMA`."""
-
-    verdict: str
-    headline: str
-    score: float | None
-    selected: tuple[str, ...]
-    ambiguous: tuple[tuple[str, ...], ...]
-    candidates: tuple[JSON, ...]
-    parameters: tuple[JSON, ...]
-    torque_unit: str
-    noise_floor: float
-    torque_rms: float
-    position_rms: float
-    samples: int
-    duration: float
-    diagnosis: str
-    report: str | None = None
+def _is_unchanged(case: Case, row: JSON) -> bool:
+    """Whether a file has the size and time that it had; where it has not, its content tells."""
+    try:
+        if stamp(case.source.file) == {"size": row["size"], "changed": row["changed"]}:
+            return True
+        return content_hash(case.source.file, case.source.largest) == row["hash"]
+    except MISTAKES:
+        return row["hash"] is None
 
 
-Look = Callable[[Case, Settings], Findings]
+def _plain(value: object) -> Any:
+    return [value.id, value.shape] if isinstance(value, Term) else str(value)
 
 
-def look(case: Case, settings: Settings) -> Findings:
+Look = Callable[[Case, Settings], JSON]
+
+
+def look(case: Case, settings: Settings) -> JSON:
     """Read a recording and diagnose it, and write its page if that is asked for.
+
+    Returns:
+        What was found, by the columns of `SCHEMA`.
 
     Raises:
         RecordingError: if it cannot be read.
@@ -121,21 +101,12 @@ def look(case: Case, settings: Settings) -> Findings:
     for path in settings.plugins:
         load_plugin(path)
     recording = by_torque(case.source.read())
-    found = diagnose(
-        [recording],
-        (),
-        settings.base,
-        only=settings.library,
-        fixed=settings.fixed,
-        bounds=settings.bounds,
-        criterion=settings.criterion,
-    )
-    verdict = _verdict(found)
-    page = None
-    if settings.asks_for_page(verdict) and settings.folder is not None:
-        page = page_of(case)
-        _write_page(settings.folder / page, recording, found)
-    return _findings(recording, found, verdict, page)
+    found = diagnose([recording], **settings.asked)
+    row = _row(recording, found)
+    if settings.folder is not None and row["verdict"] in PAGES[settings.reports]:
+        row["report"] = page_of(case)
+        _write_page(settings.folder / row["report"], recording, found)
+    return row
 
 
 def page_of(case: Case) -> str:
@@ -153,93 +124,70 @@ def _write_page(path: Path, recording: Recording, found: Diagnosis) -> None:
     write_report(path, [recording], [], found, six_schemes(fitted, found.model.terms))
 
 
-def _verdict(found: Diagnosis) -> str:
-    if found.selected:
-        return "missing"
-    return "unexplained" if found.unexplained else "nothing"
-
-
-def _findings(recording: Recording, found: Diagnosis, verdict: str, page: str | None) -> Findings:
+def _row(recording: Recording, found: Diagnosis) -> JSON:
+    told = found.json()
     errors = found.steps[-1].errors["holdout"]
-    scores = [one.score for one in found.candidates if one.verdict is Verdict.SELECTED]
-    return Findings(
-        verdict=verdict,
-        headline=found.headline,
-        score=max(scores, default=None),
-        selected=found.selected,
-        ambiguous=found.ambiguous,
-        candidates=tuple(
-            {
-                "effect": one.effect,
-                "verdict": str(one.verdict),
-                "score": one.score,
-                "gain": one.gain.total if one.gain is not None else None,
-                "gain_error": one.gain.json()["error"] if one.gain is not None else None,
-                "variants": one.variants,
-            }
-            for one in found.candidates
-        ),
-        parameters=tuple({"name": name, **one.json()} for name, one in found.model.estimates.items()),
-        torque_unit=found.torque_unit,
-        noise_floor=found.noise_floor,
-        torque_rms=errors.torque_rms,
-        position_rms=errors.position_rms,
-        samples=len(recording),
-        duration=recording.duration,
-        diagnosis=json.dumps(found.json()),
-        report=page,
-    )
+    candidates = []
+    for one in told["candidates"]:
+        gain = one["gain"] or {}
+        scores = {"gain": gain.get("total"), "gain_error": gain.get("error"), "variants": gain.get("variants")}
+        candidates.append({"effect": one["effect"], "verdict": one["verdict"], "score": one["score"], **scores})
+    return {
+        "verdict": "missing" if found.selected else "unexplained" if found.unexplained else "nothing",
+        "headline": found.headline,
+        "score": max((one.score for one in found.candidates if one.verdict is Verdict.SELECTED), default=None),
+        "selected": told["selected"],
+        "ambiguous": told["ambiguous"],
+        "candidates": candidates,
+        "parameters": [{"name": name, **one.json()} for name, one in found.model.estimates.items()],
+        "torque_unit": found.torque_unit,
+        "noise_floor": found.noise_floor,
+        "torque_rms": errors.torque_rms,
+        "position_rms": errors.position_rms,
+        "samples": len(recording),
+        "duration": recording.duration,
+        "diagnosis": json.dumps(told),
+    }
 
 
-def examined(case: Case, settings: Settings, known: str | None = None, look: Look = look) -> JSON | None:
-    """Row of a case, whatever happens; None if the file's content is what is known already.
-
-    Args:
-        case: to look at.
-        settings: of the survey.
-        known: hash of the content at the last look, if nothing else has changed since.
-        look: that finds.
-    """
+def examined(case: Case, settings: Settings, look: Look = look) -> JSON:
+    """Row of a case, whatever happens."""
     begun = perf_counter()
     row = row_of(case, settings)
     try:
-        content = stamp(case.source.file) | {"hash": content_hash(case.source.file, case.source.largest)}
-        if known is not None and content["hash"] == known:
-            return None
-        row |= content
+        row |= stamp(case.source.file) | {"hash": content_hash(case.source.file, case.source.largest)}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters is in the result
-            found = look(case, settings)
-        row |= {"status": "done", **vars(found)}
-    except OSError as error:  # a full disk, a share that is away
-        row |= {"status": "failed", "reason": sentence(error)}
-    except MemoryError:
-        row |= {"status": "failed", "reason": "it does not fit into the memory of the worker: give workers more"}
-    except MISTAKES as mistake:
-        row |= {"status": "refused", "reason": sentence(mistake).removeprefix(f"{case.source.file}: ")}
-    except Exception as fault:  # a fault of the program in one case must not cost the others
-        row |= {"status": "failed", "reason": sentence(ValueError(f"{type(fault).__name__}: {fault}"))}
-    return row | {"seconds": perf_counter() - begun, "memory": peak_memory(), "finished": datetime.now(UTC)}
+            row |= {"status": "done", **look(case, settings)}
+    except Exception as error:  # a fault of the program in one case must not cost the others
+        row |= trouble(error, case)
+    return row | {"seconds": perf_counter() - begun, "finished": datetime.now(UTC)}
 
 
-def lost(case: Case, settings: Settings, reason: str) -> JSON:
+def lost(case: Case, settings: Settings, error: Exception) -> JSON:
     """Row of a case whose worker did not come back."""
-    return row_of(case, settings) | {"status": "failed", "reason": reason, "finished": datetime.now(UTC)}
+    return row_of(case, settings) | trouble(error, case) | {"finished": datetime.now(UTC)}
 
 
 def row_of(case: Case, settings: Settings) -> JSON:
     """What a row says of a case before anybody has looked at it."""
-    return {
-        "name": case.name,
-        "robot": case.robot,
-        "joint": case.joint,
-        "kind": case.kind,
-        "date": case.date,
-        "dated_by": case.dated_by,
-        "file": str(case.source.file.resolve()),
+    told = ("name", "robot", "joint", "kind", "date", "dated_by")
+    return {name: getattr(case, name) for name in told} | {
+        "file": printable(os.path.realpath(case.source.file)),
         "version": version(),
         "settings": settings.mark(case),
     }
+
+
+def trouble(error: Exception, case: Case) -> JSON:
+    """Status and reason of a case of which nothing was found: the file cannot be used, or something else went wrong."""
+    if isinstance(error, Mistake):
+        return {"status": "refused", "reason": sentence(error).removeprefix(f"{case.source.file}: ")}
+    if isinstance(error, MemoryError):
+        error = InputError("it does not fit into the memory of the worker: give workers more (--memory)")
+    elif not isinstance(error, OSError | InputError):  # of a full disk, or a share that is away
+        error = InputError(f"{type(error).__name__}: {error}")
+    return {"status": "failed", "reason": sentence(error)}
 
 
 def stamp(file: Path) -> JSON:
@@ -263,8 +211,7 @@ def content_hash(file: Path, most: float = math.inf) -> str:
     for path in sorted(file.iterdir()) if file.is_dir() else [file]:
         regular_size(path, most, REMEDY)
         with path.open("rb") as stream:
-            while block := stream.read(BLOCK):
-                digest.update(block)
+            hashlib.file_digest(stream, lambda: digest)
     return digest.hexdigest()
 
 
@@ -272,13 +219,3 @@ def content_hash(file: Path, most: float = math.inf) -> str:
 def version() -> str:
     """Version of this project."""
     return metadata.version("pendulum-ident")
-
-
-def peak_memory() -> float:
-    """Most memory that this process has had so far [MB]; NaN where the system does not say."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return float("nan")
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1 << 20) if sys.platform == "darwin" else peak / 1024

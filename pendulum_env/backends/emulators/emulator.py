@@ -3,142 +3,152 @@
 from __future__ import annotations
 
 import importlib
+import json
 import math
 import os
 import select
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
-from pendulum_env.backends.emulators.motor import MISREADINGS, Motor
-from pendulum_env.backends.hardware.adapters import need
+from pendulum_env.backends.emulators.motor import Motor
+from pendulum_env.backends.hardware import priority
+from pendulum_env.backends.hardware.adapters import ADAPTERS, need
 from pendulum_env.backends.hardware.config import load, mark_checked
-from pendulum_env.backends.hardware.pacing import realtime
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import PAPER
 from pendulum_env.reading import Unreadable, read_text
 
-EMULATORS = {  # where each is
-    "canopen402": "can_emulator",
-    "serial": "serial_emulator",
-    "nidaq": "daq_emulator",
-}
 MARK = "# written by an emulator, and overwritten by the next one\n"
 TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which acts in time anyway
-MISHAPS = {
-    "fault": "the drive reports over-temperature",
-    "unplug": "the cable is pulled",
-    "corrupt": "P: each bit on the cable is wrong with a probability P",
-    "push": "T: somebody pushes the arm with T N m",
-    "hold": "D: a hand turns the arm to D degrees and holds it there; without a number it lets go",
-    "freeze": "S: the drive hangs for S seconds",
-    "encoder": f"{', '.join(MISREADINGS)}: the encoder tells something else",
-    "gain": "G: the drive gives G times the torque that it is asked for",
-}
 
 
-class Link(Protocol):
+class Device(Protocol):
     """One side of a protocol: what a drive does with what it is sent."""
 
-    @property
-    def place(self) -> str:
-        """Where it listens."""
-
-    def settings(self) -> dict[str, Any]:
-        """Keys of its table in rig.toml, by which it is reached."""
-
-    def sources(self) -> dict[int, Callable[[], None]]:
-        """File descriptors to watch, and what to call when something comes."""
+    def settings(self, place: str) -> dict[str, Any]:
+        """Keys of its table in rig.toml, by which it is reached at a place."""
 
     def fault(self) -> None:
         """Report a fault from now on, without power."""
 
-    def unplug(self) -> None:
-        """Be out of reach from now on."""
+
+class Cable(Protocol):
+    """How a drive is reached."""
+
+    @property
+    def place(self) -> str:
+        """Where the other end is."""
+
+    @property
+    def descriptor(self) -> int:
+        """File descriptor to watch; -1 if there is none, or once the cable is pulled."""
+
+    def come(self) -> None:
+        """Let the drive take what has come there, and answer."""
 
     def corrupt(self, probability: float) -> None:
         """Damage bits on the way with a probability."""
 
-    def close(self) -> None:
-        """Let go."""
+    def pull(self) -> None:
+        """Pull it out; may be done twice."""
 
 
-@dataclass(frozen=True)
-class Emulation:
-    """What is emulated.
+class Emulated(NamedTuple):
+    """What is emulated."""
 
-    Attributes:
-        kind: one of `EMULATORS`.
+    device: Device
+    cable: Cable
+    motor: Motor
+
+
+MISHAPS: dict[str, Callable[[Emulated, str], None]] = {  # by name, with the word that may follow it
+    "fault": lambda rig, _: rig.device.fault(),  # the drive reports over-temperature
+    "unplug": lambda rig, _: rig.cable.pull(),
+    "corrupt": lambda rig, p: rig.cable.corrupt(_number(p)),  # each bit on the cable is wrong with that probability
+    "push": lambda rig, torque: rig.motor.push(_number(torque)),  # [N m], by somebody
+    # a hand turns the arm to so many degrees and holds it there; without a number it lets go
+    "hold": lambda rig, angle: rig.motor.hold(math.radians(_number(angle)) if angle else None),
+    "freeze": lambda rig, seconds: time.sleep(_number(seconds)),  # the drive hangs
+    "encoder": lambda rig, how: rig.motor.misread(how),  # it tells something else
+    "gain": lambda rig, times: rig.motor.amplify(_number(times)),  # the drive gives so many times the torque
+}
+
+
+def emulate(
+    kind: str,
+    plant: Model,
+    config: Path,
+    rate: float,
+    settings: Mapping[str, Mapping[str, Any]],
+    said: Callable[[str], None],
+    *,
+    first: int = 0,
+    realtime: bool = False,
+    log: Path | None = None,
+) -> None:
+    """Run an emulated rig until interrupted or told to `quit`; lines on standard input are mishaps, see `MISHAPS`.
+
+    Args:
+        kind: of adapter that reaches it.
         plant: the arm on its motor, with effects.
         config: where to write the rig.toml.
         rate: of the loop in it [Hz].
         settings: keys that differ in it, by table.
-        realtime: whether emulator and loop ask for real-time priority.
-        first: first reading of the counter.
-        log: where to write what the motor did, or None.
-    """
-
-    kind: str
-    plant: Model
-    config: Path
-    rate: float
-    settings: dict[str, dict[str, Any]]
-    first: int = 0
-    realtime: bool = False
-    log: Path | None = None
-
-
-def emulate(emulation: Emulation, said: Callable[[str], None]) -> None:
-    """Run an emulated rig until interrupted or told to `quit`; lines on standard input are mishaps, see `MISHAPS`.
-
-    Args:
-        emulation: what to emulate.
         said: called with lines for whoever watches; the first one when the rig is ready.
+        first: first reading of the counter.
+        realtime: whether emulator and loop ask for real-time priority.
+        log: where to write what the motor did.
 
     Raises:
         ModuleNotFoundError: if the extra `hardware` is not installed.
         ValueError: if there is no such emulator.
         FileExistsError: if the configuration is somebody else's file.
     """
-    find("emulator", emulation.kind, EMULATORS)
-    need(emulation.kind)
-    module = importlib.import_module(f"pendulum_env.backends.emulators.{EMULATORS[emulation.kind]}")
-    if emulation.realtime:
-        realtime()
-    _own(emulation.config)
-    motor = Motor(emulation.plant, first=emulation.first, log=emulation.log)
-    link: Link = module.make(motor)
+    find("emulator", kind, ADAPTERS)
+    need(kind)
+    module = importlib.import_module(f"pendulum_env.backends.emulators.{kind}")
+    if realtime:
+        priority.realtime()
+    _own(config)
+    motor = Motor(plant, first=first, log=log)
+    device, cable = module.make(motor)
+    rig = Emulated(device, cable, motor)
     try:
-        write_whole(emulation.config, _rig_toml(emulation, link))
-        mark_checked(load(emulation.config))  # nobody gets hurt
-        said(f"ready: an emulated {emulation.kind} rig at {link.place}, described by {emulation.config}")
-        _serve(link, motor, said)
+        # its arm hangs down at the first count, and later rests wherever friction holds it
+        tables = {kind: device.settings(cable.place), "encoder": {"zero": first % 2**32}, "plant": _plant(plant)}
+        for name, values in settings.items():
+            tables[name] = {**tables.get(name, {}), **values}
+        write_whole(config, MARK + _toml({"adapter": kind, "rate": rate, "realtime": realtime}, tables))
+        mark_checked(load(config))  # nobody gets hurt
+        said(f"ready: an emulated {kind} rig at {cable.place}, described by {config}")
+        _serve(rig, said)
     finally:
-        link.close()
+        cable.pull()
 
 
-def _serve(link: Link, motor: Motor, said: Callable[[str], None]) -> None:
+def _serve(rig: Emulated, said: Callable[[str], None]) -> None:
     told = sys.stdin.fileno() if sys.stdin is not None else -1
     while True:
-        sources = link.sources()
         listening = [told] if told >= 0 and _in_front(told) else []
-        ready, _, _ = select.select([*sources, *listening], [], [], TICK)
-        for source in ready:
-            if source in sources:
-                sources[source]()
-        if told in ready:
-            line = os.read(told, 1000).decode(errors="replace")
-            if not line:
-                told = -1  # nobody is there: go on until interrupted
-            for words in filter(None, map(str.split, line.splitlines())):
-                if words == ["quit"]:
-                    return
-                said(_mishap(words, link, motor))
-        motor.advance()
+        watched = [rig.cable.descriptor] if rig.cable.descriptor >= 0 else []
+        ready, _, _ = select.select([*watched, *listening], [], [], TICK)
+        with rig.motor.turn:
+            if rig.cable.descriptor in ready:
+                rig.cable.come()
+            if told in ready:
+                line = os.read(told, 1000).decode(errors="replace")
+                if not line:
+                    told = -1  # nobody is there: go on until interrupted
+                for words in filter(None, map(str.split, line.splitlines())):
+                    if words == ["quit"]:
+                        return
+                    said(_mishap(rig, words))
+            rig.motor.advance()
 
 
 def _in_front(terminal: int) -> bool:
@@ -146,51 +156,20 @@ def _in_front(terminal: int) -> bool:
     return not os.isatty(terminal) or os.tcgetpgrp(terminal) == os.getpgrp()
 
 
-def _mishap(words: list[str], link: Link, motor: Motor) -> str:
+def _mishap(rig: Emulated, words: list[str]) -> str:
     """Let something go wrong; returns what to say."""
-    name, *rest = words
     try:
-        find("mishap", name, MISHAPS)
-        how = (
-            find("encoder", rest[0] if rest else "", {word: word for word in MISREADINGS}) if name == "encoder" else ""
-        )
-        amount = float(rest[0]) if rest and not how else 0.0
+        find("mishap", words[0], MISHAPS)(rig, "".join(words[1:2]))
     except ValueError as error:
         return str(error)
-    if name == "fault":
-        link.fault()
-    elif name == "unplug":
-        link.unplug()
-    elif name == "corrupt":
-        link.corrupt(amount)
-    elif how:
-        motor.misread(how)
-    elif name == "gain":
-        motor.amplify(amount)
-    elif name == "hold":
-        motor.hold(math.radians(amount) if rest else None)
-    elif name == "push":
-        motor.advance()
-        motor.push = amount
-    else:
-        motor.hang(amount)
     return " ".join(words)
 
 
-def _rig_toml(emulation: Emulation, link: Link) -> str:
-    """Text of the configuration."""
-    # its arm hangs down at the first count, and later rests wherever friction holds it
-    tables: dict[str, dict[str, Any]] = {
-        emulation.kind: link.settings(),
-        "encoder": {"zero": emulation.first % 2**32},
-        "plant": _plant(emulation.plant),
-    }
-    for name, values in emulation.settings.items():
-        tables[name] = {**tables.get(name, {}), **values}
-    lines = [f'adapter = "{emulation.kind}"', f"rate = {emulation.rate!r}", f"realtime = {_toml(emulation.realtime)}"]
-    for name, values in tables.items():
-        lines += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
-    return MARK + "\n".join(lines) + "\n"
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"'{text}' is no number: this mishap needs one after its name, as in `push 12`") from None
 
 
 def _plant(plant: Model) -> dict[str, Any]:
@@ -209,7 +188,10 @@ def _own(path: Path) -> None:
         raise FileExistsError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")
 
 
-def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f'"{value}"' if isinstance(value, str) else repr(value)
+def _toml(top: Mapping[str, Any], tables: Mapping[str, Mapping[str, Any]]) -> str:
+    """A document; JSON's numbers, truth values and short texts are TOML's, too."""
+    blocks = ["", *(f"\n[{name}]\n" for name in tables)]
+    rows = [
+        "".join(f"{key} = {json.dumps(value)}\n" for key, value in table.items()) for table in (top, *tables.values())
+    ]
+    return "".join(block + row for block, row in zip(blocks, rows, strict=True))

@@ -10,11 +10,12 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
-from pendulum_env.backends.port import Setup, Start
 from pendulum_env.backends.rigid_body import RigidBody
-from pendulum_env.backends.sensing import COUNTS, Sensor
-from pendulum_env.backends.simulator import Simulator
+from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.backends.simulator import begin
+from pendulum_env.lookup import find
 from pendulum_env.physics import Model
+from pendulum_env.physics.simulation import Balance
 
 STEP = 1e-3  # [s], longest of the integrator
 FIRM, CALM = 60.0, 2.0  # [rad/s] of a hand: the stiffness with which it holds the arm, and how fast it turns it
@@ -31,6 +32,8 @@ MISREADINGS: dict[str, Callable[[float, float], float]] = {  # angle that it tel
 class Motor:
     """A motor with the arm, as its drive sees it; every method first lets the plant move on to now.
 
+    Where several threads call it, they hold its `turn` meanwhile.
+
     The watchdog is that of real drives, in hardware: it acts at its time even if this process was not running then.
     The log has a line `TIME EVENT VALUE` for each event, monotonic time: every `command` with its torque, `torque` when
     what acts changes from or to zero, `power` 1 or 0, `expired` when the watchdog runs out, `mishap` when encoder or
@@ -39,18 +42,19 @@ class Motor:
 
     def __init__(self, model: Model, *, counts: int = COUNTS, first: int = 0, log: str | Path | None = None) -> None:
         """Take the plant, the encoder's counts per turn and its first reading, and where to write the log."""
-        self._body = Simulator(Setup(model, 1.0 / STEP, 1, Sensor()), RigidBody)
-        self._body.enable(Start())
+        balance = Balance(model.terms, model.theta)
+        self._body = RigidBody(balance, STEP)
+        self._body.place(begin(balance, 0.0, 0.0))
         self._per_radian, self._first = counts / (2 * math.pi), first
         self._delay = sum(term.delay for term in model.terms)
         self._arriving: deque[tuple[float, float]] = deque()  # commands on a delayed way: when, and torque
-        self._turn = threading.RLock()  # a server may call from another thread
+        self.turn = threading.Lock()
         self._now = time.monotonic()
         self._angle = 0.0
         self._acting = 0.0  # [N m]
         self._deadline = math.inf
         self.powered, self.expired = False, False
-        self.push = 0.0  # [N m], by somebody's hand
+        self._pushed = 0.0  # [N m], by somebody's hand
         self._hand: tuple[float, float] | None = None  # of one that holds the arm: where it is, and goes [rad]
         self._inertia, self._speed = model.estimates["inertia"].value, 0.0  # [kg m^2], [rad/s]
         self._gain = 1.0  # of the drive
@@ -70,83 +74,79 @@ class Motor:
 
     def advance(self) -> None:
         """Let the plant move on to now."""
-        with self._turn:
-            now = time.monotonic()
-            if self._deadline <= now:
-                self._run(self._deadline)
-                self.expired = True
-                self._tell(self._now, "expired", self.watchdog)
-                self._off(self._now)
-            self._run(now)
+        now = time.monotonic()
+        if self._deadline <= now:
+            self._run(self._deadline)
+            self.expired = True
+            self._tell(self._now, "expired", self.watchdog)
+            self._off(self._now)
+        self._run(now)
 
     def switch(self, on: bool) -> None:
         """Power, at zero torque, or none."""
-        with self._turn:
-            self.advance()
-            if not on:
-                self._off(self._now)
-                return
-            self.expired = False
-            self._arriving.clear()
-            self._act(self._now, 0.0)
-            if not self.powered:
-                self.powered = True
-                self._tell(self._now, "power", 1.0)
-            self.feed()
+        self.advance()
+        if not on:
+            self._off(self._now)
+            return
+        self.expired = False
+        self._arriving.clear()
+        self._act(self._now, 0.0)
+        if not self.powered:
+            self.powered = True
+            self._tell(self._now, "power", 1.0)
+        self.feed()
 
     def feed(self) -> None:
         """Restart the watchdog."""
-        with self._turn:
-            self.advance()
-            if self.powered:
-                self._deadline = self._now + self.watchdog
+        self.advance()
+        if self.powered:
+            self._deadline = self._now + self.watchdog
 
     def command(self, torque: float) -> None:
         """Set the torque [N m], if there is power."""
-        with self._turn:
-            self.advance()
-            self._tell(self._now, "command", torque)
-            if not self.powered:
-                return
-            if self._delay:
-                self._arriving.append((self._now + self._delay, self._gain * torque))
-            else:
-                self._act(self._now, self._gain * torque)
+        self.advance()
+        self._tell(self._now, "command", torque)
+        if not self.powered:
+            return
+        if self._delay:
+            self._arriving.append((self._now + self._delay, self._gain * torque))
+        else:
+            self._act(self._now, self._gain * torque)
 
     def misread(self, how: str) -> None:
-        """Let the encoder tell something else from now on: one of `MISREADINGS`."""
-        with self._turn:
-            self.advance()
-            self._misread = (MISREADINGS[how], self._now, self._angle)
-            self._tell(self._now, "mishap", 0.0)
+        """Let the encoder tell something else from now on: one of `MISREADINGS`.
+
+        Raises:
+            ValueError: if it is none.
+        """
+        self.advance()
+        self._misread = (find("encoder", how, MISREADINGS), self._now, self._angle)
+        self._tell(self._now, "mishap", 0.0)
 
     def amplify(self, gain: float) -> None:
         """Let the drive give that many times the torque that it is asked for, from the next command on."""
-        with self._turn:
-            self.advance()
-            self._gain = gain
-            self._tell(self._now, "mishap", gain)
+        self.advance()
+        self._gain = gain
+        self._tell(self._now, "mishap", gain)
+
+    def push(self, torque: float) -> None:
+        """Somebody pushes the arm [N m] from now on."""
+        self.advance()
+        self._pushed = torque
 
     def hold(self, angle: float | None) -> None:
         """A hand turns the arm to an angle [rad] and holds it there, or lets go."""
-        with self._turn:
-            self.advance()
-            self._hand = None if angle is None else (self._angle, angle)
-
-    def hang(self, seconds: float) -> None:
-        """Answer nobody for a while."""
-        with self._turn:
-            time.sleep(seconds)
+        self.advance()
+        self._hand = None if angle is None else (self._angle, angle)
 
     def counts(self) -> int:
         """Of the encoder, not wrapped."""
-        with self._turn:
-            self.advance()
-            angle = self._angle
-            if self._misread is not None:
-                how, since, where = self._misread
-                angle = where + how(angle - where, self._now - since)
-            return self._first + round(angle * self._per_radian)
+        self.advance()
+        angle = self._angle
+        if self._misread is not None:
+            how, since, where = self._misread
+            angle = where + how(angle - where, self._now - since)
+        return self._first + round(angle * self._per_radian)
 
     def _run(self, until: float) -> None:
         while self._arriving and self._arriving[0][0] <= until:
@@ -158,9 +158,7 @@ class Motor:
     def _move(self, until: float) -> None:
         while (left := until - self._now) > 1e-9:
             step = min(left, STEP)
-            before = self._angle
-            self._angle = self._body.move(self._acting + self.push + self._held(step), step)
-            self._speed = (self._angle - before) / step
+            self._angle, self._speed = self._body.step(self._acting + self._pushed + self._held(step), step)
             self._now += step
         self._now = max(self._now, until)
 

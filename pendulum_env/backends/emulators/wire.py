@@ -4,44 +4,34 @@ from __future__ import annotations
 
 import os
 import random
+from collections.abc import Callable
+from contextlib import suppress
 
 CHUNK = 4096  # bytes
 
 
 class Wire:
-    """The drive's end of a pseudo-terminal; `path` is the other one."""
+    """The drive's end of a pseudo-terminal; `place` is the path of the other one."""
 
-    def __init__(self) -> None:
+    def __init__(self, answer: Callable[[bytes], bytes]) -> None:
+        """Take what a drive answers to the bytes that come."""
         try:
             import pty
             import tty
         except ImportError:
             raise OSError("pseudo-terminals are needed, which this system has not: use Linux or macOS") from None
-        self._master, self._slave = pty.openpty()
+        self._answer = answer
+        self.descriptor, self._slave = pty.openpty()
         tty.setraw(self._slave)  # held open, so that nothing changes when a host comes and goes
-        os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        os.set_blocking(self.descriptor, False)
+        self.place = os.ttyname(self._slave)
         self._noise, self._random = 0.0, random.Random(0)
 
-    @property
-    def descriptor(self) -> int:
-        """To watch; -1 once it is pulled."""
-        return self._master
-
-    def read(self) -> bytes:
-        """What has come."""
-        try:
-            return self._damaged(os.read(self._master, CHUNK))
-        except BlockingIOError:
-            return b""
-
-    def write(self, data: bytes) -> None:
-        """Send, unless nobody takes it."""
-        if self._master >= 0:
-            try:
-                os.write(self._master, self._damaged(data))
-            except BlockingIOError:
-                pass  # nobody reads
+    def come(self) -> None:
+        """Take what has come, and answer."""
+        with suppress(BlockingIOError):  # nothing has; or nobody reads
+            if answer := self._answer(self._damaged(os.read(self.descriptor, CHUNK))):
+                os.write(self.descriptor, self._damaged(answer))
 
     def corrupt(self, probability: float) -> None:
         """Each bit is wrong with a probability."""
@@ -49,10 +39,10 @@ class Wire:
 
     def pull(self) -> None:
         """Pull the cable out; may be called twice."""
-        for end in (self._master, self._slave):
+        for end in (self.descriptor, self._slave):
             if end >= 0:
                 os.close(end)
-        self._master = self._slave = -1
+        self.descriptor = self._slave = -1
 
     def _damaged(self, data: bytes) -> bytes:
         if not self._noise:

@@ -8,10 +8,10 @@ import importlib.util
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.drive import Drive
 
-MODULES = {  # where each is, and the packages that the extra `hardware` brings for it
-    "serial": ("serial_drive", ("serial",)),
-    "canopen402": ("canopen402", ("canopen", "can", "serial")),
-    "nidaq": ("nidaq", ("nidaqmx", "grpc")),
+ADAPTERS = {  # module and class of each, and the packages that the extra `hardware` brings for it
+    "serial": ("serial_drive", "SerialDrive", ("serial",)),
+    "canopen402": ("canopen402", "Canopen402", ("can", "serial")),
+    "nidaq": ("nidaq", "NiDaq", ("nidaqmx", "grpc")),
 }
 
 
@@ -21,7 +21,7 @@ def need(adapter: str) -> None:
     Raises:
         ModuleNotFoundError: with the command that installs them.
     """
-    for package in MODULES[adapter][1]:
+    for package in ADAPTERS[adapter][2]:
         if importlib.util.find_spec(package) is None:
             raise ModuleNotFoundError(f"the {adapter} rig needs {package}: pip install 'pendulum-ident[hardware]'")
 
@@ -33,6 +33,6 @@ def make_drive(config: RigConfig) -> Drive:
         ModuleNotFoundError: if the extra `hardware` is not installed.
     """
     need(config.adapter)
-    module = importlib.import_module(f"pendulum_env.backends.hardware.{MODULES[config.adapter][0]}")
-    drive: Drive = module.make(config)
+    module, kind, _ = ADAPTERS[config.adapter]
+    drive: Drive = getattr(importlib.import_module(f"pendulum_env.backends.hardware.{module}"), kind)(config)
     return drive

@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 
 NMT, SYNC = 0x000, 0x080  # identifiers; those of a node follow, to be added to its number
-TPDO1, RPDO1, TPDO2, HEARTBEAT = 0x180, 0x200, 0x280, 0x700
+TPDO1, RPDO1, TPDO2, ANSWER, REQUEST, HEARTBEAT = 0x180, 0x200, 0x280, 0x580, 0x600, 0x700
 START, PRE_OPERATIONAL = 0x01, 0x80  # commands of network management
 OPERATIONAL = 0x05  # state in a heartbeat
 
@@ -32,6 +32,9 @@ STAMP = struct.Struct("<I")  # TPDO2
 AT_ONCE, AT_SYNC = 255, 1  # transmission types
 INVALID = 0x80000000  # bit of an identifier while its PDO is laid out
 NO_REMOTE = 0x40000000  # bit of a TPDO's identifier: it is not asked for by remote frames, which many drives cannot do
+
+SDO = struct.Struct("<BHB4s")  # command, index, subindex, value: of a transfer whose value fits into one message
+UPLOAD, UPLOADED, DOWNLOAD, DOWNLOADED, ABORTED = 0x40, 0x43, 0x23, 0x60, 0x80
 
 SHUTDOWN, SWITCH_ON, ENABLE, DISABLE_VOLTAGE, FAULT_RESET = 0x06, 0x07, 0x0F, 0x00, 0x80  # controlwords
 STATES = (  # mask and value of the statusword, and the controlword that leads on towards operation
@@ -60,3 +63,18 @@ def state(statusword: int) -> tuple[str, int]:
         if statusword & mask == value:
             return name, onwards
     return "not ready to switch on", DISABLE_VOLTAGE
+
+
+def pack_sdo(command: int, where: tuple[int, int], value: bytes = b"") -> bytes:
+    """A request for an object or an answer to one, with up to four bytes of value."""
+    unused = 4 - len(value) if command in (UPLOADED, DOWNLOAD) else 0
+    return SDO.pack(command | unused << 2, *where, value)
+
+
+def unpack_sdo(data: bytes) -> tuple[int, tuple[int, int], bytes]:
+    """Command without its size, index and subindex, and value."""
+    command, index, subindex, value = SDO.unpack(data)
+    if command & 0xF2 in (UPLOADED & 0xF2, DOWNLOAD & 0xF2):
+        size = 4 - (command >> 2 & 3) if command & 1 else 4
+        command, value = command & 0xF2 | 1, value[:size]
+    return command, (index, subindex), value

@@ -1,31 +1,8 @@
-"""The serial protocol between this computer and a microcontroller: enough to write its firmware from.
+"""The serial protocol between this computer and a microcontroller.
 
-A frame on the wire is `COBS(payload + crc) 0x00`. COBS (Cheshire and Baker, IEEE/ACM Transactions on Networking 7(2),
-1999) takes every zero byte out of a frame, so that a zero ends it and a receiver that starts anywhere, or has lost
-bytes, is back in step with the next one. The CRC is CRC-16/CCITT-FALSE of the payload (polynomial 0x1021, start 0xFFFF,
-nothing reflected, 0x29B1 for "123456789"), low byte first. Frames of another length, with a wrong CRC or an unknown
-first byte are dropped without an answer. Numbers are little-endian.
-
-From the computer:
-
-    SETUP   u8 0x01, u8 sequence, u16 watchdog [ms]                                  answered by STATE
-    POWER   u8 0x02, u8 sequence, u8 on                                              answered by STATE
-    TORQUE  u8 0x03, u8 sequence, i32 torque [uN m]                                  not answered
-    READ    u8 0x04, u8 sequence                                                     answered by STATE
-
-From the microcontroller:
-
-    STATE   u8 0x81, u8 sequence of what it answers, u8 flags, u8 faults, u32 time [us], i32 counts, i32 torque [uN m]
-
-flags: bit 0 powered, bit 1 the watchdog has taken the power away. faults: bits, see `FAULTS`; kept until POWER is 1
-again. time: of a free-running counter, latched together with the counts; it rolls over. counts: of the encoder after
-quadrature, two's complement, rolling over. torque: as it is set.
-
-What the firmware has to do: SETUP sets the watchdog, takes the power away and the torque to zero. POWER 1 clears the
-faults that can be cleared, sets the torque to zero, and, unless a fault remains or no SETUP has come since the start,
-gives power and starts the watchdog; POWER 0 sets the torque to zero and takes the power away. TORQUE sets the DAC if
-there is power and the torque is within what motor and drive stand, and restarts the watchdog; nothing else restarts it.
-When the watchdog runs out, or a fault occurs, torque and power go, and come back with POWER 1 only.
+What the frames mean, and what the firmware has to do, is in docs/hardware.md. On the wire a frame is
+`COBS(payload + crc) 0x00`: without zeros inside (Cheshire and Baker, IEEE/ACM Transactions on Networking 7(2), 1999), a
+receiver that starts anywhere, or has lost bytes, is back in step with the next one.
 """
 
 from __future__ import annotations

@@ -10,10 +10,10 @@ import math
 import time
 from collections import deque
 from datetime import datetime
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 from pendulum_env.backends.hardware.config import RigConfig
-from pendulum_env.backends.hardware.drive import Drive, DriveError, Reading, Sent
+from pendulum_env.backends.hardware.drive import Drive, DriveError, Sent
 from pendulum_env.backends.hardware.encoder import Encoder
 from pendulum_env.backends.hardware.plausible import Plausible
 from pendulum_env.files import at_once
@@ -21,8 +21,6 @@ from pendulum_env.files import at_once
 log = logging.getLogger("pendulum_env.rig")
 log.addHandler(logging.NullHandler())  # whoever wants to see it sets a handler
 
-SPAN = 2e-3  # [s], at least, between the readings whose difference is the velocity
-JUMP = 2.0  # times the hard velocity and more is no motion
 RISE = 1.0  # [rad/s] by which an arm may speed up against stall_torque
 BRAKING_STEP = 1e-3  # [s]
 
@@ -47,7 +45,7 @@ class Guard:
     def __init__(self, drive: Drive, config: RigConfig) -> None:
         """Take the drive and what is allowed."""
         self.drive, self.config, self.limits = drive, config, config.limits
-        self.encoder = Encoder(config.encoder)
+        self.encoder = Encoder(config.encoder, config.limits.hard_velocity)
         self.events: deque[Event] = deque(maxlen=1000)
         self.fault: str | None = None
         self.powered = False
@@ -58,12 +56,11 @@ class Guard:
 
     def _forget(self) -> None:
         """Nothing is known of the motion."""
+        self.encoder.forget()
         if self._motion is not None:
             self._motion.reset()
-        self.velocity = 0.0  # [rad/s]
         self._written: float | None = None  # when the last command was sent
         self._waited = 0.0  # [s] for the drive since then
-        self._seen: tuple[float, float] | None = None  # time and position that velocity is taken from
         self._still: float | None = None  # since when the counts have stood still under stall_torque
         self._against: tuple[float, float] | None = None  # torque and velocity since which the arm moves against it
 
@@ -75,10 +72,11 @@ class Guard:
         """
         try:
             self._open = True
-            self.encoder = Encoder(self.config.encoder)  # zero is where it hangs now, if it is not a count
+            self.encoder = Encoder(self.config.encoder, self.limits.hard_velocity)  # if no count, zero is here now
             self._forget()
             self.drive.open()
-            self.encoder.take(self.drive.read().counts)
+            reading = self.drive.read()
+            self.encoder.take(reading.time, reading.counts)
         except BaseException as error:
             self.note(f"cannot open: {error}")
             self.close()
@@ -106,8 +104,7 @@ class Guard:
         Raises:
             Fault: if one is kept or occurs.
         """
-        if self.fault is not None:
-            raise Fault(self.fault)
+        self._refuse()
         self._forget()
         self.torque = 0.0
         try:
@@ -123,8 +120,7 @@ class Guard:
         Raises:
             Fault: if there is one, or this would be one.
         """
-        if self.fault is not None:
-            raise Fault(self.fault)
+        self._refuse()
         if not self.powered:
             raise Fault("the drive has no power: reset the environment before stepping it")
         if not math.isfinite(torque):
@@ -154,21 +150,28 @@ class Guard:
         Raises:
             Fault: if it cannot, if the drive does not answer, or if it has a fault or is too fast.
         """
-        if self.fault is not None:
-            raise Fault(self.fault)
+        self._refuse()
         asked = time.monotonic()
         try:
             reading = self.drive.read()
+            took = time.monotonic() - asked
+            self._waited += took
+            if self.powered and reading.fault is not None:
+                hung = f", after {1e3 * took:.0f} ms in which it did not answer" if took > self.limits.gap else ""
+                raise DriveError(f"the drive reports{hung}: {reading.fault}")
+            moved = self.encoder.take(reading.time, reading.counts)
         except DriveError as error:
             self.trip(str(error))
-        took = time.monotonic() - asked
-        self._waited += took
-        if self.powered and reading.fault is not None:
-            hung = f", after {1e3 * took:.0f} ms in which it did not answer" if took > self.limits.gap else ""
-            self.trip(f"the drive reports{hung}: {reading.fault}")
-        self._plausible(reading)
-        self._possible(reading.time, took)
+        if self.powered:
+            if moved is not None:
+                self._obeys(reading.time, moved)
+            self._possible(reading.time, took)
         return reading.time, self.encoder.position
+
+    def _refuse(self) -> None:
+        """Nothing more is done while a fault is kept."""
+        if self.fault is not None:
+            raise Fault(self.fault)
 
     def late(self, behind: float, overruns: int) -> None:
         """Tell how far the loop is behind its ticks [s], and how many of them it has missed in this run.
@@ -195,26 +198,20 @@ class Guard:
             return f"{1e3 * self._waited:.0f} ms of it the drive took to answer, or the program was held up meanwhile"
         return "the program was held up or is too slow for its rate"
 
-    def disable(self, why: str = "disabled") -> None:
-        """Zero torque and no power; never raises, so that it can be the last resort everywhere."""
+    def disable(self, why: str = "disabled", level: int = logging.INFO, *, brake: bool = False) -> None:
+        """Zero torque and no power, braked first if asked to; never raises: it is the last resort everywhere."""
         if not self.powered:
             return
-        failures = self._let_go()
-        for error in failures:
-            self.note(f"could not be told to let go, its watchdog will: {error}")
-        self.note(why)
-
-    def _let_go(self) -> list[Exception]:
-        """Zero torque and no power, before a word about it is written anywhere; returns what went wrong."""
-        self.powered = False
-        self.torque = 0.0
-        failures = []
+        failures = self._brake() if brake else []
+        self.powered, self.torque = False, 0.0
         for tell in (lambda: self.drive.write(0.0), self.drive.disable):  # the one even if the other fails
             try:
                 tell()
             except Exception as error:
                 failures.append(error)
-        return failures
+        for failure in failures:  # words have time when the torque is gone
+            self.note(f"could not be told to brake or to let go, its watchdog will: {failure}")
+        self.note(why, level)
 
     def close(self) -> None:
         """Let go of all; never raises and may be called again."""
@@ -227,8 +224,8 @@ class Guard:
             self._open = False
             self.note("closed")
 
-    def trip(self, what: str, *, braking: bool = False) -> None:
-        """Take the torque away and keep the fault, the first one; always raises.
+    def trip(self, what: str, *, braking: bool = False) -> NoReturn:
+        """Take the torque away and keep the fault; always raises.
 
         Args:
             what: happened, and what to do.
@@ -237,33 +234,26 @@ class Guard:
         Raises:
             Fault: what happened.
         """
-        first, powered = self.fault is None, self.powered
-        if self.fault is None:
-            self.fault = what
-        failures: list[Exception] = []
-        # with signs that nobody has tried, a brake may be a push
-        if first and braking and powered and self.config.fault.action == "brake" and self.config.checked:
-            failures += self._brake()
-        if powered:
-            failures += self._let_go()
-        if first:
+        self.fault = what
+        if self.powered:
+            # with signs that nobody has tried, a brake may be a push
+            brake = braking and self.config.fault.action == "brake" and self.config.checked
+            self.disable(f"fault: {what}", logging.WARNING, brake=brake)
+        else:
             self.note(f"fault: {what}", logging.WARNING)
-        for error in failures:
-            self.note(f"could not be told to brake or to let go, its watchdog will: {error}")
-        if powered:
-            self.note("disabled by the fault")
-        raise Fault(self.fault)
+        raise Fault(what)
 
     def note(self, what: str, level: int = logging.INFO) -> None:
         """Keep an event."""
         self.events.append(Event(time.monotonic(), what))
         log.log(level, what)
-        if self.config.log is not None:
+        path = self.config.log_file
+        if path is not None:
             try:
-                with open(self.config.log, "a", encoding="utf-8", opener=at_once) as file:
+                with open(path, "a", encoding="utf-8", opener=at_once) as file:
                     file.write(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {what}\n")
             except (OSError, ValueError) as error:  # ValueError: a name that is no Unicode, in an error's text
-                log.warning("%s: %s", self.config.log, error)  # a full disk must not keep the torque on
+                log.warning("%s: %s", path, error)  # a full disk must not keep the torque on
 
     def _allowed(self, torque: float, passed: float) -> float:
         """Torque within the clamp, the slew limit over the time that passed [s], and the soft limit of velocity."""
@@ -271,42 +261,21 @@ class Guard:
         torque = min(max(torque, -most), most)
         change = limits.slew * passed
         torque = min(max(torque, self.torque - change), self.torque + change)
-        if torque * self.velocity > 0 and abs(self.velocity) > limits.soft_velocity:
+        velocity = self.encoder.velocity
+        if torque * velocity > 0 and abs(velocity) > limits.soft_velocity:
             room = max(limits.hard_velocity - limits.soft_velocity, 1e-9)
-            torque *= max(0.0, (limits.hard_velocity - abs(self.velocity)) / room)
+            torque *= max(0.0, (limits.hard_velocity - abs(velocity)) / room)
         return torque
 
-    def _plausible(self, reading: Reading) -> None:
-        """Take in a reading, unless it cannot be one of this arm."""
-        limits = self.limits
-        if self._seen is None:
-            self._seen = (reading.time, self.encoder.take(reading.counts))
-            return
-        begin, start = self._seen
-        span = max(reading.time - begin, SPAN)
-        moved = self.encoder.position + self.encoder.moved(reading.counts) - start
-        if abs(moved) > JUMP * limits.hard_velocity * span + 10 * abs(self.encoder.step):
+    def _obeys(self, now: float, moved: float) -> None:
+        """The arm is not too fast, moves under a torque that overcomes gravity and friction, and not against it."""
+        limits, velocity, strong = self.limits, self.encoder.velocity, abs(self.torque) >= self.limits.stall_torque
+        if abs(velocity) > limits.hard_velocity:
             self.trip(
-                f"the encoder jumped by {moved:.3g} rad in {1e3 * span:.3g} ms: check its cable, shield and supply"
-            )
-        position = self.encoder.take(reading.counts)
-        if reading.time - begin < SPAN:
-            return
-        self.velocity = moved / span
-        self._seen = (reading.time, position)
-        if not self.powered:
-            return
-        if abs(self.velocity) > limits.hard_velocity:
-            self.trip(
-                f"the arm turns at {self.velocity:.3g} rad/s, {limits.hard_velocity:g} are allowed "
+                f"the arm turns at {velocity:.3g} rad/s, {limits.hard_velocity:g} are allowed "
                 "(limits.hard_velocity): lower the torque, and look for what drives it",
                 braking=True,
             )
-        self._obeys(reading.time, moved)
-
-    def _obeys(self, now: float, moved: float) -> None:
-        """The arm has to move under a torque that overcomes gravity and friction, and not against it."""
-        limits, strong = self.limits, abs(self.torque) >= self.limits.stall_torque
         if not strong or abs(moved) > abs(self.encoder.step):
             self._still = None
         elif self._still is None:
@@ -316,12 +285,12 @@ class Guard:
                 f"the counts stand still under {self.torque:.3g} N m for {limits.stall_time:g} s: check the encoder's "
                 "cable, the motor's, and whether the arm is blocked"
             )
-        against = strong and self.torque * self.velocity < 0
+        against = strong and self.torque * velocity < 0
         if not against or (self._against is not None and self._against[0] * self.torque < 0):
             self._against = None
-        elif self._against is None or abs(self.velocity) < abs(self._against[1]):
-            self._against = (self.torque, self.velocity)
-        elif abs(self.velocity) > abs(self._against[1]) + RISE:
+        elif self._against is None or abs(velocity) < abs(self._against[1]):
+            self._against = (self.torque, velocity)
+        elif abs(velocity) > abs(self._against[1]) + RISE:
             self.trip(
                 f"the arm speeds up against {self.torque:.3g} N m: the sign of the torque or of the encoder is wrong, "
                 "run `pendulum-ident hardware check`"
@@ -329,9 +298,7 @@ class Guard:
 
     def _possible(self, now: float, took: float) -> None:
         """The arm moves as the torque and what is known of it let it; see `plausible.py`."""
-        if self._motion is None or not self.powered:
-            return
-        found = self._motion.measured(now, self.encoder.position, took)
+        found = "" if self._motion is None else self._motion.measured(now, self.encoder.position, took)
         if found:
             self.trip(
                 f"the arm cannot have moved so under {self.torque:.3g} N m, {found}: check encoder, drive and their "
@@ -340,24 +307,20 @@ class Guard:
 
     def _brake(self) -> list[Exception]:
         """Slow the arm down for a while, unless it speeds up; returns what went wrong."""
+        encoder, most = self.encoder, self.config.max_torque
         until = time.monotonic() + self.config.fault.seconds
-        slowest = abs(self.velocity)
+        slowest = abs(encoder.velocity)
         try:
-            while time.monotonic() < until and abs(self.velocity) > self.config.rest.velocity:
-                most = self.config.max_torque
-                torque = min(max(-self.config.fault.gain * self.velocity, -most), most)
+            while time.monotonic() < until and abs(encoder.velocity) > self.config.rest.velocity:
+                torque = min(max(-self.config.fault.gain * encoder.velocity, -most), most)
                 self.drive.write(self.config.torque_sign * torque)
                 time.sleep(BRAKING_STEP)
                 reading = self.drive.read()
-                moved = self.encoder.moved(reading.counts)
-                begin, start = self._seen or (reading.time - SPAN, self.encoder.position)
-                if reading.fault is not None or abs(moved) > JUMP * self.limits.hard_velocity * SPAN * 5:
+                if reading.fault is not None:
                     break
-                position = self.encoder.take(reading.counts)
-                if reading.time - begin >= SPAN:
-                    self.velocity, self._seen = (position - start) / (reading.time - begin), (reading.time, position)
-                slowest = min(slowest, abs(self.velocity))
-                if abs(self.velocity) > slowest + RISE:
+                encoder.take(reading.time, reading.counts)
+                slowest = min(slowest, abs(encoder.velocity))
+                if abs(encoder.velocity) > slowest + RISE:
                     break  # this is no brake
         except Exception as error:
             return [error]

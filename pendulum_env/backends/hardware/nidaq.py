@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from contextlib import suppress
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
 
 import grpc
 import nidaqmx
@@ -19,10 +19,9 @@ from nidaqmx.stream_readers import CounterReader, DigitalSingleChannelReader
 from nidaqmx.stream_writers import AnalogSingleChannelWriter, DigitalSingleChannelWriter
 from nidaqmx.system.watchdog import DOExpirationState, WatchdogTask
 
-from pendulum_env.backends.hardware.config import DaqSettings, EncoderSettings, RigConfig
+from pendulum_env.backends.hardware.config import DaqSettings, RigConfig
 from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent
 
-T = TypeVar("T")
 FULL_SCALE = 10.0  # [V]
 LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of when a count is taken: by the driver here, over gRPC
 RESERVED = -50103  # error code of NI-DAQmx
@@ -43,20 +42,23 @@ class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
 class NiDaq:
     """The Dynaserv's analogue drive behind a card."""
 
-    def __init__(self, link: DaqSettings, encoder: EncoderSettings, reply: float, watchdog: float) -> None:
-        """Take the channels, the encoder, the time to wait for a server's reply and that of the watchdog [s]."""
-        self._link, self._encoder, self._reply, self._timeout = link, encoder, reply, watchdog
-        self.noise = LOCAL if link.server is None else REMOTE
+    def __init__(self, config: RigConfig) -> None:
+        """Take channels, encoder, patience and watchdog."""
+        assert isinstance(config.link, DaqSettings)
+        self._link, self._pulses = config.link, max(1, config.encoder.counts // EDGES[config.link.decoding])
+        self._reply, self._timeout = config.limits.reply, config.limits.watchdog
+        self.noise = LOCAL if self._link.server is None else REMOTE
         self._tasks: list[Any] = []
         self._channel: grpc.Channel | None = None
-        self._patience = _Timeout(reply)
+        self._patience = _Timeout(self._reply)
         self._fed = math.inf  # when the watchdog was; never, as long as it does not run
         self._usual = math.inf  # time that reading the counter takes [s]
 
     def open(self) -> None:
         """Reserve the channels; zero volts, and no servo-enable."""
         self._patience.seconds = max(OPENING, self._reply)
-        self._try(self._reserve)
+        with self._told(opening=True):
+            self._reserve()
         self._patience.seconds = self._reply
 
     def _reserve(self) -> None:
@@ -69,7 +71,7 @@ class NiDaq:
             link.encoder,
             decoding_type=EncoderType[link.decoding],
             units=AngleUnits.TICKS,
-            pulses_per_rev=max(1, self._encoder.counts // EDGES[link.decoding]),
+            pulses_per_rev=self._pulses,
         )
         enable.do_channels.add_do_chan(link.enable)
         self._volts = AnalogSingleChannelWriter(torque.out_stream, auto_start=False)
@@ -101,8 +103,7 @@ class NiDaq:
 
     def enable(self) -> None:
         """Zero volts, watchdog, servo-enable."""
-
-        def power() -> None:
+        with self._told():
             self._set(0.0)
             with suppress(nidaqmx.errors.DaqError):
                 self._watchdog.stop()
@@ -112,12 +113,9 @@ class NiDaq:
                 self._watchdog.clear_expiration()
             self._enable.write_one_sample_one_line(True, self._reply)
 
-        self._try(power)
-
     def write(self, torque: float) -> Sent:
         """Set the torque [N m]."""
-
-        def send() -> Sent:
+        with self._told():
             before = time.monotonic()
             acts = self._set(torque)
             now = time.monotonic()
@@ -126,12 +124,9 @@ class NiDaq:
                 self._fed = now
             return Sent(0.5 * (before + now), acts)
 
-        return self._try(send)
-
     def read(self) -> Reading:
         """Counts now."""
-
-        def look() -> Reading:
+        with self._told():
             took, when, counts = self._count()
             for _ in range(TRIES - 1):
                 if took <= 2 * self._usual:
@@ -146,8 +141,6 @@ class NiDaq:
                 why = "the card's watchdog ran out and took servo-enable away: commands came too late"
             return Reading(when, counts, why)
 
-        return self._try(look)
-
     def _count(self) -> tuple[float, float, int]:
         """How long it took to read the counter [s], the middle of that time [s], and the counts."""
         before = time.monotonic()
@@ -157,16 +150,13 @@ class NiDaq:
 
     def disable(self) -> None:
         """Zero volts, no servo-enable."""
-
-        def rest() -> None:
+        with self._told():
             try:
                 self._set(0.0)
             finally:  # the line also if the voltage cannot be set
                 self._enable.write_one_sample_one_line(False, self._reply)
             self._watchdog.stop()
             self._fed = math.inf
-
-        self._try(rest)
 
     def close(self) -> None:
         """Give the channels back."""
@@ -187,37 +177,32 @@ class NiDaq:
         self._volts.write_one_sample(volts, self._reply)
         return scale * (volts - offset)
 
-    def _try(self, work: Callable[[], T]) -> T:
-        """Do something with the card, and say in words what went wrong."""
-        if not self._tasks and work != self._reserve:
+    @contextmanager
+    def _told(self, opening: bool = False) -> Iterator[None]:
+        """Say in words what goes wrong with the card, which has to be open unless that is what is done."""
+        if not self._tasks and not opening:
             raise DriveError("the card is not open")
         try:
-            return work()
+            yield
         except nidaqmx.errors.DaqNotFoundError:
-            raise DriveError(
+            why = (
                 "the NI-DAQmx driver is not installed: install it (`python -m nidaqmx installdriver`), or name an NI "
                 "gRPC device server (nidaq.server)"
-            ) from None
+            )
         except nidaqmx.errors.RpcError as error:
-            raise DriveError(
+            why = (
                 f"the device server {self._link.server} did not answer within {1e3 * self._patience.seconds:.0f} ms "
                 f"({_line(error)}): check that it runs, and the network"
-            ) from None
-        except nidaqmx.errors.DaqError as error:
-            if error.error_code == RESERVED:
-                raise DriveError(
-                    "the card is reserved by another program, or by one that was killed: end it, or reset the device"
-                ) from None
-            raise DriveError(f"the card refuses ({_line(error)}): check the channels in [nidaq]") from None
+            )
         except (nidaqmx.errors.Error, ValueError) as error:  # ValueError: a channel that was closed
-            raise DriveError(f"the card refuses ({_line(error)}): check the channels in [nidaq]") from None
+            if getattr(error, "error_code", None) == RESERVED:
+                why = "the card is reserved by another program, or by one that was killed: end it, or reset the device"
+            else:
+                why = f"the card refuses ({_line(error)}): check the channels in [nidaq]"
+        else:
+            return
+        raise DriveError(why)
 
 
 def _line(error: Exception) -> str:
     return " ".join(str(error).split())[:200].rstrip(".")
-
-
-def make(config: RigConfig) -> NiDaq:
-    """Drive of a configuration."""
-    assert isinstance(config.link, DaqSettings)
-    return NiDaq(config.link, config.encoder, config.limits.reply, config.limits.watchdog)

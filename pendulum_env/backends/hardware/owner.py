@@ -37,7 +37,13 @@ class Ownership:
         """
         if self._file is not None:
             return
-        file = self._open()
+        try:
+            file = self._open()
+        except OSError as error:
+            raise DriveError(
+                f"{self.what} cannot be locked: {self._path}: {error.strerror}. This program makes plain files there, "
+                "of one name: find out who put anything else in its place, and remove it"
+            ) from None
         try:
             _lock(file)
         except OSError:
@@ -46,7 +52,7 @@ class Ownership:
             who = f"process {owner}" if owner.isdigit() else "another program"
             raise DriveError(f"{self.what} is in use by {who}: close its environment, or end it, first") from None
         self._file = file
-        if _own(file):
+        if not hasattr(os, "getuid") or os.fstat(file).st_uid == os.getuid():
             with suppress(OSError):  # a full disk
                 os.ftruncate(file, 0)
                 os.write(file, f" {os.getpid()}".encode())  # the first byte is what is locked
@@ -55,40 +61,24 @@ class Ownership:
         """The lock's file, and no other that a link might lead to.
 
         Raises:
-            DriveError: if it cannot be opened, or is no plain file with this name alone.
+            OSError: if it cannot be opened, or is no plain file with this name alone.
         """
         plain = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # unknown to Windows; a pipe would wait
         try:
-            try:
-                file = os.open(self._path, os.O_RDWR | os.O_CREAT | plain, 0o644)
-            except PermissionError:  # another user has left it, and may have let go
-                file = os.open(self._path, os.O_RDONLY | plain)
-        except OSError as error:
-            if error.errno in (errno.ELOOP, errno.EMLINK) or self._path.is_symlink():
-                raise DriveError(self._foreign("a link")) from None
-            raise DriveError(f"{self.what} cannot be locked: {self._path}: {error.strerror}") from None
+            file = os.open(self._path, os.O_RDWR | os.O_CREAT | plain, 0o644)
+        except PermissionError:  # another user has left it, and may have let go
+            file = os.open(self._path, os.O_RDONLY | plain)
         status = os.fstat(file)
         if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
             os.close(file)
-            raise DriveError(self._foreign("no plain file"))
+            raise OSError(errno.EINVAL, "is no plain file of one name")
         return file
-
-    def _foreign(self, what: str) -> str:
-        return (
-            f"{self.what} cannot be locked: {self._path} is {what}, which this program never makes: find out who put "
-            "it there, and remove it"
-        )
 
     def release(self) -> None:
         """Let go; may be called twice."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
-
-
-def _own(file: int) -> bool:
-    """Whether a file belongs to this user."""
-    return not hasattr(os, "getuid") or os.fstat(file).st_uid == os.getuid()
 
 
 if sys.platform == "win32":

@@ -13,10 +13,10 @@ from pendulum_env.backends.hardware.config import RigConfig, load
 from pendulum_env.backends.hardware.drive import Drive, DriveError
 from pendulum_env.backends.hardware.guard import Fault, Guard
 from pendulum_env.backends.hardware.owner import Ownership
-from pendulum_env.backends.hardware.pacing import Pacer, Timing, ordinary, realtime
+from pendulum_env.backends.hardware.priority import ordinary, realtime
 from pendulum_env.backends.hardware.signals import Signals
 from pendulum_env.backends.hardware.ticks import Ticks
-from pendulum_env.backends.port import Sample, Setup, Start, Status, Traits
+from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Traits
 
 RESTING = 0.01  # [s] between looks at an arm that comes to rest
 SPEED = 10.0  # [rad/s], at which an uncertain time makes the angle uncertain
@@ -35,8 +35,7 @@ class Rig:
         """Take the configuration; nothing is connected yet."""
         self.config = config
         self.guard = Guard(make(config), config)
-        self._owner = Ownership(config.device)
-        self._pacer = Pacer(1.0 / config.rate)
+        self._owner = Ownership(config.link.device)
         # without a reference to self: it also runs when the rig is forgotten, and when Python ends
         guard, owner = self.guard, self._owner
         self._signals = Signals(lambda name: guard.disable(f"disabled by {name}"))
@@ -69,24 +68,16 @@ class Rig:
             self.close()
             raise
 
-    def clear(self) -> None:
-        """Forget a fault, on somebody's word that its cause is gone.
-
-        Raises:
-            DriveError: if the drive cannot be reached.
-        """
-        with self._signals:
-            self.guard.clear()
-
     def enable(self, start: Start) -> Sample:
         """Wait until the arm rests: the first measurement, at time 0; power comes with the first torque.
 
         Raises:
-            DriveError: if a fault is kept, or the arm does not come to rest.
+            DriveError: if a fault is kept, the drive cannot be reached, or the arm does not come to rest.
         """
         self.disable()
         if start.clear_fault:
-            self.clear()
+            with self._signals:
+                self.guard.clear()
         try:
             position = self._wait_for_rest()
         except Fault as fault:
@@ -103,9 +94,7 @@ class Rig:
         self._waiting = False
         self.guard.enable()
         self.guard.write(0.0)
-        now, position = self.guard.read()
-        self._pacer.start(now)
-        self._ticks = Ticks(now, position)
+        self._ticks = Ticks(1.0 / self.config.rate, *self.guard.read())
 
     def exchange(self, torque: float) -> Sample:
         """Apply a torque [N m], wait for the next tick, measure. A fault is told by the sample, not raised."""
@@ -114,21 +103,21 @@ class Rig:
                 if self._waiting:
                     self._begin()
                 sent = self.guard.write(torque)
-            self._pacer.wait()
+            ticks = self._ticks
+            ticks.wait()
             with self._signals:
                 now, position = self.guard.read()
-                self.guard.late(now - self._pacer.tick, self._pacer.overruns)
+                timing = Timing(now - ticks.now, ticks.overruns)
+                self.guard.late(*timing)
         except Fault as fault:
             return self._last._replace(torque=0.0, status=Status.FAULT, fault=str(fault))
         except BaseException:  # an interrupt, or a mistake in an adapter
             with self._signals:
                 self.guard.disable("disabled by an exception")
             raise
-        self._ticks.commanded(*sent)
-        self._ticks.measured(now, position)
-        position, mean = self._ticks.advance(self._pacer.tick)
-        timing = Timing(now - self._pacer.tick, self._pacer.overruns)
-        self._last = Sample(self._pacer.time, position, None, mean, timing=timing)
+        ticks.commanded(*sent)
+        ticks.measured(now, position)
+        self._last = Sample(ticks.time, ticks.position, None, ticks.torque(), timing=timing)
         return self._last
 
     def disable(self) -> None:

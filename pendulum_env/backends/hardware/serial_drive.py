@@ -21,9 +21,10 @@ class SerialDrive:
 
     noise = 0.0  # it tells the time of its readings
 
-    def __init__(self, link: SerialSettings, reply: float, watchdog: float) -> None:
-        """Take the port, the time to wait for a reply and that of the watchdog [s]."""
-        self._link, self._reply, self._watchdog = link, reply, watchdog
+    def __init__(self, config: RigConfig) -> None:
+        """Take port, patience and watchdog."""
+        assert isinstance(config.link, SerialSettings)
+        self._link, self._reply, self._watchdog = config.link, config.limits.reply, config.limits.watchdog
         self._port: serial.Serial | None = None
         self._on = False  # whether there has to be power
         self._micro, self._refused = 0, 0  # torque as last sent [uN m], and in how many answers it was not set
@@ -134,9 +135,3 @@ def _fault(state: frames.State) -> str | None:
     elif not words and state.faults:
         words.append(f"fault 0x{state.faults:02x}")
     return ", ".join(words) or None
-
-
-def make(config: RigConfig) -> SerialDrive:
-    """Drive of a configuration."""
-    assert isinstance(config.link, SerialSettings)
-    return SerialDrive(config.link, config.limits.reply, config.limits.watchdog)

@@ -1,4 +1,4 @@
-"""What a rig measured at uneven times, referred to the ticks of its loop.
+"""The ticks of a rig's loop, and what was measured at uneven times, referred to them.
 
 The counts are read a little after each tick, and a new torque acts a little after it was asked for. At 10 rad/s, 0.1 ms
 are 1 mrad, or 160 counts: taken for the value at the tick it would drown the encoder. So the angle is interpolated to
@@ -9,19 +9,46 @@ each command has the share of the time that it acted.
 
 from __future__ import annotations
 
+import time
 from collections import deque
 
 KEPT = 64  # readings before the tick
+NAP = 150e-6  # [s] before a tick from which the loop waits awake: a sleep may end that late
 
 
 class Ticks:
-    """Position at the ticks and mean torque between them."""
+    """Ticks at start + k * period on the monotonic clock, position at each and mean torque between them.
 
-    def __init__(self, tick: float, position: float) -> None:
-        """The arm rests at a position [rad] at the first tick [s], without torque."""
-        self._tick = tick
-        self._readings = deque([(tick, position)])
-        self._commands = deque([(tick, 0.0)])  # each acts until the next; the first acts at the last tick
+    A tick that is missed is not left out but caught up with: ticks never drift.
+    """
+
+    def __init__(self, period: float, start: float, position: float) -> None:
+        """The arm rests at a position [rad] at the first tick [s], without torque; a period lies between ticks [s]."""
+        self._period, self._start, self._count = period, start, 0
+        self.overruns = 0  # ticks that had passed already, by a period, when their turn came
+        self._readings = deque([(start, position)])
+        self._commands = deque([(start, 0.0)])  # each acts until the next; the first acts at the last tick
+
+    @property
+    def now(self) -> float:
+        """The tick that it is at, on the monotonic clock [s]."""
+        return self._start + self.time
+
+    @property
+    def time(self) -> float:
+        """The tick that it is at, since the first one [s]."""
+        return self._count * self._period
+
+    def wait(self) -> None:
+        """Go on to the next tick, and wait for it unless it has passed."""
+        self._count += 1
+        left = self.now - time.monotonic()
+        if left < -self._period:
+            self.overruns += 1
+        if left > NAP:
+            time.sleep(left - NAP)
+        while time.monotonic() < self.now:
+            pass
 
     def commanded(self, time: float, torque: float) -> None:
         """A torque [N m] acts from a time [s] on."""
@@ -32,18 +59,13 @@ class Ticks:
         if time > self._readings[-1][0]:
             self._readings.append((time, position))
 
-    def advance(self, tick: float) -> tuple[float, float]:
-        """Position [rad] at the next tick [s], and mean torque [N m] over the period that ends with it."""
-        mean = self._impulse(tick) / (tick - self._tick)
-        self._tick = tick
-        return self._position(tick), mean
-
-    def _position(self, tick: float) -> float:
-        """Newton's form of the parabola through the readings around the tick and an older one.
+    @property
+    def position(self) -> float:
+        """At the tick [rad]: Newton's form of the parabola through the readings around it and an older one.
 
         The older one is as far away as these two are from each other, or the noise of the three would grow.
         """
-        readings = self._readings
+        readings, tick = self._readings, self.now
         while len(readings) > KEPT and readings[KEPT][0] < tick:
             readings.popleft()
         if len(readings) == 1:
@@ -61,13 +83,13 @@ class Ticks:
                 return position + curvature * (tick - t1) * (tick - t2)
         return position
 
-    def _impulse(self, tick: float) -> float:
-        """Of the commands since the last tick [N m s]; forgets those that have had their time."""
-        impulse = 0.0
+    def torque(self) -> float:
+        """Mean over the period that ends with the tick [N m]; forgets the commands that have had their time."""
+        begin, end, impulse = self.now - self._period, self.now, 0.0
         while True:
-            begins, torque = self._commands[0]
-            ends = self._commands[1][0] if len(self._commands) > 1 else tick
-            impulse += torque * max(0.0, min(ends, tick) - max(begins, self._tick))
-            if ends >= tick:
-                return impulse
+            since, torque = self._commands[0]
+            until = self._commands[1][0] if len(self._commands) > 1 else end
+            impulse += torque * max(0.0, min(until, end) - max(since, begin))
+            if until >= end:
+                return impulse / self._period
             self._commands.popleft()

@@ -6,6 +6,7 @@ import pytest
 from benchmarks import six_joint
 from benchmarks.six_joint import Hidden
 from benchmarks.two_link import Multisine, TwoLink
+from estimators.arms.addition import add_arm
 from estimators.arms.diagnosis import diagnose_arm, gather_arm
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
 from estimators.diagnosis.result import Verdict
@@ -45,7 +46,7 @@ def test_torque_of_six_joints_in_mujoco_is_predicted_within_two_per_cent(six, pl
 
 
 def test_what_is_left_of_a_whole_model_is_noise_of_the_size_that_the_sensors_have(six, plain):
-    base = (Links(six), *friction(six.joints))
+    base = (Links(six), *friction(six))
     evidence = gather_arm([plain], base[0])
     residual, felt = evidence.screen.residual(base), inertias(evidence.screen, base)
     for joint in six.joints:
@@ -107,6 +108,12 @@ def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(two):
     assert set(found.selected) == {"torque_offset@shoulder", "torque_offset@elbow"}
     told = [candidate.effect for candidate in found.candidates]
     assert len(told) == len(set(told)) and set(told[:2]) == set(found.selected)
+    for candidate in found.candidates[:2]:  # judged in the final model, as by its score: without this one alone
+        others = tuple(own for own in found.model.terms if own.id != candidate.effect)
+        added = add_arm(ArmModel(two, others), candidate.effect, offset_run(two, (0.4, 0.3)))
+        old, new = (part.holdout[added.joint] for part in (added.before, added.after))
+        assert candidate.error_ratio == pytest.approx(new.torque_rms / old.torque_rms, rel=0.5)  # other windows
+        assert candidate.reason == f"lowers the held-out torque error of {new.joint} to {candidate.error_ratio:.1%}"
 
 
 def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept(two, tmp_path):

@@ -36,7 +36,7 @@ def recorded(body, position, torque, noise=0.02):
 
 @pytest.fixture(scope="module")
 def base(body):
-    return (Links(body), *friction(body.joints))
+    return (Links(body), *friction(body))
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, motion, tmp_path, a
     speed = np.gradient(turned, TIME, edge_order=2)
     needed = 0.2 * speed + 0.3 * np.sign(speed) + 0.01 * is_heavy * np.gradient(speed, TIME, edge_order=2)
     recording = recorded(body, position, torque + needed[:, None] * factors, 0.001)
-    model = identify_arm(recording, body, (*friction(body.joints), kind()))["filtered_dynamic"].model
+    model = identify_arm(recording, body, (*friction(body), kind()))["filtered_dynamic"].model
     expected = {"inertia": 0.01, "viscous": 0.2, "coulomb": 0.3}
     found = {
         name.partition("@")[0].removeprefix("coupling."): estimate.value
@@ -134,7 +134,7 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, motion, tmp_path, a
     model.save(tmp_path / "arm.json")
     assert ArmModel.load(tmp_path / "arm.json", body).terms == model.terms
     assert pickle.loads(pickle.dumps(kind())) == kind()
-    base = (Links(body), *friction(body.joints))
+    base = (Links(body), *friction(body))
     kinds = {one.id: one for one in (*couplings(body), at_joint(effect("stribeck"), "elbow"))}
     first, last = recording.split(0.7)
     models = models_of_arm([first], [last], base, kinds, None, None, no_progress)

@@ -84,7 +84,7 @@ def test_the_recursion_ends_at_the_batch_estimate(found):
 
 def test_the_papers_recursion_takes_the_rows_one_by_one(recording, body):
     (m,) = measure_arm(recording)
-    equations = rows(m, body, friction(body.joints), VIEWS["impulse"])
+    equations = rows(m, body, friction(body), VIEWS["impulse"])
     clear = [joint.clear(0.02) for joint in m.joints]
     state = start(equations[0].phi.shape[1])
     for k in range(2, 3000):

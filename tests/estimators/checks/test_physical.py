@@ -3,6 +3,7 @@
 import numpy as np
 
 from estimators.checks.physical import driving_friction, impossible
+from pendulum_env.arms.joints import coupled, placed
 from pendulum_env.physics import BASE, Model, Samples, Term, effect
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.limits import limited_term
@@ -18,6 +19,18 @@ def of(effect: Term) -> Model:
 def test_a_lag_of_seconds_is_no_drives():
     assert impossible(of(ActuatorLag(0.01)), {"": X}) == []
     assert impossible(of(ActuatorLag(2.0)), {"": X}) == ["actuator_lag.time_constant = 2 s, the most that it may be"]
+
+
+def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
+    """A joint that has none of its own may come out a little negative; the motor's own may not."""
+    terms = [placed(own, joint) for joint in ("elbow", "wrist") for own in BASE[2:]]
+    motions = {"elbow": X, "wrist": X}
+    little = [-0.0005, -0.001, 0.1, 0.1]
+    assert impossible(Model.build(terms, little), motions) == ["friction that drives"]
+    both = [*terms, coupled("elbow,-wrist")()]
+    assert impossible(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
+    wrong = impossible(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
+    assert wrong == ["coupling.inertia@elbow,-wrist = -5 kg m^2"]
 
 
 def test_what_a_user_bounds_may_lie_at_its_bound():

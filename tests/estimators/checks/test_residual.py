@@ -29,7 +29,7 @@ def test_a_bump_in_the_residual_is_found_at_its_place_and_in_words(axis, center,
     x = motion()
     distance = (getattr(x, axis) - center) / width
     residual = noise(0) + sign * 0.08 * np.exp(-0.5 * distance**2)
-    top = stand_out(profiles(x, residual, NOISE))[0]
+    top = stand_out(x, residual, NOISE)[0]
     assert top.axis == axis
     assert top.low < center < top.high
     assert top.high - top.low < 6 * width
@@ -42,16 +42,43 @@ def test_a_bump_in_the_residual_is_found_at_its_place_and_in_words(axis, center,
 def test_two_bumps_of_opposite_sign_are_two_regions():
     x = motion()
     residual = noise(0) + 0.1 * np.exp(-((x.position - 1) ** 2) / 0.1) - 0.1 * np.exp(-((x.position + 1) ** 2) / 0.1)
-    places = [r for r in stand_out(profiles(x, residual, NOISE)) if r.axis == "position"]
+    places = [r for r in stand_out(x, residual, NOISE) if r.axis == "position"]
     signs = sorted((np.sign(region.residual), region.low < np.sign(region.residual) < region.high) for region in places)
     assert signs == [(-1, True), (1, True)]
+
+
+def test_one_finding_is_told_once_and_as_the_simplest_law():
+    x = motion()
+    (everywhere,) = stand_out(x, noise(0) + 0.2, NOISE)
+    assert everywhere.text.startswith("everywhere the joint needs 0.2 N m more torque")
+    assert everywhere.residual == pytest.approx(0.2, abs=0.01)
+    sway = Samples(x.time, np.sin(x.time), np.cos(x.time), x.torque)  # over time it is a finding, too
+    assert {region.axis for region in stand_out(sway, noise(0) + 0.1 * np.sign(sway.velocity), NOISE)} == {"velocity"}
+    both = stand_out(x, noise(0) + 0.1 * np.sign(x.velocity) + 0.08 * np.sin(2 * x.position), NOISE, most=30)
+    assert {region.axis for region in both} == {"velocity", "position"}
+
+
+def test_the_angle_of_a_joint_that_turns_is_told_within_a_turn():
+    rng = np.random.default_rng(3)
+    time = np.arange(6000) * 0.005
+    x = Samples(time, 0.9 * time + rng.uniform(-3, 3, 6000), rng.standard_normal(6000), rng.standard_normal(6000))
+    cogs = noise(0, 6000) + 0.1 * np.cos(12 * x.position)
+    around = profiles(x, cogs, NOISE, ["position"])[0]
+    assert around.unit == "rad within a turn" and around.edges[0] >= -np.pi and around.edges[-1] <= np.pi
+    middle = 0.5 * (around.edges[1:] + around.edges[:-1])
+    assert np.corrcoef(around.mean, np.cos(12 * middle))[0, 1] > 0.99
+    regions = stand_out(x, cogs, NOISE, most=100)
+    assert {region.axis for region in regions} == {"position"} and len(regions) == pytest.approx(24, abs=1)
+    assert all("rad within a turn the joint needs" in region.text for region in regions)
+    half = profiles(Samples(time, x.position / 5, x.velocity, x.torque), cogs, NOISE, ["position"])[0]
+    assert half.unit == "rad" and half.edges[-1] > np.pi  # a joint with stops keeps its angles
 
 
 @pytest.mark.parametrize("hertz", [0.4, 3.0, 11.0])
 def test_an_oscillation_in_time_is_found_at_its_frequency(hertz):
     x = motion()
     residual = noise(0) + 0.03 * np.sin(2 * np.pi * hertz * x.time + 1)
-    (region,) = [r for r in stand_out(profiles(x, residual, NOISE)) if r.axis == "frequency"]
+    (region,) = [r for r in stand_out(x, residual, NOISE) if r.axis == "frequency"]
     assert region.low - 0.05 < hertz < region.high + 0.05
     assert region.residual == pytest.approx(0.03, rel=0.2)
     assert "Hz the residual oscillates by" in region.text
@@ -60,7 +87,7 @@ def test_an_oscillation_in_time_is_found_at_its_frequency(hertz):
 @pytest.mark.parametrize(("size", "words"), [(0.03, "standard errors)"), (2.0, "(far beyond chance)")])
 def test_what_is_surely_no_chance_is_said_in_words_and_counted_in_json(size, words):
     x = motion()
-    top = stand_out(profiles(x, noise(0) + size * (x.position > 1), NOISE))[0]
+    top = stand_out(x, noise(0) + size * (x.position > 1), NOISE)[0]
     assert words in top.text
     assert top.json()["significance"] == top.significance > 5
     whole = Region("velocity", -np.inf, np.inf, 0.0, 0.0, "")
@@ -69,13 +96,13 @@ def test_what_is_surely_no_chance_is_said_in_words_and_counted_in_json(size, wor
 
 @pytest.mark.slow
 def test_white_noise_has_no_region():
-    assert [stand_out(profiles(motion(seed), noise(seed), NOISE)) for seed in range(40)] == [[]] * 40
+    assert [stand_out(motion(seed), noise(seed), NOISE) for seed in range(40)] == [[]] * 40
 
 
 def test_the_most_telling_region_comes_first_and_their_number_is_limited():
     x = motion()
     residual = noise(0) + 0.1 * np.sign(np.sin(4 * x.position))
-    regions = stand_out(profiles(x, residual, NOISE), most=3)
+    regions = stand_out(x, residual, NOISE, most=3)
     assert len(regions) == 3
     assert [r.significance for r in regions] == sorted((r.significance for r in regions), reverse=True)
 
@@ -112,4 +139,4 @@ def test_few_samples_are_no_error(rows):
 def test_values_that_do_not_vary_are_no_error():
     x = motion(rows=100)
     still = Samples(x.time, np.zeros(100), x.velocity, np.full(100, 2.0))
-    assert stand_out(profiles(still, noise(0, 100), NOISE)) == []
+    assert stand_out(still, noise(0, 100), NOISE) == []

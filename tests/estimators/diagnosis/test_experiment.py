@@ -8,11 +8,19 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Diagnosis
+from estimators.checks.residual import Region
+from estimators.diagnosis.experiment import SAFE, Limits, Question, of_typical_size, suggest
+from estimators.diagnosis.result import Verdict
+from estimators.diagnosis.run import gather
 from estimators.diagnosis.suggestion import Aim, Suggestion
+from estimators.selection.models import Models
+from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
-from tests.cases import diagnosed
+from tests import slow
+from tests.cases import diagnosed, recording
 
 RATE = 500.0
+FREELY = {"max_angle": np.inf, "max_speed": np.inf}
 TIME = np.arange(6000) / RATE
 WAGGING = 1.04 * np.sin(13 * TIME) + 0.64 * np.sin(9.3 * TIME + 1)  # within 0.3 rad
 SPINNING = 4.6 + np.sin(5 * TIME) + 0.6 * np.sin(9 * TIME)  # never turns round
@@ -36,6 +44,11 @@ def play(name: str, command: np.ndarray, seed: int = 2) -> Recording:
 
 
 @pytest.fixture(scope="module")
+def models() -> Models:
+    return Models(*gather([recording("moving")]))
+
+
+@pytest.fixture(scope="module")
 def first() -> Callable[[str], tuple[Recording, Diagnosis]]:
     """The first recording of a case and its diagnosis, once; all are simulated together, which takes hardly longer."""
     experiment = Experiment(seed=1, seconds=len(TIME) / RATE, rate=RATE)
@@ -46,7 +59,7 @@ def first() -> Callable[[str], tuple[Recording, Diagnosis]]:
 
     @cache
     def made(name: str) -> tuple[Recording, Diagnosis]:
-        return recordings[name], diagnosed([recordings[name]])
+        return recordings[name], diagnosed([recordings[name]], **FREELY)
 
     return made
 
@@ -74,7 +87,7 @@ def test_the_suggested_experiment_settles_what_was_open(first, name, hidden, bef
     suggestion = suggested(found)
     assert any(aim.effect == hidden or aim.instead == hidden or hidden is None for aim in suggestion.settles)
     time = np.arange(round(suggestion.seconds * RATE)) / RATE
-    settled = diagnosed([recording, play(name, suggestion.signal.signal(time))])
+    settled = diagnosed([recording, play(name, suggestion.signal.signal(time))], **FREELY)
     assert settled.selected == (() if hidden is None else (hidden,))
     assert settled.suggestion is None
     assert settled.ambiguous == ((("torque_offset", "coulomb_asymmetry"),) if hidden == "torque_offset" else ())
@@ -84,7 +97,7 @@ def test_the_suggested_experiment_settles_what_was_open(first, name, hidden, bef
 def test_what_no_torque_tells_apart_is_said_and_not_tried():
     plant = Plant(effects={"coulomb_asymmetry": {"asym_c": 0.2}})
     (run,) = simulate([(plant, Experiment(seed=3, seconds=9.0, rate=RATE))])
-    found = diagnosed([Recording("run", run.time, run.position, run.torque)])
+    found = diagnosed([Recording("run", run.time, run.position, run.torque)], **FREELY)
     assert found.ambiguous == (("torque_offset", "coulomb_asymmetry"),)
     assert found.inseparable == (("torque_offset", "coulomb_asymmetry"),)
     assert found.suggestion is None
@@ -107,7 +120,7 @@ def test_a_suggestion_says_what_to_expect_and_survives_json(first):
 @pytest.mark.slow
 def test_the_suggested_torque_stays_within_what_the_motor_gives(first):
     recording, _ = first("a spring at small angles")
-    suggestion = suggested(diagnosed([recording], max_torque=2.5))
+    suggestion = suggested(diagnosed([recording], **FREELY, max_torque=2.5))
     assert suggestion.peak_torque <= 2.5
     assert np.abs(suggestion.signal.signal(np.linspace(0, suggestion.seconds, 9999))).max() <= 2.5
 
@@ -123,10 +136,56 @@ def test_the_suggested_motion_stays_within_what_the_rig_bears(first):
     assert diagnosed([recording, run]).selected == ("spring",)
 
 
+def test_what_is_asked_for_is_open_and_not_rejected_above(first):
+    _, found = first("a spring at small angles")
+    verdicts = {candidate.effect: candidate.verdict for candidate in found.candidates}
+    aims = {aim.effect for aim in suggested(found).settles}
+    assert aims and all(verdicts[effect] in (Verdict.AMBIGUOUS, Verdict.NOT_EXCITED) for effect in aims)
+    assert found.next_step == suggested(found).text and found.next_step not in found.remarks
+
+
+@pytest.mark.parametrize(
+    "name", slow.but_first(["an offset while spinning", "asymmetric fluid friction while spinning"])
+)
+def test_unless_asked_an_experiment_stays_within_what_was_recorded(first, name):
+    recording, _ = first(name)
+    found = diagnosed([recording])
+    if found.suggestion is None:
+        assert found.forbidden is not None and "the recorded angles and speeds" in found.next_step
+        return
+    low, high = found.suggestion.reach
+    assert high - low <= 2 * np.ptp(recording.position)
+    assert found.suggestion.peak_speed <= np.abs(np.gradient(recording.position[::10], 10 / RATE)).max()
+
+
+def test_nothing_is_suggested_for_what_no_effect_explains():
+    found = diagnosed("cubic_damping")
+    assert found.unexplained and found.suggestion is None
+    assert "no effect of the library is open" in found.next_step
+
+
+def test_an_experiment_goes_where_most_is_left(models):
+    model = models.report(None, BASE).model
+    asked = [Question(Aim("spring"), BASE, of_typical_size(effects()["spring"]))]
+    low, high = models.train.reach
+
+    def tried(place: float) -> tuple[Suggestion | None, str | None]:
+        left = [Region("position", place - 0.1, place + 0.1, 0.1, 9.0, "")]
+        suggestion, _, forbidden = suggest(models, model, asked, Limits(6.0), 6.0, left)
+        return suggestion, forbidden
+
+    for place in (0.6 * low, 0.6 * high):
+        found, _ = tried(place)
+        assert found is not None and SAFE * low <= found.reach[0] <= place <= found.reach[1] <= SAFE * high
+    found, forbidden = tried(high + 2.0)
+    assert found is None and f"go to {np.degrees(high + 2.0):.0f} degrees, where most is left" in str(forbidden)
+
+
 @pytest.mark.parametrize(
     ("limits", "within"),
     [
-        ({"max_torque": 0.5}, "0.5 N m would"),
+        ({"max_torque": 0.5, **FREELY}, "0.5 N m would"),
+        ({}, "6 N m and the recorded angles and speeds would"),
         ({"max_angle": 0.3, "max_speed": 2.0}, "6 N m, 0.3 rad and 2 rad/s would"),
     ],
 )

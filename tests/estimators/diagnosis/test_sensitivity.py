@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.diagnosis.run import gather
-from estimators.diagnosis.sensitivity import in_words, smallest
+from estimators.diagnosis.sensitivity import detectable, smallest
 from estimators.selection.models import Models
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
@@ -38,9 +38,9 @@ def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(models, id, para
     assert diagnosed([small]).selected == ()
 
 
-def test_it_is_said_with_sizes_and_with_the_angles_that_were_reached(models):
+def test_it_is_told_with_sizes_and_with_the_angles_that_were_reached(models):
+    found = {one.effect: one for one in detectable(models, BASE, effects())}
+    assert found["stribeck"].above == smallest(models, BASE, effects()["stribeck"])
+    assert found["stribeck"].text.startswith("above ") and found["stribeck"].text.endswith(" N m")
     low, high = models.train.reach
-    text = in_words(models, BASE, effects())
-    assert text is not None
-    for part in ("Stribeck friction above", "N m", f"a stop between {low:.3g} and {high:.3g} rad", "would have shown"):
-        assert part in text
+    assert found["hard_stop"].text == f"between {low:.3g} and {high:.3g} rad"

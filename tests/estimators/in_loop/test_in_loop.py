@@ -73,6 +73,21 @@ def test_parameters_come_back_from_goals_and_positions(plain):
     assert found.steps[-1].errors["holdout"].in_loop < 2e-3  # the encoder has 1.5e-3 rad a count
 
 
+def test_standard_errors_hold_what_a_late_log_does(plain):
+    """Goals that were logged later than they acted, by as much as nobody says."""
+    found, late = (
+        add(Model.build(BASE, list(TRUE.values())), "viscous_asymmetry", part[:2], part[2:]).before.model.estimates
+        for part in (plain, Rollouts(tuple(plain)).mistimed[0].recordings)
+    )
+    moved = {name: abs(late[name].value - found[name].value) / found[name].std for name in TRUE}
+    assert max(moved.values()) < 2.0 and max(moved.values()) > 0.3  # which is most of some
+
+
+def test_a_drive_as_late_as_one_may_be_has_slopes(plain):
+    longest = replace(plain[0].drive, delay=0.1)
+    assert Rollouts((replace(plain[0], drive=longest),)).mistimed[1].recordings[0].drive.delay < 0.1
+
+
 def test_friction_that_grows_with_the_load_is_named_and_the_error_falls(pressed):
     found = diagnose(pressed[:2], pressed[2:], only=FEW)
     assert found.selected == ("load_dependent_friction",)
@@ -213,7 +228,7 @@ def test_study_says_the_drive_of_all_and_of_each(plain, tmp_path):
     drives = [recording.drive for recording in read_study(study).recordings]
     assert [(drive.kp, drive.limit, drive.output) for drive in drives] == [(2.5, 6.0, "torque"), (5.0, 6.0, "torque")]
     study.write_text('[drive]\noutput = "torque"\nkq = 3\n[[recording]]\nfile = "gain-0.csv"\n')
-    with pytest.raises(RecordingError, match=r"line 1: unknown key of a drive 'kq'"):
+    with pytest.raises(RecordingError, match=r"study\.toml: unknown key of a drive 'kq'"):
         read_study(study)
 
 
@@ -227,9 +242,9 @@ def test_command_line_diagnoses_compares_and_reports_in_the_loop(pressed, tmp_pa
         lines.append(f"[[recording]]\n{told}\n")
     (tmp_path / "study.toml").write_text("\n".join(lines))
     only = ["--only", "stribeck,load_dependent_friction"]
-    assert main(["diagnose", "study.toml", *only, "-o", "m.json", "--report", "r.html"]) == 0
+    assert main(["diagnose", "study.toml", *only, "-v", "-o", "m.json", "--report", "r.html"]) == 0
     shown = capsys.readouterr().out
-    assert "- load_dependent_friction" in shown and "in the loop, held out [rad]" in shown and "nan" not in shown
+    assert "\nload_dependent_friction: " in shown and "in the loop, held out [rad]" in shown and "nan" not in shown
     page = (tmp_path / "r.html").read_text()
     assert "Whole recordings are simulated" in page and ">nan" not in page.lower()
     assert main(["compare", "m.json", "study.toml", "--loop", "--report", "c.html"]) == 0

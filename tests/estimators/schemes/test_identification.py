@@ -1,4 +1,5 @@
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,10 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.schemes.identification import identify
 from estimators.schemes.six import PAPER, SCHEMES, Energy, Hamiltonian
+from pendulum_env.backends import record
+from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Model, effects
+from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording, read_recording
 from tests import slow
 
@@ -126,3 +130,16 @@ def test_a_missing_effect_biases_and_its_term_cures(record, hidden):
     for scheme in SCHEMES:
         coulomb = identify([run.recording], terms, [scheme])[scheme.id].model.estimates["coulomb"].value
         assert (abs(coulomb / run.theta[3] - 1) > 0.005) == hidden, scheme
+
+
+def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_nothing():
+    """Friction that has a peak near rest: each scheme takes it for something else."""
+    plants = {"whole": paper_plant(), "lacking": hide(paper_plant(), "stribeck=0.45")}
+    runs = {name: record(plant, excitation("paper", 1), 15, rng=1) for name, plant in plants.items()}
+    missing = {name: [d.text for d in identify(run).doubts if "is missing" in d.text] for name, run in runs.items()}
+    assert missing["whole"] == []
+    (line,) = missing["lacking"]
+    assert re.search(r"what these terms leave is [\d.]+ times what noise gives and the schemes differ by up to ", line)
+    assert line.endswith("something is missing, run diagnose")
+    (line,) = (d.text for d in identify(runs["lacking"], schemes="energy").doubts)  # which differs from none
+    assert "noise" in line and "schemes" not in line

@@ -280,9 +280,11 @@ def test_wrong_use_is_explained():
         EstimateParameters(gym.make(PENDULUM), terms=["inertia", "stribek"])
     with pytest.raises(ValueError, match="pass rate"):
         EstimateParameters(gym.make("Pendulum-v1"))
-    with pytest.raises(KeyError, match="has to carry time, position and torque"):
+    with pytest.raises(ValueError, match="has to carry time, position and torque"):
         EstimateParameters(gym.make("Pendulum-v1"), rate=100.0, schemes="dynamic").reset()
-    with pytest.raises(KeyError, match="wrap the environment in EstimateParameters"):
+    with pytest.raises(
+        ValueError, match=r"^InformationReward needs .*: wrap the environment in EstimateParameters first"
+    ):
         InformationReward(gym.make(PENDULUM)).reset()
     with pytest.raises(ValueError, match="give a small positive number"):
         InformationReward(gym.make(PENDULUM), prior=0.0)

@@ -1,3 +1,5 @@
+import os
+
 import numpy as np
 import pytest
 
@@ -99,7 +101,12 @@ def test_mjcf_gives_the_same_body(tmp_path, body, motion):
         (lambda text: text.replace("</robot>", ""), "is no XML"),
         (lambda text: text.replace("robot", "car"), "holds <car>, neither"),
         (lambda text: text.replace('type="continuous"', 'type="fixed"'), "has no joint that moves"),
-        (lambda text: text.replace("</joint></robot>", '<mimic joint="shoulder"/></joint></robot>'), "mimics another"),
+        (lambda text: text.replace("</joint></robot>", '<mimic joint="elbow"/></joint></robot>'), "itself in a loop"),
+        (
+            lambda text: text.replace("</joint></robot>", '<mimic joint="hip"/></joint></robot>'),
+            "'elbow' mimics 'hip', wh",
+        ),
+        (lambda text: text.replace('type="continuous"', 'type="floating"', 1), "'shoulder' lets the base float: say"),
     ],
 )
 def test_a_robot_that_cannot_be_identified_is_refused_in_one_sentence(tmp_path, change, told):
@@ -109,5 +116,56 @@ def test_a_robot_that_cannot_be_identified_is_refused_in_one_sentence(tmp_path, 
 
 
 def test_a_missing_file_is_said(tmp_path):
-    with pytest.raises(BodyError, match=r"none\.urdf: No such file"):
+    with pytest.raises(BodyError, match=r"none\.urdf: cannot be read \(No such file or directory\): check the path"):
         read_body(tmp_path / "none.urdf")
+
+
+def chain(count, place="0 0 -0.1"):
+    """URDF of links in a row, each turning about its own axis."""
+    text = '<robot name="chain"><link name="base"/>'
+    for k in range(count):
+        text += (
+            f'<link name="link{k}"><inertial><origin xyz="{place}"/><mass value="1"/>'
+            '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="joint{k}" type="continuous"><parent link="{f"link{k - 1}" if k else "base"}"/>'
+            f'<child link="link{k}"/><origin xyz="0 0.02 -0.3"/><axis xyz="{k % 2} {(k + 1) % 2} 0"/></joint>'
+        )
+    return text + "</robot>"
+
+
+NESTED = "<mujoco>" + "<default>" * 50_000 + "</default>" * 50_000 + "</mujoco>"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (NESTED, "what reads it crashed"),
+        (chain(65), "has 65 joints that move, of which at most 64 can be identified"),
+        (chain(2, "1e200 0 0"), r"behind joint 'joint0' holds a number beyond 1e\+09"),
+        (chain(2).replace('"0 0.02 -0.3"', '"0 nan 0"'), "holds a number beyond|cannot read it"),
+        (chain(2).replace("continuous", "wrong"), "cannot read it"),
+        (chain(2).replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>'), "has a joint without an axis"),
+        (" " * 5_000_001, "holds 5 MB, of which at most 5 MB are read"),
+    ],
+)
+def test_a_robot_that_no_one_meant_is_refused_and_nothing_else_is_said(tmp_path, capfd, text, told):
+    with pytest.raises(BodyError, match=f"arm.urdf: .*{told}"):
+        read_body(written(tmp_path, text))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of Unix")
+def test_a_robot_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "arm.urdf")
+    with pytest.raises(BodyError, match=r"arm\.urdf: cannot be read \(it is a device or a pipe\)"):
+        read_body(tmp_path / "arm.urdf")
+
+
+def test_a_long_chain_has_its_base_parameters(tmp_path):
+    """7 of each link, less those that turn and lie as the first: Mayeda, Yoshida and Osuka, IEEE TRA 6(3), 1990."""
+    count = 24
+    body = read_body(written(tmp_path, chain(count)))
+    q, v, a = np.random.default_rng(1).uniform(-1, 1, (3, 20, count))
+    assert len(body.base) == 7 * count - 4
+    whole = body._torque(q, v, a) @ body.standard_values
+    np.testing.assert_allclose(body.torque(q, v, a) @ body.values, whole, atol=1e-6 * np.abs(whole).max())

@@ -84,6 +84,12 @@ def test_the_environment_passes_gymnasiums_checks():
     assert np.array_equal(env.step(np.ones(3, dtype=np.float32))[4]["torque"], first)
 
 
+def test_clipped_is_said_of_each_joint():
+    env = gym.make(ID, max_torque=2.0)
+    assert env.reset()[1]["clipped"].tolist() == [False, False]
+    assert env.step(np.array([-2.5, 2.0]))[-1]["clipped"].tolist() == [True, False]
+
+
 def test_many_arms_step_together():
     envs = gym.make_vec(ID, num_envs=3)
     envs.reset(seed=0)

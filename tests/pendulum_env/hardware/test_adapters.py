@@ -2,13 +2,15 @@
 
 import os
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from pendulum_env.backends.hardware import frames
-from pendulum_env.backends.hardware.adapters import make_drive
+from pendulum_env.backends.hardware.adapters import make_drive, need
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.registration import PENDULUM
 from tests.pendulum_env.rigs import PATIENT
 
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals of Unix")]
@@ -58,13 +60,32 @@ def test_the_drives_rated_torque_is_the_one_that_torque_is_scaled_by(emulated):
         opened(emulated, "canopen402", canopen402={"rated_torque": 5.0})
 
 
-def test_whatever_the_driver_of_a_bus_raises_is_told_with_its_key(tmp_path):
-    pytest.importorskip("canopen")
-    (tmp_path / "rig.toml").write_text(
-        'adapter = "canopen402"\n[canopen402]\ninterface = "socketcand"\nchannel = "can0"\n'
-    )
-    with pytest.raises(DriveError, match=r"cannot be opened \(.*missing 2 .*\): check canopen402.interface"):
-        make_drive(load(tmp_path / "rig.toml")).open()
+@pytest.mark.parametrize(
+    ("kind", "keys", "said"),
+    [
+        ("serial", 'port = "/dev/none"', "/dev/none cannot be opened .*check serial.port"),
+        # whatever the driver of a bus raises
+        (
+            "canopen402",
+            'interface = "socketcand"\nchannel = "can0"',
+            r"cannot be opened \(.*missing 2 .*\): check canopen402.interface",
+        ),
+        (
+            "nidaq",
+            'torque = "Dev1/ao0"\nencoder = "Dev1/ctr0"\nenable = "Dev1/port0/line0"',
+            "driver is not installed",
+        ),
+    ],
+)
+def test_what_is_not_there_is_named_with_its_key(tmp_path, kind, keys, said):
+    path = tmp_path / "rig.toml"
+    path.write_text(f'adapter = "{kind}"\n[{kind}]\n{keys}\n')
+    try:
+        need(kind)
+    except ModuleNotFoundError as error:
+        pytest.skip(str(error))
+    with pytest.raises(DriveError, match=said):
+        gym.make(PENDULUM, backend="dm1015b", config=path)
 
 
 def test_a_voltage_that_reaches_less_torque_says_so(emulated):

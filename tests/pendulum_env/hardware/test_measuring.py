@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import EncoderSettings
+from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.backends.hardware.encoder import Encoder, difference
 from pendulum_env.backends.hardware.ticks import Ticks
 
@@ -23,11 +24,28 @@ def test_steps_are_found_however_the_counter_is_read(count, step):
 
 def test_an_encoder_unwraps_from_where_zero_is():
     turn = 2 * math.pi
-    first = Encoder(EncoderSettings(counts=1000))
-    assert [first.take(c) for c in (2**31 - 250, 2**31, -(2**31) + 250)] == pytest.approx([0.0, turn / 4, turn / 2])
-    named = Encoder(EncoderSettings(counts=1000, sign=-1, zero=500))
-    assert named.take(750) == pytest.approx(-turn / 4)
-    assert named.take(-1750) == pytest.approx(2.25 * turn)
+
+    def positions(counts, **settings):
+        encoder = Encoder(EncoderSettings(counts=1000, **settings))
+        for k, count in enumerate(counts):
+            encoder.take(float(k), count)
+            yield encoder.position
+
+    start = positions((2**31 - 250, 2**31, -(2**31) + 250))
+    assert list(start) == pytest.approx([0.0, turn / 4, turn / 2])
+    assert list(positions((750, -1750), sign=-1, zero=500)) == pytest.approx([-turn / 4, 2.25 * turn])
+
+
+def test_velocity_is_taken_over_2_ms_and_a_jump_is_not_taken_in():
+    encoder = Encoder(EncoderSettings(counts=1_000_000), fastest=35.0)
+    for k in range(20):
+        moved = encoder.take(0.5e-3 * k, round(1000 * k))
+        assert (moved is None) == (k % 4 != 0 or k == 0)
+    assert encoder.velocity == pytest.approx(2 * math.pi / 0.5)
+    before = encoder.position
+    with pytest.raises(DriveError, match=r"the encoder jumped by .* rad in 2\.5 ms: check its cable"):
+        encoder.take(10.5e-3, 100_000)
+    assert encoder.position == before
 
 
 def test_position_and_torque_are_referred_to_the_ticks():
@@ -38,7 +56,7 @@ def test_position_and_torque_are_referred_to_the_ticks():
     def position(t):
         return np.sin(8.0 * t)
 
-    ticks, found = Ticks(0.0, 0.0), []
+    ticks, found = Ticks(period, 0.0, 0.0), []
     torques = 3.0 * np.sin(2 * np.pi * np.arange(count) * period)
     acted = []  # when each command came to act
     for k in range(count):
@@ -46,7 +64,8 @@ def test_position_and_torque_are_referred_to_the_ticks():
         ticks.commanded(acted[-1], torques[k])
         late = (k + 1) * period + rng.exponential(0.2e-3)
         ticks.measured(late, position(late))
-        found.append(ticks.advance((k + 1) * period))
+        ticks.wait()
+        found.append((ticks.position, ticks.torque()))
     at = period * np.arange(1, count + 1)
     assert np.abs(np.array(found)[:, 0] - position(at)).max() < 1e-6  # at the time of reading it would be 1e-2 off
     # the impulse up to any tick is that of the commands, each from when it acted
@@ -57,18 +76,19 @@ def test_position_and_torque_are_referred_to_the_ticks():
 
 def test_a_loop_that_was_held_up_catches_up():
     """20 ms without a reading: the ticks between are interpolated, and the held torque counts for all of them."""
-    ticks = Ticks(0.0, 0.0)
+    ticks = Ticks(1e-3, 0.0, 0.0)
     for k in range(1, 51):
         now = k * 1e-3
         ticks.commanded(now - 1e-3, 1.0)
         ticks.measured(now, 0.5 * 40.0 * now**2)
-        ticks.advance(now)
+        ticks.wait()
+        assert ticks.torque() == pytest.approx(1.0)
     now = 70e-3
     ticks.measured(now, 0.5 * 40.0 * now**2)
     for k in range(51, 71):
-        position, torque = ticks.advance(k * 1e-3)
-        assert position == pytest.approx(0.5 * 40.0 * (k * 1e-3) ** 2, abs=1e-9)
-        assert torque == pytest.approx(1.0)
+        ticks.wait()
+        assert ticks.position == pytest.approx(0.5 * 40.0 * (k * 1e-3) ** 2, abs=1e-9)
+        assert ticks.torque() == pytest.approx(1.0)
 
 
 def test_the_clock_of_a_drive_is_told_although_answers_are_late():

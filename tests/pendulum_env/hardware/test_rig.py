@@ -23,12 +23,12 @@ from pendulum_env.recording import read_recording
 from pendulum_env.registration import PENDULUM
 from tests import slow
 from tests.disks import full_after
-from tests.pendulum_env.rigs import KINDS, PATIENT, Disturbed, TooSlow
+from tests.pendulum_env.rigs import PATIENT, Disturbed, TooSlow
 from workbench.cli import main
 
 pytestmark = pytest.mark.realtime
 
-ONLINE = {"serial": 500.0, "canopen402": 250.0, "nidaq": 200.0}  # [Hz], that leave a busy machine time
+ONLINE = 200.0  # [Hz], that leaves a busy machine time, but not the card, which is asked over a server
 TRUTH = np.array(list(PAPER.values()))
 STILL = 0.03  # [s]
 HANGING = {"zero": 0}
@@ -46,9 +46,9 @@ def make(rig, **options):
     return gym.make(PENDULUM, backend="dm1015b", config=rig.config, max_episode_steps=-1, **options)
 
 
-@pytest.mark.parametrize("kind", slow.but_first(KINDS))
+@pytest.mark.parametrize("kind", slow.but_first(["serial", "canopen402"]))
 def test_six_estimators_find_the_emulated_plant_while_it_runs(emulated, kind):
-    rig = emulated(kind, rate=ONLINE[kind], limits=PATIENT, encoder=HANGING)
+    rig = emulated(kind, rate=ONLINE, limits=PATIENT, encoder=HANGING)
     signal = excitation("paper", np.random.default_rng(0))
 
     env = EstimateParameters(make(rig))
@@ -75,7 +75,7 @@ def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, monkeypatch
     monkeypatch.setattr(estimators.arguments, "effects", lambda: known)
     rig = emulated("canopen402", effects=["cogging"], limits=PATIENT, encoder=HANGING)
     path = rig.folder / "run.csv"
-    command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "8", "-o", str(path)]
+    command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "5", "-o", str(path)]
 
     code, said = main(command), capsys.readouterr()
     if code != 0:
@@ -83,7 +83,7 @@ def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, monkeypatch
     assert "after their tick" in said.out
     in_time(np.loadtxt(path, delimiter=",", skiprows=1)[:, 3])
     assert main(["diagnose", str(path)]) == 0
-    assert "What is missing\n- cogging: " in capsys.readouterr().out
+    assert "Cogging torque is missing\ncogging: " in capsys.readouterr().out
 
 
 def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(emulated, capsys, monkeypatch):
@@ -234,7 +234,7 @@ def test_an_interrupt_while_the_rig_is_closed_leaves_no_handler_behind(emulated,
 def test_nothing_of_the_rig_is_imported_without_one():
     code = (
         "import sys, pendulum_env.env, estimators, pendulum_env.backends.emulators; "
-        "print(sorted({'serial', 'canopen', 'can', 'nidaqmx', 'grpc', 'torch'} & set(sys.modules)))"
+        "print(sorted({'serial', 'can', 'nidaqmx', 'grpc', 'torch'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
@@ -257,21 +257,3 @@ def test_an_emulator_overwrites_no_real_rigs_configuration(tmp_path, capsys):
     assert main(["emulate", "serial", "-o", str(path)]) == 2
     assert "rig.toml: exists, and no emulator wrote it" in capsys.readouterr().err
     assert path.read_text() == 'adapter = "serial"\n' and not path.with_name("rig.toml.checked").exists()
-
-
-def test_a_port_that_is_not_there_is_named(tmp_path):
-    pytest.importorskip("serial")
-    path = tmp_path / "rig.toml"
-    path.write_text('adapter = "serial"\n[serial]\nport = "/dev/none"\n')
-    with pytest.raises(DriveError, match=r"/dev/none cannot be opened .*check serial.port"):
-        gym.make(PENDULUM, backend="dm1015b", config=path)
-
-
-def test_a_card_without_its_driver_is_named(tmp_path):
-    pytest.importorskip("nidaqmx")
-    path = tmp_path / "rig.toml"
-    path.write_text(
-        'adapter = "nidaq"\n[nidaq]\ntorque = "Dev1/ao0"\nencoder = "Dev1/ctr0"\nenable = "Dev1/port0/line0"\n'
-    )
-    with pytest.raises(DriveError, match="driver is not installed"):
-        gym.make(PENDULUM, backend="dm1015b", config=path)

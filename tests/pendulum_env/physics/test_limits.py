@@ -107,6 +107,9 @@ def test_a_file_of_effects_is_known_and_may_be_loaded_twice(tmp_path, own_librar
         ("x = 1\n", "registers no effect"),
         ("x = 1\nx = nothing\n", "line 2: NameError"),
         ("x =\n", "line 1: invalid syntax"),
+        ("import sys\nsys.exit(0)\n", "line 2: SystemExit: 0"),
+        ("raise BaseException('x')\n", "line 1: BaseException: x"),
+        ("class E(Exception):\n    def __str__(self): raise ValueError\nraise E\n", "line 3: .*E: <exception str"),
     ],
 )
 def test_a_file_that_is_of_no_use_is_refused(tmp_path, own_library, content, what):

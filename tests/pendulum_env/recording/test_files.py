@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
+from pendulum_env.recording import Recording, RecordingError, read_recording, storage, write_recording
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.sampling import uniform
 from pendulum_env.recording.vocabulary import TOLD, UNITS, _names
@@ -354,6 +354,11 @@ def test_iso_time_is_counted_from_the_first_row(write: Write, columns: dict, zon
             lambda lines: [*lines[:12], "0.022,abc,1", *lines[13:]],
             r"data row 12 \(header not counted\) has 'abc' as pos",
         ),
+        (
+            lambda lines: [*lines[:12], f"0.022,{'1' * 100_000}x,1", *lines[13:]],
+            "data row 12 .* has '1{37}...' as position",
+        ),
+        (lambda lines: ["1" * 60_000 + "x", *lines[1:]], "no column for time, position, torque among '1{37}...'"),
         (lambda lines: [*lines[:-2], "3.99", lines[-1]], "data row 1999 .* has 1 cells where the header has 3"),
         (lambda lines: ["time;position;torque", *lines[1:]], "data row 1 .* has 1 cells where the header has 3"),
         (
@@ -504,7 +509,9 @@ def test_unwrap_leaves_unwrapped_angles_alone(write: Write, columns: dict[str, n
 @pytest.mark.parametrize("unwrap", [False, True])
 def test_wrapped_degrees_are_refused(write: Write, columns: dict[str, np.ndarray], unwrap: bool) -> None:
     degrees = np.degrees(np.angle(np.exp(1j * spinning(columns["time"]))))
-    with pytest.raises(RecordingError, match="wrapped at 360 degrees does: name the column position_deg"):
+    with pytest.raises(
+        RecordingError, match=r"wrapped at 360 degrees does: .* and with --columns position=position:deg"
+    ):
         read_recording(write(columns | {"position": degrees}), unwrap=unwrap)
 
 
@@ -516,7 +523,9 @@ def test_wrapped_degrees_by_name_are_unwrapped(write: Write, columns: dict[str, 
 
 
 def test_degrees_by_speed(write: Write, columns: dict[str, np.ndarray]) -> None:
-    with pytest.raises(RecordingError, match="faster than any arm: name the column position_deg"):
+    with pytest.raises(
+        RecordingError, match="faster than any arm: read it with --columns position=position:deg if it is"
+    ):
         read_recording(write(columns | {"position": 2 * np.degrees(columns["position"])}))
 
 
@@ -538,11 +547,11 @@ def test_degrees_by_gravity(write: Write) -> None:
 @pytest.mark.parametrize(
     ("position", "velocity", "match"),
     [
-        (1, 57.3, "as if in degrees per second: convert it to rad/s, or name the column velocity_deg/s"),
-        (1, -1, "opposite sign"),
-        (1, 6, "velocity is 6 times the slope of position: mend or remove that column"),
+        (1, 57.3, "as if in degrees per second: read it with --columns velocity=velocity:deg/s"),
+        (1, -1, "opposite sign of the slope of position: read it with --columns velocity=-velocity"),
+        (1, 6, "velocity is 6 times the slope of position: mend it, or do without .*: --columns velocity=unused"),
         (1, 0, r"does not follow the slope of position \(0.00 correlated\)"),
-        (10, 10 / 57.3, "as fast as velocity says, as if in degrees: convert it to radians"),
+        (10, 10 / 57.3, "as fast as velocity says, as if in degrees: read it with --columns position=position:deg"),
     ],
 )
 def test_foreign_velocity_is_refused(
@@ -566,7 +575,7 @@ def test_constant_torque_is_a_free_swing(write: Write, columns: dict[str, np.nda
 
 
 def test_time_in_milliseconds_is_refused(write: Write, columns: dict[str, np.ndarray]) -> None:
-    with pytest.raises(RecordingError, match=r"2 s pass between samples.* name the column time_ms"):
+    with pytest.raises(RecordingError, match=r"2 s pass between samples.* read it with --columns time=time:ms"):
         read_recording(write(columns | {"time": 1e3 * columns["time"]}))
 
 
@@ -703,6 +712,19 @@ def test_a_file_of_twice_the_rows_takes_twice_the_time_and_no_file_is_held_twice
     assert seconds[1] < 3.0 * seconds[0]  # a share of a second each; 4 if every row went through all others
 
 
+def test_plain_text_is_read_in_this_process_unless_it_is_large(
+    write: Write, columns: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(columns)
+    with monkeypatch.context() as patch:
+        patch.setattr(storage, "isolated", None)
+        here = read_recording(path)
+    monkeypatch.setattr(storage, "HERE", 1000)
+    monkeypatch.setattr(storage, "read_here", None)
+    there = read_recording(path)
+    np.testing.assert_array_equal(here.position, there.position)
+
+
 # Recordings at hand
 
 
@@ -727,7 +749,7 @@ def test_practice_recordings_are_left_alone_and_refused_in_degrees(tmp_path: Pat
         assert recording.notes == ()
         disguised = Recording("deg", recording.time, np.degrees(recording.position), recording.torque)
         write_recording(disguised, tmp_path / "deg.npz")
-        with pytest.raises(RecordingError, match="position_deg"):
+        with pytest.raises(RecordingError, match=r"--columns position=position:deg"):
             read_recording(tmp_path / "deg.npz")
 
 
@@ -740,7 +762,7 @@ def test_a_spring_is_not_taken_for_degrees(write: Write, bent: float) -> None:
         q[k + 1] = q[k] + v / 200.0
     assert np.ptp(q) > 2 * np.pi  # less is no question
     (note,) = read_recording(write({"time": time, "position": q, "torque": torque})).notes
-    assert "on which a spring acts; if it is degrees, name the column position_deg" in note
+    assert "on which a spring acts; if it is degrees, read it with --columns position=position:deg" in note
 
 
 @pytest.mark.parametrize(("drift", "asymmetry"), [(0.03, 0.0), (0.06, 0.0), (0.0, 0.4), (0.03, 0.4)])

@@ -1,14 +1,46 @@
-"""Recordings that the tests of the app share."""
+"""Recordings and sessions that the tests of the app share."""
+
+import base64
+from pathlib import Path
 
 import numpy as np
 
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.plant import hide, paper_plant
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Recording, Source, write_recording
 
 
 def recorded(name: str, seed: int, seconds: float = 8.0, effect: str = "stribeck", rate: float = 500.0) -> Recording:
     """A pendulum that hides an effect."""
     rng = np.random.default_rng(seed)
     return record(hide(paper_plant(), effect), excitation("paper", rng, seconds), seconds, rate, rng=rng, name=name)
+
+
+def written(recording: Recording, folder: Path, held_out: bool = False) -> Source:
+    """A recording in a file of its name."""
+    write_recording(recording, folder / f"{recording.name}.csv")
+    return Source(folder / f"{recording.name}.csv", "holdout" if held_out else "fit")
+
+
+def loaded(recording: Recording, held_out: bool = False):
+    """The same as a session has it, its file being nowhere."""
+    from workbench.app.state import Loaded
+
+    file = f"{recording.name}.csv"
+    return Loaded(file, Source(Path(file), "holdout" if held_out else "fit"), recording)
+
+
+def url(content: bytes) -> str:
+    """A file as the page sends it."""
+    return f"data:application/octet-stream;base64,{base64.b64encode(content).decode()}"
+
+
+def files_of(session) -> list[str]:
+    """Names of the files in its folder."""
+    return sorted(file.name for file in session.folder.rglob("*") if file.is_file())
+
+
+def upload(session, name: str, content: bytes) -> None:
+    """Drop a file on the page."""
+    session.act(lambda: session.receive([(name, url(content))], unwrap=False))

@@ -17,6 +17,7 @@ from pendulum_env.physics import Model
 from pendulum_env.recording import write_recording
 from tests import slow
 from tests.patience import PATIENCE
+from tests.pendulum_env.rigs import Disturbed
 from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import recorded
 from workbench.cli import main
@@ -36,7 +37,7 @@ STAGES = {
     "model": ".model .js-line",
     "compare": ".compare .js-line",
     "diagnose": "#diagnose",
-    "add": ".add .bars",
+    "add": "#any",
     "export": "#commands",
     "live": "#live-start",
 }
@@ -129,18 +130,6 @@ class Tab:
         self.page.fill(".dash-dropdown-search", effect)
         self.page.click(f".dash-dropdown-option:has-text('{effect}')")
         self.page.wait_for_selector(f"#any:has-text('{effect}')")
-
-    def collisions(self, selector: str, gap: float = 0) -> int:
-        """Pairs of elements that lie on each other, or less than a gap apart [px]."""
-        return self.page.evaluate(
-            """([selector, gap]) => {
-              const boxes = [...document.querySelectorAll(selector)].map((one) => one.getBoundingClientRect());
-              if (boxes.length < 2) throw new Error(`there is nothing to collide: ${selector}`);
-              return boxes.flatMap((a, k) => boxes.slice(k + 1).filter((b) =>
-                Math.max(a.left - b.right, b.left - a.right, a.top - b.bottom, b.top - a.bottom) < gap)).length;
-            }""",
-            [selector, gap],
-        )
 
     def unreadable(self) -> list[str]:
         """Texts that are cut off by the window or by what holds them, or that lie on each other."""
@@ -242,17 +231,18 @@ def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
     assert "lowers the held-out errors" in page.inner_text(".ranking tbody tr")
     tab.picture("5-diagnose")
 
-    before = number_after("torque error of", page.inner_text("#story"))
+    before = number_after("fitted to, the torque error is", page.inner_text("#story"))
     page.get_by_role("button", name="Add Stribeck friction").click()
-    page.wait_for_selector("button:has-text('added')")
+    page.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
     tab.go("add")
-    after = number_after(" to", page.inner_text("#story"))
+    after = number_after("fitted to, the torque error is", page.inner_text("#story"))
     assert after < 0.3 * before
-    bars = page.evaluate(
+    page.wait_for_selector(".add .js-line")
+    falls = page.evaluate(
         """[...document.querySelectorAll(".add .js-plotly-plot")].flatMap(
-          (plot) => plot.data.filter((trace) => trace.type === "bar").map((trace) => [...trace.y]))"""
+          (plot) => plot.data.filter((trace) => trace.marker).map((trace) => [...trace.y]))"""
     )
-    assert len(bars) == 4 and all(after < before for before, after in bars)  # torque and motion, fitted and held out
+    assert len(falls) == 4 and all(after < before for before, after in falls)  # torque and motion, fitted and held out
     tab.picture("6-add")
 
     tab.go("export")
@@ -266,7 +256,7 @@ def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
     page.click("#undo")
     page.wait_for_selector("#undo", state="detached")
     assert tab.title() == "Stribeck friction is missing"
-    assert number_after("torque error of", page.inner_text("#story")) == before
+    assert number_after("fitted to, the torque error is", page.inner_text("#story")) == before
 
 
 def number_after(words: str, text: str) -> float:
@@ -338,33 +328,6 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, fold
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="such names of files are allowed on Unix")
-def test_script_in_the_names_of_files_and_columns_is_text(tab: Tab, folder: Path, tmp_path: Path) -> None:
-    hostile = "<img src=x onerror=\"document.title='taken'\">"
-    lines = (folder / "swing.csv").read_text().splitlines()
-    file = tmp_path / f"{hostile}.csv"
-    file.write_text(
-        "\n".join(
-            [
-                f"time,{hostile},<script>document.title='taken'</script>",
-                *(",".join(line.split(",")[:3]) for line in lines[1:]),
-            ]
-        )
-    )
-    tab.load(file)
-    tab.page.wait_for_selector(".card .js-line")
-    assert hostile in tab.page.inner_text(".card")  # as it is in the file
-    assert tab.page.locator("img[src=x]").count() == 0
-    (tmp_path / f"{hostile} run.csv").write_bytes((folder / "swing.csv").read_bytes())
-    tab.page.click("#card-close")
-    tab.page.wait_for_selector(".card", state="detached")
-    tab.load(tmp_path / f"{hostile} run.csv")
-    tab.page.wait_for_selector("td:has-text('img src')")
-    assert tab.page.locator("img[src=x]").count() == 0 and tab.page.title() == "pendulum-ident"
-    assert tab.complaints == []
-
-
-@pytest.mark.slow
 def test_tabs_are_apart_and_a_reload_changes_nothing(tab: Tab, browser: "sync_api.Browser", folder: Path) -> None:
     tab.load(folder / "swing.csv")
     tab.page.wait_for_selector("td:has-text('swing')")
@@ -374,9 +337,6 @@ def test_tabs_are_apart_and_a_reload_changes_nothing(tab: Tab, browser: "sync_ap
     tab.choose("Quadratic drag")
     tab.page.click("#add-any")
     tab.page.wait_for_selector("#undo")
-    tab.page.set_viewport_size({"width": 420, "height": 900})
-    tab.page.wait_for_timeout(500)  # for plots to take the new width
-    assert tab.collisions(".add .bartext", gap=6) == 0
     title = tab.title()
     tab.page.reload()
     tab.page.wait_for_selector("#undo")  # the same stage, too
@@ -426,7 +386,7 @@ def test_what_is_asked_for_is_saved_with_the_session_opened_again_and_undone(
     page.keyboard.press("Escape")
     page.fill("#ask-fix", "gravty=2")
     page.click("#diagnose")
-    page.wait_for_selector(".field:has(#ask-fix) .wrong:has-text('did you mean gravity?')")
+    page.wait_for_selector("#notice:has-text('did you mean gravity?')")
     assert page.inner_text("#ask-only").startswith("Quadratic drag") and page.input_value("#ask-fix") == "gravty=2"
     page.fill("#ask-fix", "gravity=2.01")
     page.click("#diagnose")
@@ -472,13 +432,14 @@ def test_a_keyboard_is_enough(tab: Tab) -> None:
     press("#diagnose")
     page.wait_for_selector(".ranking")
     press(".ranking .action.primary")
-    page.wait_for_selector("button:has-text('added')")
+    page.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
     press("#to-add")
     page.wait_for_selector("#undo")
     press("#undo")
     page.wait_for_selector("#undo", state="detached")
 
 
+@pytest.mark.realtime
 def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
     page = tab.page
     page.set_viewport_size({"width": 1400, "height": 1000})
@@ -496,7 +457,12 @@ def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
     assert wide <= seen  # no column is cut off
     page.wait_for_selector("#live-verdict:has-text('Model base: ')")
     assert page.is_disabled("#live-undo")
-    page.wait_for_selector(".odds th:has-text('Nothing')", timeout=MS)
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('.odds th')].some(th => th.textContent.includes('Nothing')) || "
+        "/^(Ended|Stopped)/.test(document.querySelector('#live-said').textContent)"
+    )
+    if (said := page.inner_text("#live-said")).startswith(("Ended", "Stopped")):  # as no page asked about it in time
+        raise Disturbed(said)
     page.click("#live-stop")
     page.wait_for_function("() => document.querySelector('#live-said').textContent.startsWith('Ended')")
     page.click("#live-keep")
@@ -519,8 +485,6 @@ def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(
             tab.picture(f"{scheme}-{width}-{stage}")
             assert tab.page.evaluate("document.documentElement.scrollWidth") <= width, (stage, width)
             assert tab.unreadable() == [], (stage, width)
-            if stage == "compare":
-                assert tab.collisions("#of label, #clear") == 0
     assert tab.page.evaluate("document.documentElement.dataset.theme") == scheme
     tab.page.add_style_tag(content="#stage * {overflow: hidden; white-space: nowrap; max-width: 60px}")
     assert tab.unreadable() != []  # it would have shown

@@ -14,7 +14,6 @@ from workbench.survey import Dataset, Fleet
 
 pytest.importorskip("dash")
 
-from workbench.app import fleet
 from workbench.app.server import make_app
 
 OTHERS = ({"Host": "rebound.example"}, {"Origin": "https://other.example"}, {"Origin": "null"})
@@ -29,7 +28,7 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def client(survey: Dataset):
     bench = make_app(survey=survey.folder)
     yield bench.app.server.test_client()
-    bench.close()
+    bench.sessions.close()
 
 
 def links(text: str) -> list[str]:
@@ -56,16 +55,6 @@ def test_the_page_tells_what_the_dataset_holds_by_now(client, survey):
     assert "survey of 3 recordings" in client.get("/fleet/").text.lower()
 
 
-def test_a_dataset_that_cannot_be_read_now_is_said(client, monkeypatch):
-    def changing(self, columns=None):
-        raise OSError(f"{self.folder}: its files change while they are read: try again")
-
-    fleet._page.cache_clear()
-    monkeypatch.setattr(Dataset, "table", changing)
-    answer = client.get("/fleet/")
-    assert answer.status_code == 503 and "its files change while they are read: try again" in answer.text
-
-
 def test_pages_are_for_this_computer_and_a_case_s_own_may_ask_for_nothing(client, survey):
     (case,) = links(client.get("/fleet/").text)[1:]
     for path in ("/fleet/", f"/fleet/{case}"):
@@ -89,7 +78,7 @@ def test_a_server_without_a_survey_has_no_such_page(survey):
     client = bench.app.server.test_client()
     assert "Survey of" not in client.get("/fleet/").text
     assert "to-fleet" not in client.get("/_dash-layout").text
-    bench.close()
+    bench.sessions.close()
 
 
 def test_a_folder_that_is_no_survey_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

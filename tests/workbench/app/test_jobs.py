@@ -1,21 +1,19 @@
 """Work in other processes."""
 
 import functools
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import pytest
 
-from estimators.progress import Progress, forward, no_progress
+from estimators.progress import Progress, forward
 from pendulum_env.physics import plugin
-from pendulum_env.reading import room_for
 from tests.patience import PATIENCE, wait_until
-from workbench.app.jobs import LOST, Job, Pace, Workers
+from workbench.app.jobs import Job, Pace, Workers
 from workbench.mistakes import InputError
+from workbench.processes import LOST, Done, Failed
 
 PLUGIN = '''
 from dataclasses import dataclass
@@ -50,20 +48,13 @@ def sleep(tell: Progress) -> None:
     time.sleep(3600)
 
 
-def longest_file(tell: Progress) -> int:
-    import resource
-
-    return resource.getrlimit(resource.RLIMIT_FSIZE)[0]
-
-
 def vanish(tell: Progress) -> None:
     raise SystemExit
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def workers() -> Iterator[Workers]:
     workers = Workers()
-    workers.warm()
     yield workers
     workers.close()
 
@@ -72,25 +63,21 @@ class Witness:
     """A job and what came of it."""
 
     def __init__(self, task: Any, workers: Workers) -> None:
-        self.outcome: list[Any] = []
-        self.job = Job("a job", task, workers, lambda _, result: self.outcome.append(result), self._failed)
-        self.job.start()
+        self.outcome: list[Done | Failed] = []
+        self.job = Job("a job", task, workers, lambda _, word: self.outcome.append(word))
 
-    def _failed(self, _: Job, why: str) -> None:
-        self.outcome.append(why)
-
-    def wait(self) -> Any:
+    def wait(self) -> Done | Failed:
         assert self.job.over.wait(PATIENCE)
         assert not self.job.running
         return self.outcome[0]
 
 
-def test_a_worker_does_one_task_after_the_other(workers: Workers) -> None:
+def test_a_job_ends_with_its_result_or_with_a_sentence(workers: Workers) -> None:
+    workers.warm()
     first = Witness(functools.partial(count, 3), workers)
-    assert first.wait() == 3
-    assert first.job.pace.what == "step 2"
-    assert Witness(refuse, workers).wait() == "the data are too few"
-    assert Witness(functools.partial(count, 2), workers).wait() == 2
+    assert first.wait() == Done(3) and first.job.pace.what == "step 2"
+    assert Witness(refuse, workers).wait() == Failed("the data are too few")
+    assert Witness(vanish, workers).wait() == Failed(LOST)
 
 
 def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers: Workers) -> None:
@@ -98,25 +85,20 @@ def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers: Workers) -> 
     wait_until(lambda: witness.job.pace.what == "sleeping")
     witness.job.cancel()
     assert not witness.job.running and witness.outcome == []
-    assert Witness(functools.partial(count, 1), workers).wait() == 1  # another takes its place
+    wait_until(lambda: not witness.job._worker.process.is_alive())
 
 
 @pytest.mark.slow
-def test_a_file_of_effects_that_has_gone_is_told_and_the_worker_lives_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_file_of_effects_that_has_gone_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers
 ) -> None:
     file = tmp_path / "gone.py"
     monkeypatch.setattr(plugin, "_loaded", {file: ()})
-    workers = Workers()
-    workers.warm()
-    assert str(Witness(functools.partial(count, 1), workers).wait()).startswith(f"{file}: ")
+    told = Witness(functools.partial(count, 1), workers).wait()
+    assert isinstance(told, Failed) and told.why.startswith(f"{file}: ")
     file.write_text(PLUGIN)
-    assert Witness(functools.partial(count, 1), workers).wait() == 1
-    workers.close()
-
-
-def test_a_worker_that_dies_is_told(workers: Workers) -> None:
-    assert Witness(vanish, workers).wait() == LOST[1]
+    workers.close()  # also the one that waits, and has read what was there
+    assert Witness(functools.partial(count, 1), workers).wait() == Done(1)
 
 
 def test_progress_never_falls_though_a_search_starts_over() -> None:
@@ -129,20 +111,3 @@ def test_progress_never_falls_though_a_search_starts_over() -> None:
             shares.append(pace.share)
     assert shares == sorted(shares) and 0.4 < shares[9] <= 0.5 < shares[-1] < 1
     assert pace.left is not None and pace.left >= 0
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")
-def test_a_worker_that_is_begun_while_a_file_is_read_has_none_of_its_limits() -> None:
-    workers, results = Workers(), []
-    job = Job("", longest_file, workers, lambda job, result: results.append(result), lambda job, why: None)
-    before = longest_file(no_progress)
-    with room_for(1e9):
-        assert longest_file(no_progress) == 1e9
-        starting = Thread(target=job.start)
-        starting.start()
-        starting.join(0.3)
-    starting.join(PATIENCE)
-    assert job.over.wait(PATIENCE)
-    workers.close()
-    assert results == [before]

@@ -9,25 +9,29 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.signals.measurements import Smoothing
 from pendulum_env.backends.hardware.adapters import need
-from pendulum_env.recording import write_recording
+from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.words import name
 from tests import slow
 from tests.patience import PATIENCE, wait_until
 from tests.pendulum_env.rigs import Disturbed, EmulatedRig, Host
-from tests.workbench.app.plants import recorded
+from tests.workbench.app.plants import recorded, written
 from workbench.app import live, missing
+from workbench.app.following import Follower
 from workbench.app.live import Run, Setup
 from workbench.app.session import Session
 from workbench.app.sessions import Sessions
+from workbench.mistakes import InputError
+from workbench.processes import Worker
 
 LIMITS = {"torque": 4.0, "reply": 1.0, "gap": 2.0, "watchdog": 3.0}  # [N m], [s]; a busy machine is no fault here
 SERVER = """
 import sys, time
 from pathlib import Path
 from workbench.app.live import Run, Setup
-run = Run(Setup("dm1015b", "paper", None, (), 60.0, 1, rig=Path(sys.argv[1])))
-run.start()
+from workbench.processes import Worker
+run = Run(Setup("dm1015b", "paper", None, (), 60.0, 1, rig=Path(sys.argv[1])), Worker("rig"))
 while run.look().time < 0.3:
     time.sleep(0.02)
 print("running", flush=True)
@@ -38,18 +42,20 @@ while True:
 ID, OTHER = "0" * 32, "1" * 32
 
 
+def begun(*setup: object, **more: object) -> Run:
+    return Run(Setup(*setup, **more), Worker("live view"))  # type: ignore[arg-type]
+
+
 def finish(run: Run) -> None:
     wait_until(lambda: not run.look().running)
 
 
 def test_a_replay_plays_the_recording_and_knows_no_truth(tmp_path: Path) -> None:
     original = recorded("swing", 1, seconds=2.0)
-    write_recording(original, tmp_path / "swing.csv")
-    run = Run(Setup("replay", "paper", None, (), 60.0, 0, tmp_path / "swing.csv"))
-    run.start()
+    run = begun("replay", "paper", None, (), 60.0, 0, written(original, tmp_path).file)
     finish(run)
     look = run.look()
-    assert look.trouble == "" and look.truth == {} and look.identification is not None
+    assert look.trouble == "" and look.begun.truth == {} and look.identification is not None
     again = run.recording("again")
     np.testing.assert_array_equal(again.position, original.position[:-1])
     np.testing.assert_array_equal(again.torque, original.torque[:-1])
@@ -57,38 +63,40 @@ def test_a_replay_plays_the_recording_and_knows_no_truth(tmp_path: Path) -> None
 
 
 def test_a_stopped_run_is_over_and_keeps_what_it_measured() -> None:
-    run = Run(Setup("pymunk", "steps", 4.0, ("stribeck=0.4",), 60.0, 1))
-    run.start()
+    run = begun("pymunk", "steps", 4.0, ("stribeck=0.4",), 60.0, 1)
     wait_until(lambda: run.look().time >= 0.5)
     run.stop()
     look = run.look()
     assert not look.running and look.trouble == ""
-    assert {"inertia", "stribeck"} <= set(look.truth)
+    assert {"inertia", "stribeck"} <= set(look.begun.truth)
     recording = run.recording("stopped")
     assert recording.rate == pytest.approx(run.rate) and np.abs(recording.torque).max() < 4.5
     run.stop()  # twice does no harm
 
 
-def test_a_run_that_cannot_be_is_refused() -> None:
-    with pytest.raises(ValueError, match="unknown excitation"):
-        Run(Setup("pymunk", "noise", None, (), 10.0, 0))
-    with pytest.raises(ValueError, match="unknown backend"):
-        Run(Setup("rig", "paper", None, (), 10.0, 0))
-    with pytest.raises(ValueError, match="unknown effect"):
-        Run(Setup("pymunk", "paper", None, ("glue",), 10.0, 0))
+@pytest.mark.parametrize(
+    ("setup", "why"),
+    slow.but_first(
+        [
+            (("pymunk", "noise", None, ()), "unknown excitation"),
+            (("rig", "paper", None, ()), "unknown backend"),
+            (("pymunk", "paper", None, ("glue",)), "unknown effect"),
+            (("pymunk", "rl-rms", 3.0, ()), "bound of its own"),
+            (("pymunk", "rl-../../policy.npz", None, ()), "unknown excitation"),
+        ]
+    ),
+)
+def test_a_run_that_cannot_be_is_refused(setup: tuple[object, ...], why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        begun(*setup, 10.0, 0)
 
 
 def test_a_policy_drives_and_keeps_to_its_constraint() -> None:
-    run = Run(Setup("pymunk", "rl-peak", None, (), 2.0, 1))
-    run.start()
+    run = begun("pymunk", "rl-peak", None, (), 2.0, 1)
     finish(run)
     assert run.look().trouble == ""
     torque = run.recording("learnt").torque
     assert np.abs(torque).max() == pytest.approx(6.0, abs=0.2) and np.std(torque) > 3.0
-    with pytest.raises(ValueError, match="bound of its own"):
-        Run(Setup("pymunk", "rl-rms", 3.0, (), 10.0, 0))
-    with pytest.raises(ValueError, match="unknown excitation"):
-        Run(Setup("pymunk", "rl-../../policy.npz", None, (), 10.0, 0))
 
 
 # ------------------------------------------------------------------------------------------------ the rig
@@ -107,8 +115,7 @@ def rig(tmp_path: Path) -> Iterator[EmulatedRig]:
 
 def driving(session: Session, excitation: str = "paper") -> Run:
     """A run of the session that moves its motor."""
-    session.run = run = Run(Setup("dm1015b", excitation, None, (), 60.0, 1, rig=session.rig))
-    run.start()
+    session.run = run = begun("dm1015b", excitation, None, (), 60.0, 1, rig=session.rig)
     wait_until(lambda: run.look().time > 0.3 or not run.look().running)
     if not run.look().running:
         raise Disturbed(run.look().trouble)
@@ -137,8 +144,8 @@ def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done
     session = sessions.of(ID)
     run = driving(session, excitation)
     wait_until(lambda: run.look().time > 1.0)  # by then either has asked for more than is allowed
-    assert run.look().remark == "torque is cut at 4 N m (limits.torque), 6 were asked for"
-    assert run.look().truth == {} and not is_off(rig)
+    assert run.look().begun.remark == "torque is cut at 4 N m (limits.torque), 6 were asked for"
+    assert run.look().begun.truth == {} and not is_off(rig)
 
     class Work:
         running = True
@@ -232,46 +239,37 @@ def test_the_rig_has_no_torque_once_the_server_is_killed(rig: EmulatedRig) -> No
 # ------------------------------------------------------------------------------------------------ what is missing
 
 
-def followed(run: Run, seconds: float, first: float = 0.0) -> None:
-    """Let a run be followed as fast as this computer can, not in real time: by the rows that its environment gives."""
-    rng, rate = np.random.default_rng(0), run.rate
+def follower_of(seconds: float) -> Follower:
+    """What follows a run of a pendulum with an offset of its torque, as fast as this computer can."""
+    follower = Follower(live.RATE, Smoothing.of_encoder(COUNTS, live.RATE))
     hidden = Plant(effects={"torque_offset": {"offset": 0.4}})
-    (seen,) = simulate([(hidden, Experiment(rate=rate, seconds=seconds, torque_noise=0.05, seed=int(rng.integers(9))))])
-    late = seen.time >= first
-    run.follower.take(list(zip(seen.time[late], seen.position[late], seen.torque[late], strict=True)))
+    (seen,) = simulate([(hidden, Experiment(rate=live.RATE, seconds=seconds, torque_noise=0.05, seed=7))])
+    follower.take(list(zip(seen.time, seen.position, seen.torque, strict=True)))
+    return follower
 
 
 def test_what_is_missing_is_alarmed_about_added_and_taken_out() -> None:
-    run = Run(Setup("pymunk", "paper", None, (), 10.0, 1))
     with pytest.raises(ValueError, match="has not been tried yet"):
-        run.follower.add("torque_offset")
-    followed(run, 8.0)
-    now = run.follower.look()
+        follower_of(0.1).add("torque_offset")
+    follower = follower_of(8.0)
+    now = follower.look()
     assert now.said.kind == "missing" and "torque_offset" in now.said.group
     assert now.events[0].alarm and now.course[-1][1] > now.said.threshold
+    figure = missing.course(now, 8.0)
+    low, high = figure.layout["yaxis"]["range"]
+    assert all(low <= value <= high for value in figure.data[0]["y"]) and len(now.course) >= 3
+    assert figure.layout["annotations"][0]["text"].startswith("missing: ")
     with pytest.raises(ValueError, match="effect that is run"):
-        run.follower.add("<script>")
+        follower.add("<script>")
     leader, other = now.said.group[0], next(one.effect for one in now.said.ranking if one.effect != now.said.group[0])
     assert missing.told(now, True)[2:4] == (f"Add {name(leader)}", leader)
-    run.follower.add(other)  # what the page has shown before another led
-    assert run.follower.look().said.added == (other,)
-    verdict, _, _, _, no_add, no_undo = missing.told(run.follower.look(), True)
+    follower.add(other)  # what the page has shown before another led
+    assert follower.look().said.added == (other,)
+    verdict, _, _, _, no_add, no_undo = missing.told(follower.look(), True)
     assert "base + " in verdict and no_add and not no_undo
-    run.follower.undo()
-    assert run.follower.look().said.added == ()
-    texts = [event.text.partition(":")[0] for event in run.follower.look().events]
+    follower.undo()
+    assert follower.look().said.added == ()
+    texts = [event.text.partition(":")[0] for event in follower.look().events]
     assert texts == ["missing", "added", "taken out"]
     with pytest.raises(ValueError, match="no effect was added"):
-        run.follower.undo()
-    run.stop()
-
-
-def test_the_time_line_shows_alarms_and_stays_within_its_range() -> None:
-    run = Run(Setup("pymunk", "paper", None, (), 10.0, 1))
-    followed(run, 8.0)
-    figure = missing.course(run.follower.look(), 8.0)
-    values = figure.data[0]["y"]
-    low, high = figure.layout["yaxis"]["range"]
-    assert all(low <= value <= high for value in values) and len(values) >= 3
-    assert figure.layout["annotations"][0]["text"].startswith("missing: ")
-    run.stop()
+        follower.undo()

@@ -25,31 +25,30 @@ from pendulum_env.recording.study import read_sources
 from tests import slow
 from tests.cases import diagnosed
 from tests.patience import PATIENCE
-from tests.workbench.app.plants import recorded
+from tests.workbench.app.plants import files_of, loaded, recorded, upload, url, written
 
 pytest.importorskip("dash")
 
 from dash import html
 from plotly.utils import PlotlyJSONEncoder
 
-from workbench.app import sessions as sessions_module
+from workbench.app import state as state_module
 from workbench.app import uploads
 from workbench.app.brushing import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.layout import story_so_far
 from workbench.app.mapping import Choice
+from workbench.app.parts import UNWRAP
 from workbench.app.recorder import options
 from workbench.app.server import make_app
 from workbench.app.session import Session
 from workbench.app.sessions import Sessions
-from workbench.app.stages import STAGES, compare, data, export
+from workbench.app.stages import STAGES, compare, data, export, live
 from workbench.app.stages import add as adding
 from workbench.app.stages.export import commands, snippet
-from workbench.app.stages.live import show as show_live
 from workbench.app.state import Loaded, State
-from workbench.app.uploads import safe_name
+from workbench.app.uploads import safe_name, unpack
 from workbench.cli import main
 from workbench.mistakes import InputError
-from workbench.report.sections.schemes import schemes
 
 IDS = ["0" * 32, "1" * 32, "2" * 32]
 HOSTILE = [
@@ -74,28 +73,21 @@ def swing() -> Recording:
 
 @pytest.fixture
 def session(tmp_path: Path) -> Session:
-    folder = tmp_path / "session"
-    folder.mkdir()
-    return Session(folder)
-
-
-def upload(session: Session, name: str, content: bytes) -> None:
-    data = f"data:application/octet-stream;base64,{base64.b64encode(content).decode()}"
-    session.act(lambda: session.receive([(name, data)], unwrap=False))
+    return Session(tmp_path / "session")
 
 
 @pytest.fixture(scope="module")
 def state(swing: Recording) -> State:
-    return State.of([Loaded(Path("swing.csv"), swing)])
+    return State((loaded(swing),))
 
 
 # ------------------------------------------------------------------------------------------------ files
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_an_upload_lies_in_the_folder_of_its_session_whatever_its_name(session: Session, name: str) -> None:
-    file = session.place(name)
-    assert file.resolve().parent == session.folder.resolve()
+def test_an_upload_lies_in_its_folder_whatever_its_name(tmp_path: Path, name: str) -> None:
+    file = unpack(tmp_path, name, url(b"x"))
+    assert file.resolve().parent == tmp_path.resolve() and file.read_bytes() == b"x"
     assert len(file.name.encode()) < 200 and file.name.isprintable()
 
 
@@ -113,22 +105,22 @@ def test_a_broken_file_is_named_without_the_folder_and_does_not_stay(
     monkeypatch.chdir(tmp_path)
     assert main(["identify", "broken.csv"]) == 2
     assert capsys.readouterr().err == f"pendulum-ident: {session.notice}\n"
-    assert list(session.folder.iterdir()) == [] and session.state.loaded == ()
+    assert files_of(session) == [] and session.state.loaded == ()
 
 
-def test_a_broken_file_does_not_cost_the_undo_of_a_removal(session: Session, swing: Recording, tmp_path: Path) -> None:
-    write_recording(swing, tmp_path / "swing.csv")
-    content = (tmp_path / "swing.csv").read_bytes()
+def test_a_file_of_the_name_of_a_removed_one_does_not_cost_its_undo(
+    session: Session, swing: Recording, tmp_path: Path
+) -> None:
+    content = written(swing, tmp_path).file.read_bytes()
     upload(session, "swing.csv", content)
     session.act(lambda: session.remove("swing.csv"))
     upload(session, "swing.csv", b"time,position,torque\n0,0,0\n0.001,nan,0\n")
     assert session.notice.startswith("swing.csv: ") and session.last_change == "remove swing"
-    session.act(session.undo)
-    assert session.notice == "" and [one.file.read_bytes() for one in session.state.loaded] == [content]
-    assert [file.name for file in tmp_path.iterdir() if file.is_dir()] == ["session"]
-    session.act(lambda: session.remove("swing.csv"))
     upload(session, "swing.csv", content)
-    assert session.notice == "" and session.last_change == "load swing"
+    session.act(session.undo)
+    session.act(session.undo)
+    assert session.notice == "" and [one.source.file.read_bytes() for one in session.state.loaded] == [content]
+    assert files_of(session) == ["swing.csv"]
 
 
 def test_nothing_is_unpickled(session: Session, tmp_path: Path) -> None:
@@ -138,7 +130,7 @@ def test_nothing_is_unpickled(session: Session, tmp_path: Path) -> None:
 
     np.savez(tmp_path / "bomb.npz", time=np.array([Bomb()], dtype=object), position=[0.0], torque=[0.0])
     upload(session, "bomb.npz", (tmp_path / "bomb.npz").read_bytes())
-    assert "no NPZ archive (Object arrays cannot be loaded" in session.notice
+    assert "(Object arrays cannot be loaded" in session.notice
     upload(session, "bomb.csv", pickle.dumps(Bomb()))
     assert session.notice.startswith("bomb.csv: ")
     assert not (tmp_path / "boom").exists()
@@ -149,8 +141,7 @@ def test_uploads_that_are_too_large_or_damaged_are_refused(session: Session, mon
     upload(session, "run.csv", b"x" * 1001)
     assert "larger than" in session.notice
     session.act(lambda: session.receive([("run.csv", "data:text/csv;base64,!!!!")], unwrap=False))
-    assert "did not arrive whole" in session.notice
-    assert list(session.folder.iterdir()) == []
+    assert "did not arrive whole" in session.notice and files_of(session) == []
 
 
 @pytest.mark.parametrize("ending", [".csv.gz", ".npz", ".parquet"])
@@ -159,32 +150,28 @@ def test_packed_files_that_hold_too_much_are_refused_unread(
 ) -> None:
     file = tmp_path / f"run{ending}"
     write_recording(swing, file)
-    monkeypatch.setattr(uploads, "UNPACKED", 24 * len(swing) - 1)
+    monkeypatch.setattr(state_module, "UNPACKED", 24 * len(swing) - 1)
     upload(session, file.name, file.read_bytes())
     assert "allow more by --max-size" in session.notice and session.state.loaded == ()
-    monkeypatch.setattr(uploads, "UNPACKED", 10_000_000)
+    monkeypatch.setattr(state_module, "UNPACKED", 10_000_000)
     upload(session, file.name, file.read_bytes())
     assert session.notice == "" and len(session.state.loaded) == 1
 
 
 def test_of_several_files_those_that_can_be_read_stay(session: Session, swing: Recording, tmp_path: Path) -> None:
-    write_recording(swing, tmp_path / "good.csv")
-    files = {"good.csv": (tmp_path / "good.csv").read_bytes(), "bad.csv": b"1,2,3", "worse.txt": b""}
-    uploads = [(name, f"data:;base64,{base64.b64encode(content).decode()}") for name, content in files.items()]
-    session.act(lambda: session.receive([*uploads, uploads[0]], unwrap=False))
-    assert [one.file.name for one in session.state.loaded] == ["good.csv"]
+    good = written(replace(swing, name="good"), tmp_path).file.read_bytes()
+    files = [(name, url(content)) for name, content in (("good.csv", good), ("bad.csv", b"1,2,3"), ("worse.txt", b""))]
+    session.act(lambda: session.receive([*files, files[0]], unwrap=False))
+    assert [one.id for one in session.state.loaded] == files_of(session) == ["good.csv"]
     assert all(f"{name}: " in session.notice for name in ("bad.csv", "worse.txt", "good.csv"))
     assert session.notice.count("; ") == 2 and str(session.folder) not in session.notice
-    assert [file.name for file in session.folder.iterdir()] == ["good.csv"]
 
 
 def test_the_page_says_where_it_undoes_jumps(session: Session, swing: Recording, tmp_path: Path) -> None:
-    write_recording(replace(swing, position=np.mod(swing.position, 2 * np.pi)), tmp_path / "swing.csv")
-    content = (tmp_path / "swing.csv").read_bytes()
+    content = written(replace(swing, position=np.mod(swing.position, 2 * np.pi)), tmp_path).file.read_bytes()
     upload(session, "swing.csv", content)
-    assert f"tick '{uploads.UNWRAP}' and load it again" in session.notice and "unwrap" not in session.notice
-    assert uploads.UNWRAP in str(data.show(session))
-    session.act(lambda: session.receive([("swing.csv", f"data:;base64,{base64.b64encode(content).decode()}")], True))
+    assert "unwrap" in session.notice and UNWRAP.startswith("unwrap") and UNWRAP in str(data.show(session))
+    session.act(lambda: session.receive([("swing.csv", url(content))], unwrap=True))
     assert session.notice == "" and len(session.state.loaded) == 1
 
 
@@ -202,15 +189,15 @@ def test_a_file_whose_columns_are_not_clear_waits_for_a_person_to_name_them(sess
     upload(session, "run.csv", servo(swing))
     (card,) = session.cards
     assert session.notice == "" and session.state.loaded == ()
-    assert session.plain(card.why).startswith("run.csv: no column for time, torque among") and card.seconds is None
-    assert "--columns" not in session.plain(card.why) and "no numbers" in str(data.show(session))
+    assert card.why.startswith("run.csv: no column for time, torque among") and card.seconds is None
+    assert "no numbers" in str(data.show(session))
     session.act(lambda: session.answer(card.told([Choice(), *SERVO[1:]], False, (None, None))))
     assert "no column for time" in session.cards[0].why and session.cards[0].choices[3] == SERVO[3]
     session.act(lambda: session.answer(card.told(SERVO, False, (None, None))))
-    (loaded,) = session.state.loaded
+    (one,) = session.state.loaded
     assert session.cards == () and session.state.ladder
     for quantity in ("time", "position", "torque"):
-        np.testing.assert_allclose(getattr(loaded.recording, quantity), getattr(swing, quantity), atol=1e-6)
+        np.testing.assert_allclose(getattr(one.recording, quantity), getattr(swing, quantity), atol=1e-6)
 
 
 def test_what_the_card_says_is_what_the_command_line_says(
@@ -230,7 +217,7 @@ def test_what_the_card_says_is_what_the_command_line_says(
     ):
         session.act(lambda wrong=wrong: session.answer(session.cards[0].told([*SERVO[:3], wrong], False, (None, None))))
         assert main(["identify", "run.csv", f"--columns=time=clock:ms,position=-motor angle:deg/6,{told}"]) == 2
-        assert capsys.readouterr().err == f"pendulum-ident: {session.plain(session.cards[0].why)}\n"
+        assert capsys.readouterr().err == f"pendulum-ident: {session.cards[0].why}\n"
 
 
 def test_what_is_said_of_one_file_holds_for_those_that_wait_with_the_same_columns(
@@ -240,17 +227,17 @@ def test_what_is_said_of_one_file_holds_for_those_that_wait_with_the_same_column
     for name, content in (("a.csv", servo(swing)), ("other.csv", other), ("b.csv", servo(swing))):
         upload(session, name, content)
     session.act(lambda: session.answer(session.cards[0].told(SERVO, False, (None, None))))
-    assert [one.file.name for one in session.state.loaded] == ["a.csv", "b.csv"]
-    assert [card.file.name for card in session.cards] == ["other.csv"]
-    session.act(session.let_go)
-    assert session.cards == () and sorted(file.name for file in session.folder.iterdir()) == ["a.csv", "b.csv"]
+    assert [one.id for one in session.state.loaded] == ["a.csv", "b.csv"]
+    assert [card.source.file.name for card in session.cards] == ["other.csv"]
+    session.act(lambda: setattr(session, "cards", ()))
+    assert files_of(session) == ["a.csv", "b.csv"]
 
 
 def test_columns_of_a_loaded_recording_can_be_named_anew_over_a_range(
     session: Session, swing: Recording, tmp_path: Path
 ) -> None:
-    write_recording(replace(swing, velocity=np.gradient(swing.position, swing.time)), tmp_path / "swing.csv")
-    upload(session, "swing.csv", (tmp_path / "swing.csv").read_bytes())
+    file = written(replace(swing, velocity=np.gradient(swing.position, swing.time)), tmp_path).file
+    upload(session, "swing.csv", file.read_bytes())
     session.act(lambda: session.ask("swing.csv"))
     (card,) = session.cards
     roles = dict(zip(card.preview.headers, card.choices, strict=True))
@@ -258,10 +245,10 @@ def test_columns_of_a_loaded_recording_can_be_named_anew_over_a_range(
     roles |= {"velocity": Choice(), "torque": Choice("torque", "", "*2")}
     asked = card.told([roles[name] for name in card.preview.headers], False, (2.0, None))
     session.act(lambda: session.answer(asked))
-    (loaded,) = session.state.loaded
+    (one,) = session.state.loaded
     kept = swing.time - swing.time[0] >= 2.0 - 1e-9
-    assert loaded.recording.velocity is None
-    np.testing.assert_allclose(loaded.recording.torque, 2 * swing.torque[kept], atol=1e-9)
+    assert one.recording.velocity is None
+    np.testing.assert_allclose(one.recording.torque, 2 * swing.torque[kept], atol=1e-9)
 
 
 def test_two_columns_cannot_have_one_role(session: Session, swing: Recording) -> None:
@@ -281,12 +268,8 @@ def test_a_study_tells_in_another_session_what_was_said_in_this_one(
     (tmp_path / "study.toml").write_text(session.study())
     (source,) = read_sources(tmp_path / "study.toml")
     assert source.role == "holdout" and source.range == (1.0, 6.0)
-    (tmp_path / "elsewhere").mkdir()
     second = Session(tmp_path / "elsewhere")
-    files = [
-        (name, f"data:;base64,{base64.b64encode((tmp_path / name).read_bytes()).decode()}")
-        for name in ("run.csv", "study.toml")
-    ]
+    files = [(name, url((tmp_path / name).read_bytes())) for name in ("run.csv", "study.toml")]
     second.act(lambda: second.receive(files, unwrap=False))
     assert second.notice == "" and second.study() == session.study()
     np.testing.assert_array_equal(second.state.loaded[0].recording.torque, source.read().torque)
@@ -296,51 +279,33 @@ def test_a_study_tells_in_another_session_what_was_said_in_this_one(
 
 
 def test_a_study_may_use_several_ranges_of_a_file(session: Session, swing: Recording, tmp_path: Path) -> None:
-    write_recording(swing, tmp_path / "swing.csv")
     parts = (("fit", 0, 6), ("holdout", 6, 9))
     study = "".join(f'[[recording]]\nfile="runs/swing.csv"\nrole="{role}"\nrange=[{a},{b}]\n' for role, a, b in parts)
-    contents = {"swing.csv": (tmp_path / "swing.csv").read_bytes(), "study.toml": study.encode()}
-    files = [(name, f"data:;base64,{base64.b64encode(content).decode()}") for name, content in contents.items()]
-    session.act(lambda: session.receive(files, unwrap=False))
+    contents = {"swing.csv": written(swing, tmp_path).file.read_bytes(), "study.toml": study.encode()}
+    session.act(lambda: session.receive([(name, url(one)) for name, one in contents.items()], unwrap=False))
     assert session.notice == "" and [one.held_out for one in session.state.loaded] == [False, True]
+    assert [one.id for one in session.state.loaded] == ["swing.csv", "swing.csv (2)"]
     assert session.state.seconds == pytest.approx(9.0, abs=0.01)
-    wrong = [("study.toml", f"data:;base64,{base64.b64encode(b'[[recording]]').decode()}")]
-    session.act(lambda: session.receive(wrong, unwrap=False))
-    assert session.notice.startswith("study.toml, line 1: a recording needs its file")
+    (tmp_path / "study.toml").write_text(session.study())
+    assert [source.range for source in read_sources(tmp_path / "study.toml")] == [(0, 6), (6, 9)]
+    upload(session, "study.toml", b"[[recording]]")
+    assert session.notice.startswith("study.toml, recording 1: a recording needs its file")
 
 
-def test_what_the_session_began_with_is_a_copy(swing: Recording, tmp_path: Path) -> None:
-    original = tmp_path / "swing.csv"
-    write_recording(swing, original)
-    sessions = Sessions([Source(original)])
-    session = sessions.of(IDS[0])
-    assert session.state.added == () and len(session.state.ladder) == 1
-    session.act(lambda: session.remove("swing.csv"))
-    assert session.state.loaded == () and original.exists()
-    sessions.close()
-
-
-def test_what_the_session_begins_with_is_read_as_the_user_asked(swing: Recording, tmp_path: Path) -> None:
-    path = tmp_path / "swing.csv"
-    write_recording(swing, path)
-    path.write_text(path.read_text().replace("position", "Winkel"))
-    sessions = Sessions([Source(path, columns={"position": "Winkel"})])
-    (loaded,) = sessions.of(IDS[0]).state.loaded
-    np.testing.assert_allclose(loaded.recording.position, swing.position)
-    sessions.close()
-
-
-def test_what_the_session_begins_with_is_asked_about_where_columns_are_not_clear(
+def test_what_a_session_begins_with_is_read_as_the_user_asked_and_left_where_it_is(
     swing: Recording, tmp_path: Path
 ) -> None:
-    path = tmp_path / "swing.csv"
-    write_recording(swing, path)
-    path.write_text(path.read_text().replace("position", "Winkel"))
-    sessions = Sessions([Source(path)])
+    source = written(swing, tmp_path)
+    source.file.write_text(source.file.read_text().replace("position", "Winkel"))
+    sessions = Sessions([replace(source, columns={"position": "Winkel"})])
     session = sessions.of(IDS[0])
-    assert session.notice == "" and session.state.loaded == ()
-    (card,) = session.cards
-    assert card.file.parent == session.folder and "Winkel" in card.preview.headers and path.exists()
+    np.testing.assert_allclose(session.state.loaded[0].recording.position, swing.position)
+    session.act(lambda: session.remove("swing.csv"))
+    assert session.state.loaded == () and source.file.exists()
+    sessions.close()
+    sessions = Sessions([source])  # it is asked about where columns are not clear
+    session = sessions.of(IDS[0])
+    assert session.notice == "" and session.state.loaded == () and "Winkel" in session.cards[0].preview.headers
     sessions.close()
 
 
@@ -355,56 +320,41 @@ def late() -> Recording:
 def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(
     session: Session, late: Recording
 ) -> None:
-    session.state = State.of([Loaded(session.folder / "late.csv", late)])
+    session.state = State((loaded(late),))
     said = str(data.show(session))
     assert "Torque is logged " in said and "ms late" in said and "id='align'" in said
     before = session.state
-    session.act(lambda: session.align(True))
-    after = session.state
+    session.state = after = before.anew(is_aligned=True)
     assert "corrected in all that follows" in str(data.show(session))
     errors = [one.ladder[-1].errors["holdout"].torque_rms for one in (before, after)]
     assert errors[1] < 1.15 * after.told.noise_floor < 0.5 * errors[0]
-    session.act(lambda: session.keep(Loaded(session.folder / "again.csv", late, held_out=True)))
-    assert session.state.is_aligned and all("aligned: " in one.recording.notes[-1] for one in session.state.loaded)
-    session.act(lambda: session.align(False))
-    assert [one.recording for one in session.state.loaded] == [late, late] and session.state.corrected == ()
+    session.act(lambda: session.keep(loaded(replace(late, name="again"), held_out=True)))
+    assert session.state.is_aligned and all("aligned: " in one.notes[-1] for one in session.state.recordings)
+    assert session.state.anew(is_aligned=False).recordings == [one.recording for one in session.state.loaded]
 
 
 def test_what_is_in_time_is_not_spoken_of(session: Session, state: State) -> None:
     session.state = state
     assert "in time" not in str(data.show(session))
-    session.act(lambda: session.align(True))
-    assert session.state.corrected == () and session.state.loaded[0].recording is state.loaded[0].recording
+    aligned = state.anew(is_aligned=True)
+    assert aligned.recordings[0] is state.loaded[0].recording
 
 
 def test_a_model_file_gives_the_terms_that_stay_with_other_recordings(
     session: Session, state: State, swing: Recording, tmp_path: Path
 ) -> None:
     def begin(content: str) -> None:
-        data = f"data:application/json;base64,{base64.b64encode(content.encode()).decode()}"
-        session.act(lambda: session.begin_from("../my model.json", data))
+        session.act(lambda: session.begin_from("../my model.json", url(content.encode())))
 
     begin("{}")
     assert session.notice == "my model.json: this is not a model: 'schema' should be pendulum-ident/model@1"
     begin(json.dumps(state.model.add(Stribeck(0.5)).json()))
-    assert session.notice == "" and list(session.folder.iterdir()) == []
-    write_recording(swing, tmp_path / "swing.csv")
-    upload(session, "swing.csv", (tmp_path / "swing.csv").read_bytes())
+    assert session.notice == "" and files_of(session) == [] and session.last_change == "start from my model.json"
+    upload(session, "swing.csv", written(swing, tmp_path).file.read_bytes())
     assert session.state.model.effects == ("stribeck",) and session.state.added == ()
 
 
 # ------------------------------------------------------------------------------------------------ sessions
-
-
-def test_sessions_are_apart_and_the_oldest_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sessions_module, "MOST_SESSIONS", 2)
-    sessions = Sessions()
-    first, second = sessions.of(IDS[0]), sessions.of(IDS[1])
-    assert first is sessions.of(IDS[0]) and first is not second and first.folder != second.folder
-    sessions.of(IDS[2])
-    assert not second.folder.exists() and first.folder.exists()
-    sessions.close()
-    assert not first.folder.exists()
 
 
 def test_a_session_that_is_still_reading_its_recordings_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -417,7 +367,7 @@ def test_a_session_that_is_still_reading_its_recordings_holds_up_no_other(monkey
         assert read.wait(PATIENCE)
         self.notice = "read"
 
-    monkeypatch.setattr(Session, "copy", slow)
+    monkeypatch.setattr(Session, "load", slow)
     sessions._initial = (Source(Path("swing.csv")),)
     with ThreadPoolExecutor(2) as pool:
         first = pool.submit(sessions.of, IDS[1])
@@ -437,11 +387,7 @@ def test_nothing_is_done_while_a_job_works_on_the_state(session: Session) -> Non
     session.job = Slow()  # type: ignore[assignment]
     upload(session, "run.csv", b"")
     assert session.notice == "wait for what is running, or cancel it first"
-    assert list(session.folder.iterdir()) == []
-    late = Slow()
-    session.finish(late, lambda: pytest.fail("of a job that was let go of"))  # type: ignore[arg-type]
-    session.finish(session.job, lambda: setattr(session, "notice", "done"))
-    assert session.notice == "done" and not session.busy()
+    assert session.state.loaded == ()
 
 
 @pytest.mark.parametrize("id", [None, "", "../../etc", "0" * 31, "0" * 33, "A" * 32, {"a": 1}])
@@ -464,34 +410,18 @@ def test_only_this_computer_is_answered() -> None:
     assert "https://" not in page.text and "http://" not in page.text.replace("http://www.w3.org", "")
     assert client.get("/assets/../server.py").status_code == 404
     assert client.get("/assets/%2e%2e/server.py").status_code == 404
-    bench.close()
+    bench.sessions.close()
 
 
 def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path: Path) -> None:
     def offered(session: Session) -> str:
-        return json.dumps(show_live(session), cls=PlotlyJSONEncoder)
+        return json.dumps(live.show(session), cls=PlotlyJSONEncoder)
 
-    named, plain = Session(tmp_path, tmp_path / "rig.toml"), Session(tmp_path)
+    named, plain = Session(tmp_path, rig=tmp_path / "rig.toml"), Session(tmp_path)
     assert '"dm1015b"' in offered(named) and '"dm1015b"' not in offered(plain)
-    bench = make_app()
-    names = ["backend", "excitation", "effect", "amplitude", "seconds", "replay"]
-    values = ["dm1015b", "paper", "", None, 10, str(tmp_path / "rig.toml")]
-    ask = {
-        "output": next(key for key, of in bench.app.callback_map.items() if of["inputs"][0]["id"] == "live-start"),
-        "outputs": {"id": "version", "property": "data"},
-        "inputs": [{"id": "live-start", "property": "n_clicks", "value": 1}],
-        "changedPropIds": ["live-start.n_clicks"],
-        "state": [
-            *({"id": f"live-{name}", "property": "value", "value": v} for name, v in zip(names, values, strict=True)),
-            {"id": "session", "property": "data", "value": IDS[0]},
-        ],
-    }
-    client = bench.app.server.test_client()
-    client.get("/_dash-layout")
-    assert client.post("/_dash-update-component", json=ask).status_code == 200
-    assert bench.sessions.of(IDS[0]).notice.startswith("there is no rig here")
-    assert bench.sessions.of(IDS[0]).run is None
-    bench.close()
+    chosen = dict(zip(live.FORM, ("dm1015b", "paper", "", None, 10, str(tmp_path / "rig.toml")), strict=True))
+    with pytest.raises(InputError, match="there is no rig here"):
+        live._setup(plain, 1, chosen)
 
 
 def test_a_rig_that_is_not_described_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -500,13 +430,9 @@ def test_a_rig_that_is_not_described_is_one_line(tmp_path: Path, capsys: pytest.
     assert "none.toml: cannot be read" in error and error.count("\n") == 1
 
 
-def test_a_recording_by_a_policy_is_the_command_lines_own() -> None:
-    words = options("rl-rms", 10, "", None, 0)
-    assert {"--excitation=rl", "--policy=rms"} <= set(words)
+def test_a_form_becomes_options_and_cannot_pass_for_others() -> None:
+    assert {"--excitation=rl", "--policy=rms"} <= set(options("rl-rms", 10, "", None, 0))
     assert "--excitation=rl-/tmp/own.npz" in options("rl-/tmp/own.npz", 10, "", None, 0)  # which knows no such name
-
-
-def test_a_form_cannot_pass_for_options() -> None:
     words = options("paper", 20, "stribeck=0.4 --output=elsewhere.csv", None, 3)
     assert all(word.count("--") <= 1 or word.startswith("--effect=") for word in words)
     assert words[-1] == "--seed=3"
@@ -517,29 +443,29 @@ def test_a_form_cannot_pass_for_options() -> None:
 # ------------------------------------------------------------------------------------------------ states
 
 
-def test_nothing_can_be_fitted_where_everything_is_held_out(state: State) -> None:
-    held = State.of([replace(state.loaded[0], held_out=True)])
+def test_nothing_can_be_fitted_where_everything_is_held_out(swing: Recording) -> None:
+    held = State((loaded(swing, held_out=True),))
     assert held.ladder == () and "every recording is held out" in held.trouble
 
 
 def test_adding_and_undoing_end_where_they_began(state: State) -> None:
     addition = add(state.model, "stribeck", state.train)
-    grown = state.grown(addition)
+    grown = state.with_step(addition)
     assert grown.added == ("stribeck",)
     assert grown.model == addition.after.model
     assert grown.told.selected == ("stribeck",)
-    back = grown.undone()
-    assert back.added == () and back.undone() is back
+    back = grown.without_step()
+    assert back.added == () and back.without_step() is back
     assert back.model.theta == pytest.approx(state.model.theta, rel=1e-9)
 
 
 def test_the_report_tells_the_diagnosis_until_the_ladder_leaves_it(state: State, worked: dict[str, State]) -> None:
     assert state.told.candidates == () and state.told.unexplained
     grown = worked["paper"]
-    diagnosed = grown.undone()
+    diagnosed = grown.without_step()
     assert diagnosed.told.selected == diagnosed.found == ("stribeck",)
     assert grown.found == () and grown.told.steps == grown.ladder and not grown.told.unexplained
-    astray = diagnosed.grown(add(state.model, "quadratic_drag", state.train))
+    astray = diagnosed.with_step(add(state.model, "quadratic_drag", state.train))
     assert astray.astray and astray.found == ()
     assert astray.told.selected == ("quadratic_drag",) and astray.told.unexplained
 
@@ -548,11 +474,11 @@ def test_the_report_tells_the_diagnosis_until_the_ladder_leaves_it(state: State,
 def worked(state: State) -> dict[str, State]:
     """States with a diagnosis and its effect added: from the paper's terms, and from a model file with one more."""
     drag = add(state.model, "quadratic_drag", state.train).after.model
-    begun = State.of(state.loaded, drag.terms, "start.json")
+    begun = state.anew(terms=drag.terms, model_file="start.json")
     states = {}
     for name, one in (("paper", state), ("file", begun)):
-        named = one.diagnosed(diagnosed(one.train, base=one.terms), one.ladder)
-        states[name] = named.grown(add(one.model, "stribeck", one.train))
+        named = one.diagnosed(diagnosed(one.train, base=one.terms))
+        states[name] = named.with_step(add(one.model, "stribeck", one.train))
     return states
 
 
@@ -579,7 +505,10 @@ def test_the_command_line_comes_to_the_same_model(at_work: State) -> None:
 
 
 @pytest.mark.slow
-def test_the_python_snippet_comes_to_the_same_model(at_work: State) -> None:
+def test_the_python_snippet_imports_what_it_uses_and_comes_to_the_same_model(at_work: State) -> None:
+    tree = ast.parse(snippet(at_work))
+    imported = {alias.name for node in tree.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert imported <= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     exec(snippet(at_work), {})
     assert Model.load("model.json").theta == pytest.approx(at_work.model.theta, rel=1e-6)
 
@@ -588,32 +517,16 @@ def test_the_python_snippet_comes_to_the_same_model(at_work: State) -> None:
 def test_where_identify_fits_more_than_the_workbench_the_page_says_so(
     session: Session, swing: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held_out: bool
 ) -> None:
-    loaded = [Loaded(Path("swing.csv"), swing)]
-    if held_out:
-        loaded.append(Loaded(Path("check.csv"), recorded("check", 2, 4.0), held_out=True))
-    session.state = State.of(loaded)
-    for one in loaded:
-        write_recording(one.recording, tmp_path / one.file)
+    recordings = [swing, recorded("check", 2, 4.0)][: 1 + held_out]
+    for recording in recordings:
+        written(recording, tmp_path)
+    session.state = State(tuple(loaded(one, held_out=one is not swing) for one in recordings))
     monkeypatch.chdir(tmp_path)
     (line,) = commands(session.state).splitlines()
     assert main(shlex.split(line)[1:]) == 0
     agrees = Model.load("model.json").theta == pytest.approx(session.state.model.theta, rel=1e-6)
     assert agrees == held_out
     assert (export.WHOLE in str(export.show(session))) == (not agrees)
-
-
-def test_the_snippet_imports_what_it_uses(
-    state: State, worked: dict[str, State], swing: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    grown = state.grown(add(state.model, "stribeck", state.train))
-    for one in (state, grown, *worked.values()):
-        tree = ast.parse(snippet(one))
-        imported = {alias.name for node in tree.body if isinstance(node, ast.ImportFrom) for alias in node.names}
-        assert imported <= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-    write_recording(swing, tmp_path / "swing.csv")
-    monkeypatch.chdir(tmp_path)
-    exec(snippet(grown), {})
-    assert Model.load("model.json").theta == pytest.approx(grown.model.theta, rel=1e-6)
 
 
 def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(
@@ -624,7 +537,7 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(
     upload(session, "check.csv", servo(late))
     session.act(lambda: session.answer(session.cards[0].told(SERVO, False, (6.0, None))))
     session.act(lambda: session.hold_out("check.csv", True))
-    session.act(lambda: session.align(True))
+    session.state = session.state.anew(is_aligned=True)
     for file in ("run.csv", "check.csv"):
         (tmp_path / file).write_bytes(servo(late))
     (tmp_path / "study.toml").write_text(session.study())
@@ -647,7 +560,7 @@ def test_what_no_effect_explains_is_said_where_effects_are_added(worked: dict[st
     assert adding.settled(grown) == "All that the diagnosis calls for is in the model."
     left = (Region("velocity", -1.0, 1.0, 0.1, 5.0, "the velocity is slow"),)
     some = replace(grown, diagnosis=replace(grown.diagnosis, unexplained=left))
-    none = replace(some.undone(), diagnosis=replace(some.diagnosis, steps=grown.ladder[:1]))
+    none = replace(some.without_step(), diagnosis=replace(some.diagnosis, steps=grown.ladder[:1]))
     assert adding.settled(some).endswith("in the model, but something is left that no effect of the library explains.")
     assert adding.settled(none) == "Something is left that no effect of the library explains."
 
@@ -668,12 +581,6 @@ def test_every_effect_has_a_picture_beside_the_residual(session: Session, worked
     assert drawn.startswith("<svg") and drawn.count("<polyline") == len(AXES) and "nan" not in drawn
     assert sorted(others) == sorted(f"/assets/gallery/{id}.svg" for id in effects())
     assert others[0] == "/assets/gallery/stribeck.svg"  # the likeliest
-    bench = make_app()
-    client = bench.app.server.test_client()
-    for one in others:
-        with client.get(one) as answer:
-            assert answer.status_code == 200 and answer.mimetype == "image/svg+xml"
-    bench.close()
 
 
 def test_a_live_run_stands_under_a_headline_of_its_own(state: State) -> None:
@@ -681,29 +588,17 @@ def test_a_live_run_stands_under_a_headline_of_its_own(state: State) -> None:
     assert {id for id, said in stages.items() if "torque error" not in said} == {"live"}
 
 
-def test_recordings_on_one_time_axis_are_told_apart(swing: Recording) -> None:
-    others = [recorded("long", 2, 6.0), recorded("short", 3, 4.0)]
-    state = State.of([Loaded(Path(f"{one.name}.csv"), one) for one in (swing, *others)])
-    section = schemes(state.scheming)
-    assert section is not None
-    for figure in section.content["figures"]:
-        marks = [shape["x0"] for shape in figure.layout["shapes"]]
-        assert marks == pytest.approx(
-            [swing.duration, swing.duration + others[0].duration], abs=0.1
-        )  # smoothing takes the edges
-
-
 @pytest.mark.parametrize("held_out", slow.but_first([False, True]))
 def test_a_recording_of_another_plant_is_named_where_it_is_loaded(session: Session, held_out: bool) -> None:
     def of(name: str, seed: int, plant: Model) -> Loaded:
         rng = np.random.default_rng(seed)
         recording = record(plant, excitation("paper", rng, 12.0), 12.0, 500.0, rng=rng, name=name)
-        return Loaded(Path(f"{name}.csv"), recording, held_out and name == "odd")
+        return loaded(recording, held_out and name == "odd")
 
     one, other = of("one", 1, paper_plant()), of("other", 2, paper_plant())
-    session.state = State.of([one, other])
+    session.state = State((one, other))
     assert session.state.disagreements == ()
-    session.state = State.of([one, other, of("odd", 3, paper_plant({"inertia": 0.12}))])
+    session.state = State((one, other, of("odd", 3, paper_plant({"inertia": 0.12}))))
     assert "Recording 3 (odd) disagrees with the others: inertia" in str(data.show(session))
     assert "Nothing in them stands in the way" not in str(data.show(session))
 
@@ -712,7 +607,7 @@ def test_a_recording_of_another_plant_is_named_where_it_is_loaded(session: Sessi
 
 
 def test_a_box_selects_the_same_windows_in_every_view(state: State) -> None:
-    points = state.points(0)
+    points = state.points[0]
     upright = inside(points, PHASE, {"x": [-1.0, 1.0], "y": [8.0, 0.0]})
     assert np.array_equal(upright, (np.abs(points.position) <= 1) & (points.velocity >= 0) & (points.velocity <= 8))
     assert np.array_equal(upright, inside(points, MAP, {"x": [-1.0, 1.0], "y": [0.0, 8.0]}))  # less than a turn
@@ -724,7 +619,7 @@ def test_a_box_selects_the_same_windows_in_every_view(state: State) -> None:
 
 
 def test_regions_in_words_select_what_they_say(state: State) -> None:
-    points = state.points(0)
+    points = state.points[0]
     regions = [region for region in state.told.unexplained if region.axis == "velocity"]
     assert regions
     chosen = within(points, regions[0])

@@ -12,21 +12,19 @@ from dash import ALL, Input, Output, State, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from estimators.checks.residual import profiles, stand_out
+from estimators.checks.residual import AXES, Region, profiles, stand_out
 from pendulum_env._typing import JSON, Mask
-from pendulum_env.physics import effects
 from pendulum_env.recording import Recording
 from workbench.app.brushing import MAP, PHASE, TIME, VIEWS, Points, figures, inside, lit, within
-from workbench.app.parts import button, graph, labelled, panel
+from workbench.app.parts import LINKED, button, dropdown, effects_to_choose, graph, labelled, panel
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import State as Work
 from workbench.report.case import Case
 from workbench.report.gallery import picture
 from workbench.report.sections.comparison import position_figure
-from workbench.report.words import name, number, opening
+from workbench.report.words import number, opening
 
-LINKED = "linked"
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."
 
@@ -34,38 +32,37 @@ HINT = "Drag a box in any of the plots, or choose a region: the same moments lig
 def show(session: Session) -> list[Component]:
     """Which recording and model, then the views."""
     state = session.state
-    names = [{"label": one.recording.name, "value": one.file.name} for one in state.loaded]
+    names = [{"label": one.recording.name, "value": one.id} for one in state.loaded]
     models: list[Any] = [{"label": label, "value": k} for k, (label, _, _) in enumerate(state.standing.models)]
     last = len(models) - 1  # the one that the headline is about
     controls = [
-        labelled("Recording", dcc.Dropdown(names, names[0]["value"], id="shown", clearable=False, searchable=False)),
+        labelled("Recording", dropdown("shown", names, names[0]["value"], searchable=False)),
         labelled("Residual of the", dcc.RadioItems(models, last, id="of", inline=True, className="pair")),
         button("Clear selection", "clear"),
     ]
     return [
         html.Div(controls, className="fields wide"),
         html.P(HINT, id="selected", className="brushed", role="status"),
-        dcc.Store(id="lit", data=None),
+        dcc.Store(id="lit"),
         html.Div(_views(session, names[0]["value"], last), id="views"),
     ]
 
 
-def _views(session: Session, file: str, shown: int) -> list[Component]:
+def _views(session: Session, id: str, shown: int) -> list[Component]:
     """The regions of a recording that stand out, and three views of it."""
-    points = _points(session, file)
-    drawn = figures(points, shown, session.find(file).recording.name)
+    state, points = session.state, _points(session, id)
+    recording = state.recordings[state.loaded.index(session.find(id))]
+    drawn = figures(points, shown, recording.name)
+    map_, phase, time = (
+        html.Div(graph(drawn[view], html.B(title), LINKED), className="panel")
+        for view, title in ((MAP, "Residual map"), (PHASE, "Phase plane"), (TIME, "Over time"))
+    )
     return [
         _regions(points, shown),
-        html.Div(
-            [
-                html.Div(graph(drawn[MAP], html.B("Residual map"), LINKED), className="panel"),
-                html.Div(graph(drawn[PHASE], html.B("Phase plane"), LINKED), className="panel"),
-            ],
-            className="columns even",
-        ),
-        html.Div(graph(drawn[TIME], html.B("Over time"), LINKED), className="panel"),
-        _alike(session.state, points, shown),
-        _flown(session.state.standing, session.find(file).recording),
+        html.Div([map_, phase], className="columns even"),
+        time,
+        _alike(state, points, shown),
+        _flown(state.standing, recording),
     ]
 
 
@@ -79,28 +76,25 @@ def _flown(case: Case, recording: Recording) -> Component:
 
 
 def _regions(points: Points, shown: int) -> Component:
-    regions = _standing_out(points, shown)
-    if not regions:
-        return panel("Where it fails", html.P("Nothing stands out of the noise."))
     rows = [
-        html.Li(
-            html.Button(opening(region.text), id={"do": "region", "of": k}, n_clicks=0, type="button", className="link")
-            if region.axis != "frequency"
-            else opening(region.text)
-        )
-        for k, region in enumerate(regions)
+        html.Button(opening(region.text), id={"do": "region", "of": k}, n_clicks=0, type="button", className="link")
+        if region.axis != "frequency"
+        else opening(region.text)
+        for k, region in enumerate(_standing_out(points, shown))
     ]
-    return panel("Where it fails", html.Ul(rows, className="regions-list"))
+    listed = html.Ul([html.Li(row) for row in rows], className="regions-list")
+    return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."))
 
 
 def _alike(state: Work, points: Points, shown: int) -> Component:
     """The rest, and what each effect leaves of a model that lacks it: the likeliest first, if somebody has looked."""
+    names = effects_to_choose()
     found = [one.effect for one in state.diagnosis.candidates] if state.diagnosis is not None else []
-    ranked = sorted(effects(), key=lambda id: found.index(id) if id in found else len(found))
-    *axes, _ = profiles(points.samples, points.residuals[shown][2], points.noise)
+    ranked = sorted(names, key=lambda id: found.index(id) if id in found else len(found))
+    axes = profiles(points.samples, points.residuals[shown][2], points.noise, tuple(AXES))
     own = b64encode(picture("What is left here", axes).encode()).decode()
     rows = [
-        html.Li([opening(name(id)), html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {name(id)} leaves")])
+        html.Li([names[id], html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")])
         for id in ranked
         if (GALLERY / f"{id}.svg").is_file()
     ]
@@ -117,26 +111,24 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     )
 
 
-def _points(session: Session, file: str) -> Points:
+def _points(session: Session, id: str) -> Points:
     state = session.state
-    return state.points(state.loaded.index(session.find(file)))
+    return state.points[state.loaded.index(session.find(id))]
 
 
-def _standing_out(points: Points, shown: int) -> list[Any]:
-    return stand_out(profiles(points.samples, points.residuals[shown][2], points.noise))
+def _standing_out(points: Points, shown: int) -> list[Region]:
+    return stand_out(points.samples, points.residuals[shown][2], points.noise)
 
 
 def say(points: Points, selected: Mask, shown: int) -> str:
     """A selection in words."""
-    count = int(selected.sum())
-    if not count:
+    if not selected.any():
         return "Nothing is in this selection."
-    residual = points.residuals[shown][2][selected]
-    time = points.time[selected]
+    residual, time = points.residuals[shown][2][selected], points.time[selected]
+    mean, rms = float(residual.mean()), float(np.sqrt(np.mean(residual**2)))
     return (
-        f"{count} of {len(points)} windows, from {time.min():.3g} to {time.max():.3g} s: residual "
-        f"{number(float(residual.mean()))} N m on average, {number(float(np.sqrt(np.mean(residual**2))))} N m RMS; "
-        f"noise alone would leave {number(points.noise)} N m."
+        f"{len(time)} of {len(points)} windows, from {time.min():.3g} to {time.max():.3g} s: residual {number(mean)} "
+        f"N m on average, {number(rms)} N m RMS; noise alone would leave {number(points.noise)} N m."
     )
 
 
@@ -152,8 +144,8 @@ def connect(bench: Bench) -> None:
         State("session", "data"),
         prevent_initial_call=True,
     )
-    def choose(file: str, shown: int, id: str) -> tuple[list[Component], None, str]:
-        return _views(bench.sessions.of(id), file, shown), None, HINT
+    def choose(recording: str, shown: int, id: str) -> tuple[list[Component], None, str]:
+        return _views(bench.sessions.of(id), recording, shown), None, HINT
 
     @bench.app.callback(
         Output("lit", "data"),
@@ -167,22 +159,20 @@ def connect(bench: Bench) -> None:
         prevent_initial_call=True,
     )
     def brush(*values: Any) -> tuple[JSON | None, str]:
-        file, shown, id = values[-3:]
-        entry = dash.ctx.triggered[0]
-        cause = dash.ctx.triggered_id
-        if not entry["value"]:
+        recording, shown, id = values[-3:]
+        cause, value = dash.ctx.triggered_id, dash.ctx.triggered[0]["value"]
+        if not value:
             raise PreventUpdate
         if cause == "clear":
             return None, HINT
-        points = _points(bench.sessions.of(id), file)
+        points, source = _points(bench.sessions.of(id), recording), None
         if cause.get("do") == "region":
-            selected, source = within(points, _standing_out(points, shown)[cause["of"]]), None
-        else:
+            selected = within(points, _standing_out(points, shown)[cause["of"]])
+        elif "range" in value:
             source = cause["of"]
-            box = entry["value"].get("range")
-            if box is None:
-                raise PreventUpdate
-            selected = inside(points, source, box)
+            selected = inside(points, source, value["range"])
+        else:
+            raise PreventUpdate
         return {"source": source, "traces": lit(points, selected, shown)}, say(points, selected, shown)
 
 

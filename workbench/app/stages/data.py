@@ -2,59 +2,69 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from typing import Any
 
-import dash
 import numpy as np
-from dash import ALL, Input, Output, State, dcc, html
+from dash import Input, State, dcc, html
 from dash.development.base_component import Component
-from dash.exceptions import PreventUpdate
 
-from pendulum_env.physics import BASE, effects
-from workbench.app import card, recorder, timing
-from workbench.app.parts import aria, button, graph, labelled, panel, table
-from workbench.app.session import STUDY, Session
+from pendulum_env.physics import BASE
+from pendulum_env.recording import Recording
+from workbench.app import card, recorder
+from workbench.app.parts import (
+    UNWRAP,
+    aria,
+    button,
+    drop,
+    graph,
+    labelled,
+    number_field,
+    panel,
+    run_fields,
+    saves,
+    table,
+)
+from workbench.app.saved import STUDY
+from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import Loaded
 from workbench.app.state import State as Work
-from workbench.app.torques import choices
-from workbench.app.uploads import UNWRAP, UPLOAD
+from workbench.app.uploads import UPLOAD
 from workbench.inputs import FORMATS
 from workbench.report.figure import Figure, line, stacked, thin
-from workbench.report.sections.method import Used, use
+from workbench.report.sections.method import use
 from workbench.report.words import listing, name, number, opening, percent
 
 DRAWN = 4  # recordings that are drawn
+WHY = "No effect does that, and several may be found that only imitate it."
 FORM = ("excitation", "seconds", "effect", "amplitude", "seed")  # controls of a recording, in the order of `options`
+HEADERS = {  # and whether a column holds numbers
+    "Recording": False,
+    "Length [s]": True,
+    "Rate [Hz]": True,
+    "Samples": True,
+    "In stick": True,
+    "Turns": True,
+    "Peak torque [N m]": True,
+    "Use it to": False,
+    "": False,
+}
 
 
 def show(session: Session) -> list[Component]:
     """Ways to get recordings, then what they are."""
     state = session.state
-    parts: list[Component] = [card.show(one, session) for one in session.cards[:1]]
+    parts: list[Component] = [card.show(one) for one in session.cards[:1]]
     parts.append(html.Div([_upload(state), _record()], className="columns"))
     if state.loaded:
-        parts.append(_recordings(state))
-        parts += timing.show(state)
-        parts.append(_telling(state))
-        parts.append(
-            html.Div([graph(_course(one, k)) for k, one in enumerate(state.loaded[:DRAWN])], className="panel")
-        )
+        plots = [graph(_course(recording, k)) for k, recording in enumerate(state.recordings[:DRAWN])]
+        parts += [_recordings(state), *timing(state), _telling(state), html.Div(plots, className="panel")]
     return parts
 
 
 def _upload(state: Work) -> Component:
     ways = [
-        dcc.Upload(
-            [html.Strong("Choose recordings"), " or drop them here"],
-            id="upload",
-            multiple=True,
-            max_size=UPLOAD,
-            className="drop",
-            className_active="drop over",
-            style={},
-        ),
+        drop([html.Strong("Choose recordings"), " or drop them here"], "upload", multiple=True),
         html.P(
             f"{FORMATS} with time, position and torque; 0 hangs down. What columns mean is "
             f"asked where their names do not tell, or told by a {STUDY} among the files. "
@@ -80,19 +90,9 @@ def _upload(state: Work) -> Component:
 
 
 def _record() -> Component:
-    hidden = [{"label": "nothing", "value": ""}]
-    hidden += [{"label": opening(name(id)), "value": id} for id in effects()]
-    kept: dict[str, Any] = {"persistence": True, "persistence_type": "session"}
     fields = [
-        labelled(
-            "Excitation", dcc.Dropdown(choices(), "paper", id="excitation", clearable=False, searchable=False, **kept)
-        ),
-        labelled("Hidden effect", dcc.Dropdown(hidden, "", id="effect", clearable=False, **kept)),
-        labelled("Length [s]", dcc.Input(20, type="number", id="seconds", min=1, max=recorder.LONGEST, **kept)),
-        labelled(
-            "Peak torque [N m]", dcc.Input(None, type="number", id="amplitude", min=0, placeholder="usual", **kept)
-        ),
-        labelled("Seed", dcc.Input(0, type="number", id="seed", min=0, step=1, **kept)),
+        *run_fields("", 20, 1, recorder.LONGEST),
+        labelled("Seed", number_field("seed", 0, min=0, step=1)),
     ]
     return panel(
         "Or record a simulated pendulum",
@@ -107,104 +107,92 @@ def _record() -> Component:
 
 
 def _recordings(state: Work) -> Component:
-    used = _used(state)
-    rows = []
-    for one in state.loaded:
-        recording, facts, file = one.recording, used.get(id(one.recording)), one.file.name
-        rows.append(
-            (
-                [
-                    html.Strong(recording.name),
-                    *(html.Div(opening(note), className="note") for note in recording.notes),
-                    _columns(one),
-                ],
-                f"{recording.duration:.3g}",
-                f"{recording.rate:.4g}",
-                f"{len(recording):,}".replace(",", " "),
-                percent(facts.at_rest) if facts else "–",
-                f"{number(float(np.ptp(recording.position)) / (2 * np.pi), 2)}",
-                number(float(np.abs(recording.torque).max()), 2),
-                html.Div([_role(one, "fit", False), _role(one, "check", True)], className="views", role="group"),
-                html.Div(
-                    [
-                        button("Save", {"do": "save", "of": file}, **aria(label=f"Save {recording.name}")),
-                        button("Remove", {"do": "remove", "of": file}, **aria(label=f"Remove {recording.name}")),
-                    ],
-                    className="row",
-                ),
-            )
+    stick = _share_in_stick(state)
+    rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
+    split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
+    how = "how these are read and used, for the command line and to load again with them"
+    save = html.Div([saves(f"Save {STUDY}", "study"), html.Span(how, className="note")], className="row")
+    note = [] if any(one.held_out for one in state.loaded) else [html.P(split, className="note")]
+    return panel("Recordings", table(HEADERS, rows, "Recordings"), *note, save, className="recordings")
+
+
+def _row(one: Loaded, recording: Recording, stick: dict[int, float]) -> tuple[Any, ...]:
+    """What a recording is, and what can be done with it."""
+    label = recording.name
+    columns = html.Button(
+        "Columns",
+        id={"do": "columns", "of": one.id},
+        n_clicks=0,
+        type="button",
+        className="link",
+        **aria(label=f"Columns of {label}"),
+    )
+    roles = [
+        html.Button(
+            role,
+            id={"do": role, "of": one.id},
+            n_clicks=0,
+            type="button",
+            **aria(pressed=str(one.held_out == held_out).lower(), label=f"{role} {label}"),
         )
-    headers = (
-        ("Recording", False),
-        ("Length [s]", True),
-        ("Rate [Hz]", True),
-        ("Samples", True),
-        ("In stick", True),
-        ("Turns", True),
-        ("Peak torque [N m]", True),
-        ("Use it to", False),
-        ("", False),
-    )
-    split = (
-        ""
-        if state.holdout
-        else "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
-    )
-    save = html.Div(
-        [
-            button(f"Save {STUDY}", "save-study"),
-            html.Span(
-                "how these are read and used, for the command line and to load again with them", className="note"
-            ),
-        ],
-        className="row",
-    )
-    note = [html.P(split, className="note")] if split else []
-    return panel("Recordings", table(headers, rows, "Recordings"), *note, save, className="recordings")
-
-
-def _columns(one: Loaded) -> Component:
-    """Button that asks what the columns mean."""
-    id, label = {"do": "columns", "of": one.file.name}, f"Columns of {one.recording.name}"
-    return html.Button("Columns", id=id, n_clicks=0, type="button", className="link", **aria(label=label))
-
-
-def _role(one: Loaded, label: str, held_out: bool) -> Component:
-    """Button that has a recording fitted, or held out."""
-    chosen = one.held_out == held_out
-    what = aria(pressed=str(chosen).lower(), label=f"{label} {one.recording.name}")
-    return html.Button(label, id={"do": label, "of": one.file.name}, n_clicks=0, type="button", **what)
-
-
-def _used(state: Work) -> dict[int, Used]:
-    """How each recording is used, by its identity; where windows are cut from two parts of it, of the first."""
-    if not state.ladder:
-        return {}
-    case = state.standing
-    windows = [
-        *((w, "checked") for w in case.testing.data.windows),
-        *((w, "fitted") for w in case.training.data.windows),
+        for role, held_out in (("fit", False), ("check", True))
     ]
-    return {id(w.recording): use(w, part) for w, part in windows}
+    ways = [
+        saves("Save", "recording", one.id, **aria(label=f"Save {label}")),
+        button("Remove", {"do": "remove", "of": one.id}, **aria(label=f"Remove {label}")),
+    ]
+    return (
+        [html.Strong(label), *(html.Div(opening(note), className="note") for note in recording.notes), columns],
+        f"{recording.duration:.3g}",
+        f"{recording.rate:.4g}",
+        f"{len(recording):,}".replace(",", " "),
+        percent(stick[id(recording)]) if id(recording) in stick else "–",
+        f"{number(float(np.ptp(recording.position)) / (2 * np.pi), 2)}",
+        number(float(np.abs(recording.torque).max()), 2),
+        html.Div(roles, className="views", role="group"),
+        html.Div(ways, className="row"),
+    )
+
+
+def _share_in_stick(state: Work) -> dict[int, float]:
+    """Share of each recording at rest, by its identity; where windows are cut from two parts of it, of the first."""
+    if state.trouble:
+        return {}
+    training, testing = state.prepared.evidence
+    windows = [*((w, "checked") for w in testing.data.windows), *((w, "fitted") for w in training.data.windows)]
+    return {id(w.recording): use(w, part).at_rest for w, part in windows}
 
 
 def _telling(state: Work) -> Component:
-    terms = state.model.terms if state.ladder else BASE
-    doubts = state.doubts if state.train else ()
-    withheld = {parameter for doubt in doubts for parameter in doubt.withheld}
+    withheld = {parameter for doubt in state.doubts for parameter in doubt.withheld}
+    terms = BASE if state.trouble else state.model.terms
     known = [name(column.name) for term in terms for column in term.columns if column.name not in withheld]
-    can = [html.P(["They tell ", html.Strong(listing(known)), "."])] if known and state.ladder else []
-    texts = [*(one.text for one in state.disagreements), *(doubt.text for doubt in doubts)]
-    cannot = [html.Li(f"{opening(text)}.") for text in texts]
+    can = [] if state.trouble or not known else [html.P(["They tell ", html.Strong(listing(known)), "."])]
+    texts = [state.trouble] if state.trouble else []
+    texts += [*(one.text for one in state.disagreements), *(doubt.text for doubt in state.doubts)]
+    cannot = html.Ul([html.Li(f"{opening(text)}.") for text in texts])
+    nothing = html.P("Nothing in them stands in the way of the model's parameters.")
+    return panel("What these recordings tell, and what not", *can, cannot if texts else nothing)
+
+
+def timing(state: Work) -> list[Component]:
+    """What was found, in the words of the command line; nothing where torque and motion are in time."""
     if state.trouble:
-        cannot.insert(0, html.Li(f"{opening(state.trouble)}."))
-    rest = [html.Ul(cannot)] if cannot else [html.P("Nothing in them stands in the way of the model's parameters.")]
-    return panel("What these recordings tell, and what not", *can, *rest)
+        return []
+    late, acts = (state.prepared.timing.texts(is_late) for is_late in (True, False))
+    if late and state.is_aligned:
+        said = [html.P(f"{opening(text)}: corrected in all that follows.") for text in late]
+        press = [button("Take it as it was logged", "align-back")]
+    elif late:
+        said = [html.P(f"{opening(text)}. {WHY}") for text in late]
+        press = [button("Correct it", "align", primary=True)]
+    else:
+        said, press = [html.P(f"{opening(text)}.") for text in acts], []
+    return [panel("Torque and motion in time", *said, *press)] if said else []
 
 
-def _course(one: Loaded, k: int) -> Figure:
+def _course(r: Recording, k: int) -> Figure:
     """Position and torque over time."""
-    r = one.recording
     data = []
     for series, label, color, unit, where in (
         (r.position, "position", "--final", "rad", "y"),
@@ -221,7 +209,6 @@ def _course(one: Loaded, k: int) -> Figure:
 def connect(bench: Bench) -> None:
     """Wire uploads, columns, recording, roles and removal."""
     card.connect(bench)
-    timing.connect(bench)
 
     @bench.on(
         Input("upload", "contents"),
@@ -236,47 +223,27 @@ def connect(bench: Bench) -> None:
     def open_session(session: Session, content: str, name: str) -> None:
         session.open(name, content)
 
-    @bench.on(Input("demo", "n_clicks"))
-    def demo(session: Session, _: int) -> None:
-        recorder.start(session, bench.workers, recorder.DEMO)
-
     @bench.on(Input("record", "n_clicks"), given=tuple(State(control, "value") for control in FORM))
-    def record(
-        session: Session, _: int, excitation: str, seconds: float, effect: str, amplitude: float, seed: float
-    ) -> None:
-        options = recorder.options(excitation, seconds, effect, amplitude, seed)
-        recorder.start(session, bench.workers, [(recorder.free_name(session), options, False)])
+    def record(session: Session, _: int, *values: Any) -> None:
+        recorder.start(session, recorder.Wish(recorder.free_name(session.state), recorder.options(*values)))
 
-    @bench.on(Input({"do": "remove", "of": ALL}, "n_clicks"))
-    def remove(session: Session, _: list[int]) -> None:
-        session.remove(dash.ctx.triggered_id["of"])
+    def align(session: Session, is_aligned: bool, what: str) -> None:
+        session.change(what, session.state.anew(is_aligned=is_aligned))
 
-    @bench.on(Input({"do": "fit", "of": ALL}, "n_clicks"), Input({"do": "check", "of": ALL}, "n_clicks"))
-    def role(session: Session, *_: list[int]) -> None:
-        session.hold_out(dash.ctx.triggered_id["of"], dash.ctx.triggered_id["do"] == "check")
-
-    @bench.app.callback(
-        Output("download", "data", allow_duplicate=True),
-        Input({"do": "save", "of": ALL}, "n_clicks"),
-        State("session", "data"),
-        prevent_initial_call=True,
+    bench.buttons(
+        {
+            "demo": lambda session: recorder.start(session, *recorder.DEMO),
+            "align": lambda session: align(session, True, "correct the torque"),
+            "align-back": lambda session: align(session, False, "take the torque as it was logged"),
+        }
     )
-    def save(clicks: list[int], id: str) -> dict[str, Any]:
-        if not any(clicks):
-            raise PreventUpdate
-        file = bench.sessions.of(id).find(dash.ctx.triggered_id["of"]).file
-        return {"filename": file.name, "content": b64encode(file.read_bytes()).decode(), "base64": True}
-
-    @bench.app.callback(
-        Output("download", "data", allow_duplicate=True),
-        Input("save-study", "n_clicks"),
-        State("session", "data"),
-        prevent_initial_call=True,
+    bench.each(
+        {
+            "remove": Session.remove,
+            "fit": lambda session, id: session.hold_out(id, False),
+            "check": lambda session, id: session.hold_out(id, True),
+        }
     )
-    def save_study(clicks: int, id: str) -> dict[str, Any]:
-        if not clicks:
-            raise PreventUpdate
-        return {"filename": STUDY, "content": bench.sessions.of(id).study()}
 
 
 STAGE = Stage("data", "Data", show, connect, needs_model=False)

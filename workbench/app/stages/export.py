@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import json
 import shlex
+from base64 import b64encode
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
-from dash import Input, Output, dcc, html
+import dash
+from dash import ALL, Input, Output, dcc, html
 from dash import State as Value
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from workbench.app.parts import button, panel
+from pendulum_env.lookup import find
+from pendulum_env.recording.study import format_of
+from workbench.app.parts import panel, saves
 from workbench.app.recorder import DIAGNOSIS
-from workbench.app.session import STUDY, Session
+from workbench.app.saved import STUDY
+from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import State, ids
+from workbench.mistakes import InputError
 from workbench.report import render
 
 PROGRAM, MODEL, REPORT, EXPERIMENT = "pendulum-ident", "model.json", "report.html", "experiment.csv"
@@ -31,37 +38,28 @@ UNREPORTED = f"Once there is a diagnosis, a line here writes {REPORT}, too."
 def show(session: Session) -> list[Component]:
     """What can be saved, and the same in two languages."""
     state = session.state
-    diagnosed = state.diagnosis is not None
+    found = state.diagnosis
     saved = [
-        _saved("report", REPORT, "one file to share: story, plots and tables; it needs no network and prints", True),
-        _saved("model", MODEL, "terms and parameters of the ladder's last model, for the command line and Python"),
+        (REPORT, "report", "one file to share: story, plots and tables; it needs no network and prints"),
+        (MODEL, "model", "terms and parameters of the ladder's last model, for the command line and Python"),
     ]
-    if diagnosed:
-        saved.append(
-            _saved(
-                "diagnosis",
-                DIAGNOSIS,
-                "verdicts and reasons, for programs; the command record plays the experiment it suggests",
-            )
-        )
-    if state.diagnosis is not None and state.diagnosis.suggestion is not None:
-        saved.append(_saved("experiment", EXPERIMENT, "torque of the next experiment over time, for your controller"))
-    unreported = [] if diagnosed else [html.P(UNREPORTED, className="note")]
+    if found is not None:
+        what = "verdicts and reasons, for programs; the command record plays the experiment it suggests"
+        saved.append((DIAGNOSIS, "diagnosis", what))
+    if found is not None and found.suggestion is not None:
+        saved.append((EXPERIMENT, "experiment", "torque of the next experiment over time, for your controller"))
+    rows = [html.Li([saves(file, id, primary=id == "report"), html.Span(what)]) for file, id, what in saved]
+    beside = [BESIDE] * _needs_study(state) + [WHOLE] * _fits_more(state)
+    unreported = [UNREPORTED] * (found is None)
+
+    def notes(texts: list[str]) -> list[Component]:
+        return [html.P(text, className="note") for text in texts]
+
     return [
-        panel("Save", html.Ul(saved, className="downloads")),
-        panel(
-            "The same on the command line",
-            *([html.P(BESIDE, className="note")] if _needs_study(state) else []),
-            *([html.P(WHOLE, className="note")] if _fits_more(state) else []),
-            *unreported,
-            _code(session.plain(commands(state)), "commands"),
-        ),
-        panel("The same in Python", *unreported, _code(snippet(state), "snippet")),
+        panel("Save", html.Ul(rows, className="downloads")),
+        panel("The same on the command line", *notes(beside + unreported), _code(commands(state), "commands")),
+        panel("The same in Python", *notes(unreported), _code(snippet(state), "snippet")),
     ]
-
-
-def _saved(id: str, file: str, what: str, primary: bool = False) -> Component:
-    return html.Li([button(file, {"save": id}, primary=primary), html.Span(what)])
 
 
 def _code(text: str, id: str) -> Component:
@@ -71,35 +69,37 @@ def _code(text: str, id: str) -> Component:
 
 def commands(state: State) -> str:
     """Command lines that come to the same model."""
-    lines = [shlex.join([PROGRAM, "record", *one.origin, "-o", one.file.name]) for one in state.loaded if one.origin]
-    train = [one.file.name for one in state.loaded if not one.held_out]
-    holdout = [word for one in state.loaded if one.held_out for word in ("--holdout", one.file.name)]
+    train, holdout = _files(state)
+    given = [*train, *(word for file in holdout for word in ("--holdout", file))]
     if _needs_study(state):
-        train, holdout = [STUDY], []  # which says what is held out
-    limits = state.asked.options("fix", "bound")
-    align = [*["--align"] * state.is_aligned, *limits]
-    before, start = _diagnosed_after(state), state.model_file
-    models = [start or MODEL, *[MODEL] * len(state.added)]  # before each effect, and after the last
-    adding = [
-        shlex.join([PROGRAM, "add", model, effect, *train, *holdout, *align, "-o", MODEL])
-        for model, effect in zip(models, state.added, strict=False)
-    ]
-    if start:
-        lines.append(shlex.join([PROGRAM, "compare", start, *train, *["--align"] * state.is_aligned]))
+        train = given = [STUDY]  # which says what is held out
+    limits, align = state.asked.options("fix", "bound"), ["--align"] * state.is_aligned
+    lines = [["record", *one.origin, "-o", one.source.file.name] for one in state.loaded if one.origin]
+    model = state.model_file
+    if model:
+        lines.append(["compare", model, *train, *align])
     else:
-        lines.append(shlex.join([PROGRAM, "identify", *train, *align, "-o", MODEL]))
-    lines += adding[:before]
-    if state.diagnosis is not None:
-        base = ["--model", models[before]] if before or start else []
-        outputs = ["--report", REPORT, "--json", DIAGNOSIS]
-        looked = [*state.asked.options("only", "without"), *limits]
-        lines.append(shlex.join([PROGRAM, "diagnose", *train, *holdout, *base, *looked, *outputs]))
-    return "\n".join([*lines, *adding[before:]])
+        lines.append(["identify", *train, *align, *limits, "-o", MODEL])
+    for effect in _moves(state):
+        if effect:
+            lines.append(["add", model or MODEL, effect, *given, *align, *limits, "-o", MODEL])
+            model = MODEL
+        else:
+            looked = [*(["--model", model] if model else []), *state.asked.options("only", "without"), *limits]
+            lines.append(["diagnose", *given, *looked, "--report", REPORT, "--json", DIAGNOSIS])
+    return "\n".join(shlex.join([PROGRAM, *words]) for words in lines)
 
 
-def _diagnosed_after(state: State) -> int:
-    """Number of effects that were in the model when it was diagnosed."""
-    return len([effect for effect in state.added if effect in ids(state.started)])
+def _files(state: State) -> tuple[list[str], list[str]]:
+    """Names of files with fitted and held-out recordings."""
+    train, holdout = ([s.source.file.name for s in state.loaded if s.held_out == held] for held in (False, True))
+    return train, holdout
+
+
+def _moves(state: State) -> list[str]:
+    """What was done to the base model: effects that were added, and the empty word where it was diagnosed."""
+    before = len([effect for effect in state.added if effect in ids(state.started)])
+    return [*state.added[:before], *[""] * (state.diagnosis is not None), *state.added[before:]]
 
 
 def _needs_study(state: State) -> bool:
@@ -114,87 +114,96 @@ def _fits_more(state: State) -> bool:
 
 def snippet(state: State) -> str:
     """Python that comes to the same model."""
-    train = [one.file.name for one in state.loaded if not one.held_out]
-    holdout = [one.file.name for one in state.loaded if one.held_out]
-    before = _diagnosed_after(state)
-    asked, limits = state.asked, state.asked.arguments(state.asked.limits)
-    adding = [f"model = add(model, {effect!r}, recordings, holdout{limits}).after.model" for effect in state.added]
-    start = "Model" if state.model_file else "BASE" if limits else ""
+    train, holdout = _files(state)
     diagnosed = state.diagnosis is not None
-    used = [*["Aligned"] * state.is_aligned, *["add"] * bool(adding), *["diagnose"] * diagnosed, "fit", "gather"]
-    lines = [
-        f"from estimators import {', '.join(used)}",
-        *(["from estimators.arguments import within_limits"] if limits else []),
-        *([f"from pendulum_env.physics import {start}"] if start else []),
-        f"from pendulum_env.recording import {'read_study' if _needs_study(state) else 'read_recording'}",
-        *(["from workbench.report import write_report"] if diagnosed else []),
-        "",
-        *(
-            [f"study = read_study({STUDY!r})", "recordings, holdout = study.fitted, study.held_out"]
-            if _needs_study(state)
-            else [
-                f"recordings = [read_recording(path) for path in {train!r}]",
-                f"holdout = [read_recording(path) for path in {holdout!r}]",
-            ]
-        ),
-        *(
-            ["aligned = Aligned.of(recordings, holdout)", "recordings, holdout = aligned.recordings, aligned.holdout"]
-            if state.is_aligned
-            else []
-        ),
-        *([f"terms = {f'Model.load({state.model_file!r}).terms' if state.model_file else 'BASE'}"] if start else []),
-        *([f"terms, _ = within_limits(terms, {{}}{limits})"] if limits else []),
-        f"model = fit(*gather(recordings, holdout){', terms' if start else ''}).model",
-        *adding[:before],
-    ]
+    limits, looked = (state.asked.arguments(one) for one in (state.asked.limits, state.asked.effects))
+    start = "Model" if state.model_file else "BASE" if limits else ""
+    used = [*["Aligned"] * state.is_aligned, *["add"] * bool(state.added), *["diagnose"] * diagnosed, "fit", "gather"]
+    lines = [f"from estimators import {', '.join(used)}"]
+    if limits:
+        lines.append("from estimators.arguments import within_limits")
+    if start:
+        lines.append(f"from pendulum_env.physics import {start}")
+    lines.append(f"from pendulum_env.recording import {'read_study' if _needs_study(state) else 'read_recording'}")
     if diagnosed:
-        lines.append(f"found = diagnose(recordings, holdout, model.terms{asked.arguments(asked.effects)}{limits})")
-        lines.append(f"write_report({REPORT!r}, recordings, holdout, found)")
-    return "\n".join([*lines, *adding[before:], f"model.save({MODEL!r})"])
+        lines.append("from workbench.report import write_report")
+    lines.append("")
+    if _needs_study(state):
+        lines += [f"study = read_study({STUDY!r})", "recordings, holdout = study.fitted, study.held_out"]
+    else:
+        lines.append(f"recordings = [read_recording(path) for path in {train!r}]")
+        lines.append(f"holdout = [read_recording(path) for path in {holdout!r}]")
+    if state.is_aligned:
+        lines.append("aligned = Aligned.of(recordings, holdout)")
+        lines.append("recordings, holdout = aligned.recordings, aligned.holdout")
+    if start:
+        lines.append(f"terms = {f'Model.load({state.model_file!r}).terms' if state.model_file else 'BASE'}")
+    if limits:
+        lines.append(f"terms, _ = within_limits(terms, {{}}{limits})")
+    lines.append(f"model = fit(*gather(recordings, holdout){', terms' if start else ''}).model")
+    for effect in _moves(state):
+        if effect:
+            lines.append(f"model = add(model, {effect!r}, recordings, holdout{limits}).after.model")
+        else:
+            lines.append(f"found = diagnose(recordings, holdout, model.terms{looked}{limits})")
+            lines.append(f"write_report({REPORT!r}, recordings, holdout, found)")
+    return "\n".join([*lines, f"model.save({MODEL!r})"])
 
 
-def _report(state: State) -> str:
-    return render(state.train, state.holdout, state.told, state.identification)
+def _report(session: Session, _: str) -> tuple[str, str]:
+    state = session.state
+    return REPORT, render(state.train, state.holdout, state.told, state.identification)
 
 
-def _model(state: State) -> str:
-    return json.dumps(state.model.json(), indent=1) + "\n"
+def _experiment(session: Session, _: str) -> tuple[str, str]:
+    found = session.state.diagnosis
+    if found is None or found.suggestion is None:
+        raise InputError("the diagnosis suggests no experiment")
+    return EXPERIMENT, found.suggestion.csv()
 
 
-def _diagnosis(state: State) -> str:
-    return json.dumps(state.told.json(), indent=1) + "\n"
+def _recording(session: Session, id: str) -> tuple[str, bytes]:
+    file = session.find(id).source.file
+    return file.name, file.read_bytes()
 
 
-def _experiment(state: State) -> str:
-    assert state.diagnosis is not None and state.diagnosis.suggestion is not None  # else there is no button
-    return state.diagnosis.suggestion.csv()
+def _text(record: Any) -> str:
+    return json.dumps(record.json(), indent=1) + "\n"
 
 
-FILES: dict[str, tuple[str, Callable[[State], str]]] = {
-    "report": (REPORT, _report),
-    "model": (MODEL, _model),
-    "diagnosis": (DIAGNOSIS, _diagnosis),
-    "experiment": (EXPERIMENT, _experiment),
+def _model(session: Session, _: str) -> tuple[str, str]:
+    fitted = [one.source for one in session.state.loaded if not one.held_out]
+    return MODEL, _text(replace(session.state.model, log_format=format_of(fitted)))
+
+
+FILES: dict[str, Callable[[Session, str], tuple[str, str | bytes]]] = {  # name and content of what any stage saves
+    "report": _report,
+    "model": _model,
+    "diagnosis": lambda session, _: (DIAGNOSIS, _text(session.state.told)),
+    "experiment": _experiment,
+    "study": lambda session, _: (STUDY, session.study()),
+    "recording": _recording,
+    "session": lambda session, _: ("session.zip", session.save()),
 }
 
 
 def connect(bench: Bench) -> None:
     """Wire the files."""
-    for id, (file, write) in FILES.items():
-        _connect(bench, id, file, write)
 
-
-def _connect(bench: Bench, id: str, file: str, write: Callable[[State], str]) -> None:
     @bench.app.callback(
-        Output("download", "data", allow_duplicate=True),
-        Input({"save": id}, "n_clicks"),
+        Output("download", "data"),
+        Input({"save": ALL, "of": ALL}, "n_clicks"),
         Value("session", "data"),
         prevent_initial_call=True,
     )
-    def save(clicks: int, session: str) -> dict[str, Any]:
-        if not clicks:
+    def save(_: list[int], id: str) -> dict[str, Any]:
+        if not any(entry["value"] for entry in dash.ctx.triggered):
             raise PreventUpdate
-        return {"filename": file, "content": write(bench.sessions.of(session).state)}
+        session, asked = bench.sessions.of(id), dash.ctx.triggered_id
+        with session.lock:
+            name, content = find("file", asked["save"], FILES)(session, asked["of"])
+        content = content.encode() if isinstance(content, str) else content
+        return {"filename": name, "content": b64encode(content).decode(), "base64": True}
 
 
 STAGE = Stage("export", "Export", show, connect)

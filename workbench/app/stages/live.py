@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from dash import Input, Output, dcc, html
@@ -11,14 +12,24 @@ from dash.exceptions import PreventUpdate
 
 from pendulum_env._typing import JSON
 from pendulum_env.backends import BACKENDS
-from pendulum_env.physics import BASE, effects
+from pendulum_env.physics import BASE
 from pendulum_env.recording import Source, write_recording
 from workbench.app import live, missing
-from workbench.app.parts import EMPTY, aria, button, labelled, panel, spec
+from workbench.app.parts import (
+    KEPT,
+    aria,
+    button,
+    dropdown,
+    graph,
+    labelled,
+    panel,
+    run_fields,
+    spec,
+    table,
+)
 from workbench.app.recorder import free_name
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
-from workbench.app.torques import choices
 from workbench.mistakes import InputError
 from workbench.report.figure import Figure
 from workbench.report.sections.schemes import convergence_figure, stroke
@@ -27,9 +38,8 @@ from workbench.report.words import estimate, name, number, opening, unit
 RIG = "dm1015b"  # backend that is offered where a configuration was given on the command line
 NAMES = {"replay": "a recording", RIG: "the rig", "mujoco": "MuJoCo"}  # of backends
 BEAT = 250  # [ms] between two looks
-SIGMAS = 2.0  # standard errors of an interval
 PARAMETERS = tuple(column.name for term in BASE for column in term.columns)
-FORM = ("live-backend", "live-excitation", "live-effect", "live-amplitude", "live-seconds")
+FORM = ("backend", "excitation", "effect", "amplitude", "seconds", "replay")
 PLOTS = [f"live-{k}" for k in range(len(PARAMETERS))]
 
 
@@ -60,21 +70,17 @@ def show(session: Session) -> list[Component]:
 
 def _controls(session: Session) -> list[Component]:
     """What to run."""
-    backends = [{"label": NAMES.get(id, id), "value": id} for id in BACKENDS if id != RIG or session.rig is not None]
-    hidden = [{"label": "nothing", "value": ""}] + [{"label": opening(name(id)), "value": id} for id in effects()]
-    replays = [{"label": one.recording.name, "value": one.file.name} for one in session.state.loaded]
-    kept: dict[str, Any] = {"persistence": True, "persistence_type": "session"}
-    fixed: dict[str, Any] = {"clearable": False, "searchable": False}
-    peak = dcc.Input(None, type="number", id="live-amplitude", min=0, placeholder="usual", **kept)
-    seconds = dcc.Input(30, type="number", id="live-seconds", min=2, max=live.LONGEST, **kept)
-    replay = dcc.Dropdown(replays, replays[0]["value"] if replays else None, id="live-replay", **fixed)
+    backends = {id: NAMES.get(id, id) for id in BACKENDS if id != RIG or session.rig is not None}
+    replays = [{"label": one.recording.name, "value": one.id} for one in session.state.loaded]
+    first = replays[0]["value"] if replays else None
     return [
-        labelled("Backend", dcc.Dropdown(backends, "pymunk", id="live-backend", **fixed, **kept)),
-        labelled("Excitation", dcc.Dropdown(choices(), "paper", id="live-excitation", **fixed, **kept)),
-        labelled("Hidden effect", dcc.Dropdown(hidden, "", id="live-effect", clearable=False, **kept)),
-        labelled("Peak torque [N m]", peak),
-        labelled("Length [s]", seconds),
-        html.Div(labelled("To replay", replay), id="live-replay-field", hidden=True),
+        labelled("Backend", dropdown("live-backend", backends, "pymunk", searchable=False, **KEPT)),
+        *run_fields("live-", 30, 2, live.LONGEST),
+        html.Div(
+            labelled("To replay", dropdown("live-replay", replays, first, searchable=False)),
+            id="live-replay-field",
+            hidden=True,
+        ),
     ]
 
 
@@ -85,61 +91,28 @@ def _views() -> list[Component]:
         html.Div(id="pendulum", role="img", **aria(label="The pendulum as it swings")),
         html.P("", id="live-said", className="note", role="status"),
     )
-    plots = html.Div([_plot(plot, 210) for plot in PLOTS], className="grid")
+    empty = [
+        Figure(plot, f"Estimates of {of} over time", [], {}, 210) for plot, of in zip(PLOTS, PARAMETERS, strict=True)
+    ]
+    plots = html.Div([graph(one, bar=False) for one in empty], className="grid")
     return [
-        html.Div([pendulum, panel("What is missing", *missing.view(_plot))], className="columns live"),
+        html.Div([pendulum, panel("What is missing", *missing.view())], className="columns live"),
         panel("Estimates", plots, html.Div(id="live-table"), className="estimates"),
     ]
 
 
-def _plot(id: str, height: int) -> Component:
-    """A plot whose figure comes with the beat."""
-    options: dict[str, Any] = {"responsive": True, "config": {"displayModeBar": False}, "style": {"height": height}}
-    drawn = dcc.Graph(id={"kind": "plot", "of": id}, figure=EMPTY, **options)
-    place = html.Div(drawn, className="plot", style={"height": height})
-    return html.Figure([dcc.Store(id={"kind": "plot-spec", "of": id}), place])
-
-
 def figure(look: live.Look, column: int) -> Figure | None:
-    """Estimates of one parameter over time, and at its right their intervals now."""
+    """Estimates of one parameter over time, and the truth where it is known."""
     found = look.identification
     if found is None:
         return None
-    strokes = {id: stroke(k, id) for k, id in enumerate(found.schemes)}
-    drawn = convergence_figure(found, column, strokes)
-    layout = drawn.layout | {"xaxis": drawn.layout["xaxis"] | {"domain": [0, 0.74]}, "hovermode": False}
-    layout |= {"xaxis2": {"domain": [0.8, 1], "anchor": "y", "range": [-0.7, len(strokes) - 0.3], "showgrid": False}}
-    layout["xaxis2"] |= {"tickvals": [], "title": {"text": f"±{SIGMAS:g}σ now"}, "zeroline": False}
-    for k, (id, one) in enumerate(found.schemes.items()):
-        middle, std = float(one.convergence.theta[-1, column]), float(one.convergence.std[-1, column])
-        drawn.data.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "x": [k],
-                "y": [middle],
-                "xaxis": "x2",
-                "error_y": {
-                    "type": "constant",
-                    "value": SIGMAS * std,
-                    "color": strokes[id]["color"],
-                    "thickness": 2,
-                    "width": 3,
-                },
-                "marker": {
-                    "color": strokes[id]["color"],
-                    "size": 6,
-                    "symbol": "circle-open" if "filtered" in id else "circle",
-                },
-            }
-        )
-    truth = look.truth.get(PARAMETERS[column])
+    drawn = convergence_figure(found, column, {id: stroke(k, id) for k, id in enumerate(found.schemes)})
+    truth, shapes = look.begun.truth.get(PARAMETERS[column]), list[JSON]()
     if truth is not None:
-        layout["shapes"] = [
-            {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": truth, "y1": truth, "layer": "below"}
-            | {"line": {"color": "--muted", "width": 1.2, "dash": "dot"}}
-        ]
-    return Figure(PLOTS[column], drawn.label, drawn.data, layout, 210)
+        style = {"color": "--muted", "width": 1.2, "dash": "dot"}
+        place = {"xref": "paper", "x0": 0, "x1": 1, "y0": truth, "y1": truth, "layer": "below"}
+        shapes.append({"type": "line", "line": style, **place})
+    return replace(drawn, layout=drawn.layout | {"hovermode": False, "shapes": shapes})
 
 
 def _table(look: live.Look) -> Component | str:
@@ -148,19 +121,14 @@ def _table(look: live.Look) -> Component | str:
     if found is None:
         return ""
     model = next(iter(found.schemes.values())).model
-    head = [html.Th("Scheme", scope="col")]
-    head += [html.Th(f"{p} [{unit(model.estimates[p].unit)}]", scope="col", className="number") for p in PARAMETERS]
-    rows = [
-        html.Tr(
-            [html.Th([_key(stroke(k, id)), opening(name(id))], scope="row")]
-            + [html.Td(estimate(one.model.estimates[p]), className="number") for p in PARAMETERS]
-        )
+    head = {"Scheme": False} | {f"{p} [{unit(model.estimates[p].unit)}]": True for p in PARAMETERS}
+    rows: list[list[Any]] = [
+        [[_key(stroke(k, id)), opening(name(id))], *(estimate(one.model.estimates[p]) for p in PARAMETERS)]
         for k, (id, one) in enumerate(found.schemes.items())
     ]
-    if look.truth:
-        known = [html.Td(number(look.truth[p], 4), className="number") for p in PARAMETERS]
-        rows.append(html.Tr([html.Th("truth", scope="row"), *known], className="floor"))
-    return html.Div(html.Table([html.Thead(html.Tr(head)), html.Tbody(rows)]), className="scroll", tabIndex=0)
+    if look.begun.truth:
+        rows.append(["truth", *(number(look.begun.truth[p], 4) for p in PARAMETERS)])
+    return table(head, rows, "Estimates")
 
 
 def _key(line: JSON) -> Component:
@@ -173,84 +141,58 @@ def _said(look: live.Look) -> str:
     if look.trouble:
         return f"Stopped: {look.trouble.removesuffix('.')}."
     pace = "in real time" if look.pace > 0.97 else f"at {look.pace:.0%} of real time: this computer is busy"
-    remark = f" · {look.remark}" if look.remark else ""
+    remark = f" · {look.begun.remark}" if look.begun.remark else ""
     return f"{look.time:.1f} s {pace}{remark}" if look.running else f"Ended after {look.time:.1f} s."
 
 
 def connect(bench: Bench) -> None:
     """Wire start, stop, and the beat."""
-    _connect_runs(bench)
     _connect_beat(bench)
     missing.connect(bench)
 
-
-def _connect_runs(bench: Bench) -> None:
-    """Wire what begins, ends and keeps a run."""
-
-    @bench.on(Input("live-start", "n_clicks"), given=tuple(Value(c, "value") for c in (*FORM, "live-replay")))
+    @bench.on(Input("live-start", "n_clicks"), given=tuple(Value(f"live-{name}", "value") for name in FORM))
     def start(session: Session, clicks: int, *chosen: Any) -> None:
-        setup = _setup(session, clicks, *chosen)
+        setup = _setup(session, clicks, dict(zip(FORM, chosen, strict=True)))
         if session.run is not None:
             session.run.stop()
-        try:
-            session.run = live.Run(setup)
-        except ValueError as error:
-            raise InputError(str(error)) from None
-        session.run.start()
+        session.run = live.Run(setup, session.workers.take())
 
-    @bench.app.callback(
-        Output("version", "data", allow_duplicate=True),
-        Input("live-stop", "n_clicks"),
-        Value("session", "data"),
-        prevent_initial_call=True,
-    )
-    def stop(clicks: int, id: str) -> int:
-        """Not by `bench.on`, which refuses while a job runs: a motor stops whenever it is told to."""
-        if not clicks:
-            raise PreventUpdate
-        session = bench.sessions.of(id)
-        session.halt()
-        return session.version
-
-    @bench.on(Input("live-keep", "n_clicks"))
-    def keep(session: Session, _: int) -> None:
-        if session.run is None:
-            raise InputError("nothing has run yet: start a run first")
-        session.run.stop()
-        file = session.place(free_name(session))
-        write_recording(session.run.recording(file.stem), file)
-        session.keep(*session.take(file, Source(file)))
+    bench.buttons({"live-keep": keep})
+    bench.buttons({"live-stop": Session.halt}, urgent=True)  # a motor stops whenever it is told to
 
     @bench.app.callback(Output("live-replay-field", "hidden"), Input("live-backend", "value"))
     def has_none_to_replay(backend: str) -> bool:
         return backend != "replay"
 
 
-def _setup(
-    session: Session,
-    seed: int,
-    backend: str,
-    excitation: str,
-    effect: str,
-    amplitude: float | None,
-    seconds: float | None,
-    replay: str | None,
-) -> live.Setup:
+def keep(session: Session) -> None:
+    """Keep what the run has measured as a recording."""
+    if session.run is None:
+        raise InputError("nothing has run yet: start a run first")
+    session.run.stop()
+    file = session.place() / free_name(session.state)
+    write_recording(session.run.recording(file.stem), file)
+    session.load([Source(file)])
+
+
+def _setup(session: Session, seed: int, chosen: dict[str, Any]) -> live.Setup:
     """What the controls say.
 
     Raises:
         InputError: if they make no sense.
     """
+    backend, seconds, effect, replay = (chosen[name] for name in ("backend", "seconds", "effect", "replay"))
     if seconds is None or not 2 <= seconds <= live.LONGEST:
         raise InputError(f"a live run lasts from 2 to {live.LONGEST:g} s")
     if backend == "replay" and replay is None:
         raise InputError("there is no recording to replay: load one first")
     if backend == RIG and session.rig is None:
         raise InputError("there is no rig here: start the workbench with --config rig.toml")
-    file = session.find(str(replay)).file if backend == "replay" else None
+    file = session.find(str(replay)).source.file if backend == "replay" else None
     rig = session.rig if backend == RIG else None
     hidden = (effect,) if effect and file is None and rig is None else ()
-    return live.Setup(backend, excitation, amplitude, hidden, float(seconds), seed, file, rig)
+    torque = chosen["excitation"], chosen["amplitude"]
+    return live.Setup(backend, *torque, hidden, float(seconds), seed, file, rig)
 
 
 def _connect_beat(bench: Bench) -> None:

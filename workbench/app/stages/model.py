@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dash import Input, State, dcc, html
+from dataclasses import replace
+
+from dash import Input, State, html
 from dash.development.base_component import Component
 
-from workbench.app.parts import button, fragment, graph, panel
+from pendulum_env.physics import BASE
+from workbench.app.parts import button, drop, fragment, graph, panel
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import State as Work
-from workbench.app.uploads import UPLOAD
 from workbench.report.sections.parameters import parameters
 from workbench.report.sections.schemes import schemes
 from workbench.report.words import name, opening
@@ -22,40 +24,28 @@ def show(session: Session) -> list[Component]:
         html.Li([html.Strong(opening(name(term.id))), " ", html.Span(term.law, className="law")])
         for term in state.model.terms
     ]
-    parts: list[Component] = [
-        panel(
-            "The model",
-            html.P(["The torque that moves the joint is the sum of these terms:"]),
-            html.Ul(terms, className="terms"),
-        ),
+    about = html.P("The torque that moves the joint is the sum of these terms:")
+    section = schemes(replace(state.standing, identification=state.identification))
+    side_by_side: list[Component] = [html.P("These recordings are too poor for the six schemes.")]
+    if section is not None:
+        plots = [graph(figure) for figure in section.content["figures"]]
+        side_by_side = [fragment(section), html.Div(plots, className="grid")]
+    return [
+        panel("The model", about, html.Ul(terms, className="terms")),
         panel("Parameters and how sure they are", fragment(parameters(state.standing))),
+        panel("The six schemes side by side", *side_by_side),
+        _start(state),
     ]
-    section = schemes(state.scheming)
-    if section is None:
-        parts.append(panel("The six schemes", html.P("These recordings are too poor for the six schemes.")))
-    else:
-        plots = html.Div([graph(figure) for figure in section.content["figures"]], className="grid")
-        parts.append(panel("The six schemes side by side", fragment(section), plots))
-    return [*parts, _start(state)]
 
 
 def _start(state: Work) -> Component:
     """Another model to start from."""
     said = f"the terms of {state.model_file}" if state.model_file else "the paper's four terms"
-    upload = dcc.Upload(
-        [html.Strong("Choose a model"), ", a JSON file that identify, diagnose or add wrote"],
-        id="model-file",
-        max_size=UPLOAD,
-        className="drop",
-        className_active="drop over",
-        style={},
-    )
-    back = button("Back to the paper's four", "model-back", disabled=not state.model_file)
     return panel(
         "Start from another model",
         html.P(f"The base model has {said}. Another one is fitted to the same recordings; what was added is left out."),
-        upload,
-        back,
+        drop([html.Strong("Choose a model"), ", a JSON file that identify, diagnose or add wrote"], "model-file"),
+        button("Back to the paper's four", "model-back", disabled=not state.model_file),
     )
 
 
@@ -66,9 +56,10 @@ def connect(bench: Bench) -> None:
     def begin(session: Session, content: str, file: str) -> None:
         session.begin_from(file, content)
 
-    @bench.on(Input("model-back", "n_clicks"))
-    def back(session: Session, _: int) -> None:
-        session.state = session.state.fitting()
+    def back(session: Session) -> None:
+        session.change("start from four terms", session.state.anew(terms=BASE, model_file=""))
+
+    bench.buttons({"model-back": back})
 
 
 STAGE = Stage("model", "Model", show, connect)

@@ -39,6 +39,7 @@ class ArmCase:
         selected: effects that were found, `stribeck@elbow`.
         judged: effects that were judged, each once.
         unexplained: torque that is left at joints and surely is something [N m].
+        next_step: what to do now, if anything.
     """
 
     evidence: Evidence
@@ -47,6 +48,7 @@ class ArmCase:
     selected: tuple[str, ...] = ()
     judged: tuple[Candidate, ...] = ()
     unexplained: Mapping[str, float] = field(default_factory=dict)
+    next_step: str = ""
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -41,6 +41,7 @@ def write_arm_report(
         diagnosis.selected,
         diagnosis.candidates,
         diagnosis.unexplained,
+        diagnosis.next_step,
     )
     _write(path, case, diagnosis.headline, f"diagnosis of {listing([recording.name for recording in recordings])}")
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 
-from estimators.checks.residual import STANDS_OUT, Region, profile, stand_out
+from estimators.checks.residual import STANDS_OUT, Region, profiles, stand_out
 from estimators.selection.data import inertias
 from estimators.weak_form.dataset import TRIFLE
 from pendulum_env._typing import JSON
 from pendulum_env.arms.joints import Links
+from pendulum_env.recording.record import NEWTON_METRE
 from workbench.report.arm.case import ArmCase
 from workbench.report.section import Section
 from workbench.report.sections.failures import key, profile_figure
@@ -20,13 +24,17 @@ SHOWN = ("position", "velocity", "time")  # a strip's plots
 def joints(case: ArmCase, headline: str) -> Section:
     """Torque errors of every joint under each model."""
     rows = list(zip(*(drawn.errors for drawn in case.models), strict=True))
-    laws = [(own.id, own.law) for own in case.final.model.terms if own.id in case.selected]
+    final = case.final.model
+    laws = [(own.id, own.law, final.of(own.id)) for own in final.terms if own.id in case.selected]
     content = {
         "measured": case.measured,
         "labels": [drawn.label for drawn in case.models],
         "rows": rows,
         "laws": laws,
-        "unexplained": case.unexplained,
+        "unexplained": [
+            (joint, size, case.final.model.body.said(joint, NEWTON_METRE)) for joint, size in case.unexplained.items()
+        ],
+        "next_step": case.next_step,
     }
     return Section("joints", "Result", headline, content)
 
@@ -44,8 +52,10 @@ def strips(case: ArmCase) -> Section:
         part, here = data.part(joint), data.where(joint)
         x, noise = part.samples, part.noise(inertia[joint])
         trifle = TRIFLE * float(np.std(part.torque()))
-        maps = [[profile(axis, np.asarray(getattr(x, axis)), own[here], noise) for axis in SHOWN] for own in residuals]
-        regions = [[r for r in stand_out(own) if abs(r.residual) > trifle] for own in maps]
+        maps = [profiles(x, own[here], noise, SHOWN) for own in residuals]
+        regions = [[r for r in stand_out(x, own[here], noise, SHOWN) if abs(r.residual) > trifle] for own in residuals]
+        body = case.final.model.body
+        regions = [[replace(r, text=body.said(joint, r.text)) for r in own] for own in regions]
         standing = [seen or bool(own) for seen, own in zip(standing, regions, strict=True)]
         reach = 1.08 * max(float(np.abs(item.mean).max()) for own in maps for item in own)
         still = regions[-1] if len(maps) > 1 else []
@@ -57,6 +67,7 @@ def strips(case: ArmCase) -> Section:
                 still,
                 reach,
                 f"joint-{k}",
+                partial(body.said, joint),
             )
             for place in range(len(SHOWN))
         ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from estimators.diagnosis.result import Candidate, Verdict
+from estimators.diagnosis.result import Candidate, Detectable, Verdict
 from pendulum_env.physics import effects
 from workbench.report.case import Case
 from workbench.report.section import Section
@@ -31,10 +31,10 @@ class Row:
 
 def candidates(case: Case) -> Section:
     """Every effect of the library with its verdict, score, error ratio and reason."""
-    return ranked(case.diagnosis.candidates)
+    return ranked(case.diagnosis.candidates, case.diagnosis.detectable)
 
 
-def ranked(found: Sequence[Candidate]) -> Section:
+def ranked(found: Sequence[Candidate], detectable: Sequence[Detectable] = ()) -> Section:
     """The same of any candidates."""
     library = effects()
     order = list(VERDICTS)
@@ -49,4 +49,5 @@ def ranked(found: Sequence[Candidate]) -> Section:
         for rank, candidate in enumerate(found, 1)
     ]
     widest = max([1.25, *(min(row.candidate.error_ratio, 2.0) for row in rows)])
-    return Section("candidates", "Candidates", "What was considered", {"rows": rows, "widest": widest})
+    content = {"rows": rows, "widest": widest, "detectable": detectable}
+    return Section("candidates", "Candidates", "What was considered", content)

@@ -103,7 +103,7 @@ def before_and_after(
         data.append(line(x, below, name, color, unit, legendgroup=name, yaxis="y2", showlegend=False))
     layout = stacked(f"{quantity} [{unit}]", f"{difference} [{unit}]", "time [s]")
     to_see = bool(case.diagnosis.selected or case.diagnosis.unexplained)
-    choice = views(x, [measured, *modelled], differences, CLOSE, worst_first=to_see)
+    choice = views(x, [measured, *modelled], differences, CLOSE, worst_first=to_see, model=case.first)
     for axis, limits in choice[0].ranges.items():
         layout[axis]["range"] = limits
     return Figure(id, label, data, layout, 460, choice)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimators.checks.residual import STANDS_OUT, Profile, Region, profiles, stand_out
+from estimators.checks.residual import STANDS_OUT, WITHIN, Profile, Region, profiles, stand_out, wrapped
 from pendulum_env._typing import JSON, Array
 from workbench.report.case import Case
 from workbench.report.figure import Figure, axis, band, line, numbers
@@ -19,7 +19,8 @@ TITLES = {
     "time": "time t [s]",
     "frequency": "frequency [Hz]",
 }
-QUARTERS = [-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi]
+AROUND = "angle q, wrapped [rad]"
+QUARTERS = {"tickvals": [-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], "ticktext": ["−π", "−π/2", "0", "π/2", "π"]}
 FEWEST = 2  # windows that make a cell of the phase plane
 
 Curve = tuple[str, str]  # label and colour of a model
@@ -30,7 +31,7 @@ def failures(case: Case) -> Section:
     evidence, noise = case.training, case.diagnosis.noise_floor
     residuals = case.residuals(evidence)
     maps = [profiles(evidence.samples, residual, noise) for residual in residuals]
-    regions = stand_out(maps[0])
+    regions = stand_out(evidence.samples, residuals[0], noise)
     curves = [(label, color) for label, color, _ in case.models]
     still = case.diagnosis.unexplained if case.diagnosis.selected else ()
     reach = 1.08 * max(float(np.max(np.abs(item.mean))) for drawn in maps for item in drawn if item.axis != "frequency")
@@ -39,6 +40,7 @@ def failures(case: Case) -> Section:
         "Where it fails",
         "Where the model fails",
         {
+            "first": case.first,
             "regions": regions,
             "unexplained": case.diagnosis.unexplained,
             "found": bool(case.diagnosis.selected),
@@ -73,6 +75,7 @@ def profile_figure(
     still: Sequence[Region],
     reach: float,
     name: str = "profile",
+    said: Callable[[str], str] = str,
 ) -> Figure:
     """Mean residual of each model over one quantity up to `reach` [N m], noise band, and regions that stand out.
 
@@ -83,19 +86,23 @@ def profile_figure(
         still: that stand out under the last one, if it is another.
         reach: of the ordinate to either side [N m].
         name: before the axis in the figure's id.
+        said: a unit as it is for the joint.
     """
     first = drawn[0]
     middle = 0.5 * (first.edges[1:] + first.edges[:-1])
     oscillates = first.axis == "frequency"
     data = [band(middle, STANDS_OUT * first.error, f"noise (±{STANDS_OUT:g}σ)")]
     for (label, color), profile in zip(curves, drawn, strict=True):
-        data.append(line(middle, profile.mean, label, color, "N m", mode="lines" if oscillates else "lines+markers"))
+        data.append(
+            line(middle, profile.mean, label, color, said("N m"), mode="lines" if oscillates else "lines+markers")
+        )
     half = 0.5 if still else 0.0  # both kinds of stripe share the height
     shapes = [stripe(r, "--region", half, 1.0) for r in regions if r.axis == first.axis]
     shapes += [stripe(r, "--open", 0.0, half) for r in still if r.axis == first.axis]
-    what = "amplitude [N m]" if oscillates else "mean residual [N m]"
+    title = AROUND if first.unit == WITHIN else TITLES.get(first.axis, f"{first.axis} [{first.unit}]")
+    what = said("amplitude [N m]" if oscillates else "mean residual [N m]")
     layout: JSON = {
-        "xaxis": axis(TITLES.get(first.axis, f"{first.axis} [{first.unit}]")),
+        "xaxis": axis(said(title), **(QUARTERS if first.unit == WITHIN else {})),
         "yaxis": axis(what, **({"rangemode": "tozero"} if oscillates else {"range": [-reach, reach]})),
         "shapes": shapes,
         "showlegend": False,
@@ -121,11 +128,6 @@ def stripe(region: Region, color: str, low: float, high: float) -> JSON:
     }
 
 
-def wrapped(position: Array) -> Array:
-    """Angles (N,) within a turn [rad]."""
-    return (np.asarray(position) + np.pi) % (2 * np.pi) - np.pi
-
-
 def plane_figures(case: Case, residuals: Sequence[Array]) -> list[Figure]:
     """Mean residual in the phase plane, one figure a model, all in one colour scale."""
     x = case.training.samples
@@ -149,7 +151,7 @@ def planes(position: Array, velocity: Array, residuals: Sequence[Array]) -> list
     limit = float(np.percentile(seen, 95)) if len(seen) else 1.0
     middles = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
     layout = {
-        "xaxis": axis("angle q, wrapped [rad]", tickvals=QUARTERS, ticktext=["−π", "−π/2", "0", "π/2", "π"]),
+        "xaxis": axis(AROUND, **QUARTERS),
         "yaxis": axis("velocity q' [rad/s]"),
         "margin": {"t": 12, "r": 8},
     }

@@ -20,9 +20,13 @@ COLORS = ("--base", "--final")
 
 
 def loop(
-    headline: str, models: Sequence[tuple[str, Model]], recordings: Sequence[Recording], left: Sequence[str] = ()
+    headline: str,
+    models: Sequence[tuple[str, Model]],
+    recordings: Sequence[Recording],
+    left: Sequence[str] = (),
+    advice: Sequence[str] = (),
 ) -> Section:
-    """Errors of one or two models on every recording, and their motion beside the measured one."""
+    """Errors of one or two models on every recording, their motion beside what was measured, and what remains to do."""
     rows, figures = [], []
     for number, recording in enumerate(recordings):
         errors, curves = [], []
@@ -55,7 +59,7 @@ def loop(
         "labels": [label for label, _ in models],
         "rows": rows,
         "figures": figures,
-        "left": list(left),
+        "lists": [("Left unexplained", left), ("What to do next", advice)],
     }
     return Section("loop", "In the loop", opening(headline), content)
 
@@ -66,4 +70,5 @@ def of_diagnosis(found: Diagnosis, fitted: Sequence[Recording], held_out: Sequen
     models = [("base model", found.steps[0].model)]
     if len(found.steps) > 1:
         models.append(("with what was found", found.model))
-    return loop(found.headline, models, recordings, [region.text for region in found.unexplained])
+    left = [region.text for region in found.unexplained]
+    return loop(found.headline, models, recordings, left, [found.next_step, *found.remarks])

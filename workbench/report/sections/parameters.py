@@ -46,6 +46,7 @@ def parameters(case: Case) -> Section:
         "Parameters and how sure they are",
         {
             "rows": rows,
+            "first": case.first,
             "added": [step.added for step in steps],
             "width": WIDTH,
             "sigmas": SIGMAS,

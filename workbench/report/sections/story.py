@@ -55,7 +55,7 @@ def story(case: Case) -> Section:
             "ambiguous": diagnosis.ambiguous,
             "unexplained": diagnosis.unexplained,
             "disagreements": diagnosis.disagreements,
-            "advice": diagnosis.advice,
+            "advice": [diagnosis.next_step, *diagnosis.remarks] if diagnosis.candidates else diagnosis.advice,
             "not_excited": open_questions,
             "noise_floor": diagnosis.noise_floor,
             "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / diagnosis.noise_floor,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import Any
 
 from pendulum_env.backends.emulators.motor import Motor
@@ -13,63 +13,57 @@ from pendulum_env.backends.hardware.encoder import difference
 
 NODE = 1
 RATED = 15.0  # [N m]
-REQUEST, RESPONSE = 0x600 + NODE, 0x580 + NODE  # service data objects
 NO_OBJECT = 0x06020000  # abort code
 OVER_TEMPERATURE, HOST_LOST = 0x4310, 0x8130
+FAULT = 0x08  # statuswords
 POWER_OF = {"switch-on disabled": 0x40, "ready to switch on": 0x21, "switched on": 0x23, cia402.ENABLED: 0x27}
 
 
-class CanEmulator:
+class ServoDrive:
     """Object dictionary, state machine and process data of a drive."""
 
     def __init__(self, motor: Motor) -> None:
         """Take the motor."""
-        self.motor, self._wire, self._line = motor, Wire(), bytearray()
-        self._objects: dict[tuple[int, int], bytes] = {cia402.ERROR_CODE: bytes(2)}
+        self.motor, self._line = motor, bytearray()
+        settings = (cia402.CONSUMER_HEARTBEAT, cia402.ON_LOST_HOST, cia402.ON_FAULT, cia402.MODE)
+        self._objects: dict[tuple[int, int], bytes] = dict.fromkeys(settings, bytes(4))
         for (parameters, mapping), _ in cia402.PDOS.values():
-            self._objects |= {(parameters, k): bytes(4) for k in (1, 2)} | {(mapping, k): bytes(4) for k in range(9)}
-        for where in (cia402.CONSUMER_HEARTBEAT, cia402.ON_LOST_HOST, cia402.ON_FAULT, cia402.MODE):
-            self._objects[where] = bytes(4)
+            self._objects |= dict.fromkeys([(parameters, 1), (parameters, 2)], bytes(4))
+            self._objects |= dict.fromkeys([(mapping, k) for k in range(9)], bytes(4))
         self._objects[cia402.RATED_TORQUE] = struct.pack("<I", round(1e3 * RATED))
         self._status, self._control, self._error, self._kept = 0x40, 0, 0, False
         self._operational = False
 
-    @property
-    def place(self) -> str:
-        """Path of the other end."""
-        return self._wire.path
-
-    def settings(self) -> dict[str, Any]:
+    def settings(self, place: str) -> dict[str, Any]:
         """Keys of its table in rig.toml."""
-        return {"interface": "slcan", "channel": self.place, "timestamp": True}
+        return {"interface": "slcan", "channel": place, "timestamp": True}
 
-    def sources(self) -> dict[int, Callable[[], None]]:
-        """The pseudo-terminal."""
-        return {self._wire.descriptor: self._come} if self._wire.descriptor >= 0 else {}
-
-    def _come(self) -> None:
-        self._line += self._wire.read()
+    def answer(self, data: bytes) -> bytes:
+        """What the adapter sends when these bytes have come: messages of the bus as lines, `tIIILDD...`."""
+        self._line += data
         *lines, rest = self._line.split(b"\r")
         self._line = bytearray(rest[-64:])
-        for line in lines:
-            try:
-                if line[:1] == b"t" and len(line) == 5 + 2 * (length := int(line[4:5])):
-                    self._take(int(line[1:4], 16), bytes.fromhex(line[5 : 5 + 2 * length].decode("ascii")))
-            except ValueError:
-                pass  # damaged
+        sent = [message for line in lines for message in self._heard(bytes(line))]
+        return b"".join(f"t{id:03X}{len(data)}{data.hex().upper()}\r".encode() for id, data in sent)
 
-    def _send(self, id: int, data: bytes) -> None:
-        self._wire.write(f"t{id:03X}{len(data)}{data.hex().upper()}\r".encode())
+    def _heard(self, line: bytes) -> list[tuple[int, bytes]]:
+        try:
+            if line[:1] == b"t" and len(line) == 5 + 2 * int(line[4:5]):
+                return list(self._take(int(line[1:4], 16), bytes.fromhex(line[5:].decode("ascii"))))
+        except ValueError:
+            pass  # damaged
+        return []
 
-    def _take(self, id: int, data: bytes) -> None:
+    def _take(self, id: int, data: bytes) -> Iterator[tuple[int, bytes]]:
+        """Identifiers and data of its answers to a message."""
         motor = self.motor
         motor.advance()
         if motor.expired and not self._error:
             self._fail(HOST_LOST)
         if id == cia402.NMT and len(data) == 2 and data[1] in (0, NODE):
             self._operational = data[0] == cia402.START
-        elif id == REQUEST and len(data) == 8:
-            self._serve(data)
+        elif id == cia402.REQUEST + NODE and len(data) == cia402.SDO.size:
+            yield cia402.ANSWER + NODE, self._serve(*cia402.unpack_sdo(data))
         elif not self._operational:
             return
         elif id == cia402.RPDO1 + NODE and len(data) == cia402.COMMAND.size:
@@ -85,12 +79,10 @@ class CanEmulator:
         elif id == cia402.SYNC:
             counts = difference(motor.counts(), 0)
             torque = round(motor.torque / (1e-3 * RATED))
-            self._send(cia402.TPDO1 + NODE, cia402.STATE.pack(self._status, counts, torque))
-            if self._identifier(cia402.TPDO2) == cia402.NO_REMOTE | (cia402.TPDO2 + NODE):
-                self._send(cia402.TPDO2 + NODE, cia402.STAMP.pack(int(1e6 * motor.moment) % 2**32))
-
-    def _identifier(self, base: int) -> int:
-        return int.from_bytes(self._objects[cia402.PDOS[base][0][0], 1], "little")
+            yield cia402.TPDO1 + NODE, cia402.STATE.pack(self._status, counts, torque)
+            (parameters, _), _ = cia402.PDOS[cia402.TPDO2]
+            if int.from_bytes(self._objects[parameters, 1], "little") == cia402.NO_REMOTE | (cia402.TPDO2 + NODE):
+                yield cia402.TPDO2 + NODE, cia402.STAMP.pack(int(1e6 * motor.moment) % 2**32)
 
     def _obey(self, control: int) -> None:
         """State machine, one transition for each controlword that asks for it."""
@@ -112,45 +104,30 @@ class CanEmulator:
                 self.motor.switch(True)
 
     def _fail(self, code: int) -> None:
-        self._error, self._status = code, 0x08
+        self._error, self._status = code, FAULT
         self.motor.switch(False)
         self.motor.expired = False
 
-    def _serve(self, data: bytes) -> None:
-        """Expedited upload and download of an object."""
-        kind, index, subindex = struct.unpack("<BHB", data[:4])
-        where = struct.pack("<HB", index, subindex)
-        self._objects[cia402.ERROR_CODE] = struct.pack("<H", self._error)
-        self._objects[cia402.MODE_SHOWN] = self._objects[cia402.MODE]
-        value = self._objects.get((index, subindex))
-        if value is None:
-            answer = b"\x80" + where + struct.pack("<I", NO_OBJECT)
-        elif kind == 0x40:
-            answer = bytes([0x43 | (4 - len(value)) << 2]) + where + value.ljust(4, b"\0")
-        else:
-            size = 4 - (kind >> 2 & 3)
-            self._objects[index, subindex] = data[4 : 4 + size]
-            answer = b"\x60" + where + bytes(4)
-        self._send(RESPONSE, answer)
+    def _serve(self, command: int, where: tuple[int, int], value: bytes) -> bytes:
+        """Answer to a request for an object."""
+        known = self._objects | {
+            cia402.ERROR_CODE: struct.pack("<H", self._error),
+            cia402.MODE_SHOWN: self._objects[cia402.MODE],
+        }
+        if where not in known:
+            return cia402.pack_sdo(cia402.ABORTED, where, struct.pack("<I", NO_OBJECT))
+        if command == cia402.UPLOAD:
+            return cia402.pack_sdo(cia402.UPLOADED, where, known[where])
+        self._objects[where] = value
+        return cia402.pack_sdo(cia402.DOWNLOADED, where)
 
     def fault(self) -> None:
         """Over-temperature, until the process ends."""
         self._kept = True
         self._fail(OVER_TEMPERATURE)
 
-    def unplug(self) -> None:
-        """No cable."""
-        self._wire.pull()
 
-    def corrupt(self, probability: float) -> None:
-        """A cable beside a strong motor."""
-        self._wire.corrupt(probability)
-
-    def close(self) -> None:
-        """Let go."""
-        self._wire.pull()
-
-
-def make(motor: Motor) -> CanEmulator:
-    """Emulator around a motor."""
-    return CanEmulator(motor)
+def make(motor: Motor) -> tuple[ServoDrive, Wire]:
+    """Drive around a motor, and the adapter's cable."""
+    drive = ServoDrive(motor)
+    return drive, Wire(drive.answer)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from pendulum_env.backends.emulators.motor import Motor
@@ -14,32 +13,23 @@ from pendulum_env.interface import MAX_TORQUE
 OVER_TEMPERATURE = 0x02
 
 
-class SerialEmulator:
+class Firmware:
     """Answers frames."""
 
     def __init__(self, motor: Motor) -> None:
         """Take the motor."""
-        self.motor, self._wire, self._splitter, self._faults = motor, Wire(), frames.Splitter(), 0
+        self.motor, self._splitter, self._faults = motor, frames.Splitter(), 0
         self._set, self._ready = 0, False  # torque [uN m]; whether there has been a SETUP
 
-    @property
-    def place(self) -> str:
-        """Path of the other end."""
-        return self._wire.path
-
-    def settings(self) -> dict[str, Any]:
+    def settings(self, place: str) -> dict[str, Any]:
         """Keys of its table in rig.toml."""
-        return {"port": self.place}
+        return {"port": place}
 
-    def sources(self) -> dict[int, Callable[[], None]]:
-        """The pseudo-terminal."""
-        return {self._wire.descriptor: self._come} if self._wire.descriptor >= 0 else {}
+    def answer(self, data: bytes) -> bytes:
+        """What it sends when these bytes have come."""
+        return b"".join(self._take(*frame) for frame in self._splitter.feed(data))
 
-    def _come(self) -> None:
-        for kind, sequence, *values in self._splitter.feed(self._wire.read()):
-            self._take(kind, sequence, values)
-
-    def _take(self, kind: int, sequence: int, values: list[int]) -> None:
+    def _take(self, kind: int, sequence: int, *values: int) -> bytes:
         motor = self.motor
         if kind == frames.TORQUE:
             torque = frames.MICRO * values[0]
@@ -47,7 +37,7 @@ class SerialEmulator:
                 motor.command(torque)
                 motor.feed()
                 self._set = values[0]
-            return
+            return b""
         if kind == frames.SETUP:
             motor.switch(False)
             self._set, self._ready = 0, True
@@ -56,31 +46,20 @@ class SerialEmulator:
             motor.switch(bool(values[0]) and self._ready and not self._faults)
             self._set = 0
         elif kind != frames.READ:
-            return
-        flags = frames.POWERED * motor.powered + frames.EXPIRED * motor.expired
+            return b""
         counts = difference(motor.counts(), 0)
+        flags = frames.POWERED * motor.powered + frames.EXPIRED * motor.expired
         micro = int(motor.moment / frames.MICRO) % 2**32
         torque = self._set if motor.powered else 0
-        self._wire.write(frames.pack(frames.STATE, sequence, flags, self._faults, micro, counts, torque))
+        return frames.pack(frames.STATE, sequence, flags, self._faults, micro, counts, torque)
 
     def fault(self) -> None:
         """Over-temperature, until the process ends."""
         self._faults |= OVER_TEMPERATURE
         self.motor.switch(False)
 
-    def unplug(self) -> None:
-        """No cable."""
-        self._wire.pull()
 
-    def corrupt(self, probability: float) -> None:
-        """A cable beside a strong motor."""
-        self._wire.corrupt(probability)
-
-    def close(self) -> None:
-        """Let go."""
-        self._wire.pull()
-
-
-def make(motor: Motor) -> SerialEmulator:
-    """Emulator around a motor."""
-    return SerialEmulator(motor)
+def make(motor: Motor) -> tuple[Firmware, Wire]:
+    """Firmware around a motor, and the cable to it."""
+    firmware = Firmware(motor)
+    return firmware, Wire(firmware.answer)

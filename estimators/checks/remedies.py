@@ -1,0 +1,76 @@
+"""What a fit says of columns that were read wrongly, with the option that reads them rightly, ready to paste."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from estimators.checks.physical import surely_negative
+from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
+from pendulum_env.recording.origin import Origin
+from pendulum_env.recording.record import WARNING
+from pendulum_env.words import listing
+
+SURE = 3.0  # standard errors, from which a zero is off
+
+
+def remedies(model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = ()) -> list[str]:
+    """A word on columns that were read wrongly, by what a fit to them says, or their units.
+
+    Args:
+        model: that was fitted.
+        recordings: to which.
+        ambiguous: groups of effects of which nobody knows which one it is.
+    """
+    notes = dict.fromkeys(note for recording in recordings for note in recording.notes)
+    units = [note.removeprefix(WARNING) for note in notes if note.startswith(WARNING)]
+    return [*units, *([] if any("gravity_tilt" in group for group in ambiguous) else wrong_columns(model, recordings))]
+
+
+def wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[str]:
+    """A word on parameters that say that a column of the recordings has another sign, or another zero.
+
+    What is known to hang on the joint besides tells where down is.
+    """
+    if surely_negative(model, "inertia"):
+        told = "inertia came out negative: torque and position have opposite signs, turn one of them round"
+        return [told + _remedy(recordings, lambda origin: origin.turned("torque"))]
+    gravity, tilt = (model.estimates.get(name) for name in ("gravity", "gravity_tilt"))
+    carried = {0.0 if recording.load is None else recording.load.gravity for recording in recordings}
+    if gravity is None or gravity.std == 0:  # where a user has fixed it, nothing is found
+        return []
+    down = gravity.value + max(carried, key=abs)
+    if tilt is not None and abs(tilt.value) > SURE * tilt.std > 0 and len(carried) == 1:
+        # g sin(q - d) = g cos d sin q - g sin d cos q
+        angle = float(np.arctan2(tilt.value, down))
+        error = float(np.hypot(tilt.std * down, gravity.std * tilt.value)) / (down**2 + tilt.value**2)
+        digits = int(np.clip(-np.floor(np.log10(max(np.degrees(error), 1e-9))), 0, 3))
+        off = f"{abs(np.degrees(angle)):.{digits}f} ± {np.degrees(error):.{digits}f} degrees"
+        told = f"your zero is {off} off, or the base is tilted by as much (gravity_tilt)"
+        return [told + _remedy(recordings, lambda origin: origin.shifted(angle, digits))]
+    if surely_negative(model, "gravity") and down < 0:
+        told = "gravity came out negative: position 0 seems to be the upright position, it should hang down"
+        return [told + _remedy(recordings, lambda origin: origin.shifted(np.pi, 0))]
+    return []
+
+
+def turned_round(model: Model, recordings: Sequence[Recording]) -> str | None:
+    """What to do if every parameter of the base model came out negative, as where the torque is logged turned round."""
+    known = [name for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
+    clear = sum(surely_negative(model, name) for name in known)
+    if clear < 3 or not surely_negative(model, known[0]) or any(model.estimates[name].value > 0 for name in known):
+        return None
+    return wrong_columns(model, recordings)[0]
+
+
+def _remedy(recordings: Sequence[Recording], mended: Callable[[Origin], str | None]) -> str:
+    """How to read the recordings rightly, those alike together; nothing where nobody knows their columns."""
+    names: dict[str, list[str]] = {}
+    for recording in recordings:
+        if recording.origin is not None and (option := mended(recording.origin)) is not None:
+            names.setdefault(option, []).append(recording.name)
+    if len(names) == 1:
+        return f": read it with {next(iter(names))} instead"
+    return "".join(f"; read {listing(own)} with {option} instead" for option, own in names.items())

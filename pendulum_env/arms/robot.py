@@ -1,0 +1,277 @@
+"""Robots in files, URDF or MJCF, as they come: which joints move, which are held, and which follow others.
+
+The file is parsed by Pinocchio in a helper process, of which nothing reaches the user but plain numbers and a sentence.
+Joints that are held are gone, their links part of those before. Those that mimic others, as the fingers of a gripper,
+stay links of their own: with joints at q, all links' joints are at R q + r.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from pendulum_env._typing import JSON, Array
+from pendulum_env.isolated import Answer, isolated
+from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake
+from pendulum_env.reading import DOCUMENT, LARGE, regular_size, shown
+
+LIGHTEST = 1e-9  # [kg], of a link that moves
+MOST = 64  # joints
+SPARSE = "write it without what does not move"  # what helps where a robot takes too long or too much memory
+TURNS, SLIDES = "Revolute", "Prismatic"  # Pinocchio's words
+
+
+class BodyError(Mistake):
+    """A robot that cannot be identified; the message is one sentence with the file, what is wrong and what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """Links in a tree on a fixed base.
+
+    Attributes:
+        name: of the robot.
+        joints: names of the n joints that move by themselves, from the base on.
+        held: joints that do not move, and where they are [rad] or [m].
+        links: names of the joints that have a link behind them: `joints`, and those that follow them.
+        sliding: joints that slide instead of turning, also of those that do not move.
+        model: Pinocchio's, of the links.
+        ratios: R, how fast each link's joint moves with each joint (links, n).
+        offsets: r, where it is with these at zero (links,) [rad] or [m].
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    held: Mapping[str, float]
+    links: tuple[str, ...]
+    sliding: frozenset[str]
+    model: Any
+    ratios: Array
+    offsets: Array
+
+
+def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> Robot:
+    """Read a robot; arguments and errors are those of `read_body`."""
+    pinocchio()
+    try:
+        regular_size(path, DOCUMENT)
+        asked = None if joints is None else tuple(joints)
+        told, arrays = isolated(_told, Path(path), asked, dict(held), bolted, remedy=SPARSE)
+    except Mistake as error:
+        raise BodyError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+    *fields, ratios, offsets = arrays
+    model = _built(told, dict(zip(FIELDS, fields, strict=True)))
+    names, links = tuple(told["joints"]), tuple(told["links"])
+    return Robot(told["name"], names, told["held"], links, frozenset(told["sliding"]), model, ratios, offsets)
+
+
+FIELDS = ("turns", "places", "axes", "masses", "centers", "inertias", "low", "high", "efforts", "speeds", "armature",
+          "damping", "friction", "gravity")  # fmt: skip
+
+
+def _told(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> Answer:
+    """Names, joints, links and their parents, the `FIELDS`, and what follows what, of a robot in a file."""
+    pin = pinocchio()
+    try:
+        tree = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        raise BodyError(f"is no XML ({error}): a robot is read from URDF or MJCF") from None
+    if tree.tag not in ("robot", "mujoco"):
+        raise BodyError(f"holds <{tree.tag}>, neither <robot> (URDF) nor <mujoco> (MJCF)")
+    ties = _ties(tree)
+    build = pin.buildModelFromUrdf if tree.tag == "robot" else pin.buildModelFromMJCF
+    try:
+        model = build(str(path))
+    except Exception as error:  # Pinocchio raises what its parsers raise
+        raise BodyError(f"Pinocchio cannot read it: {' '.join(str(error).split())[:200]}") from None
+    name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
+    leads = {joint: _leads(joint, ties, robot) for joint in robot}
+    free = [joint for joint, tie in leads.items() if tie.joint == joint]
+    bases = [joint for joint in free if _kind(model, joint) == "FreeFlyer"]
+    for joint in bases:
+        if not (bolted or joint in held):
+            raise BodyError(f"joint '{joint}' lets the base float: say --base fixed if it is bolted down (bolted=True)")
+    for joint in joints or ():
+        if (leader := leads[joint].joint if joint in leads else joint) != joint:
+            raise BodyError(f"joint '{joint}' mimics '{leader}': name that one, which it follows")
+        find("joint", joint, dict.fromkeys(free))
+    moves = [joint for joint in free if (joint not in bases if joints is None else joint in joints)]
+    still = {joint: tie.at(float(held.get(tie.joint, 0.0))) for joint, tie in leads.items() if tie.joint not in moves}
+    links = [joint for joint in robot if joint not in still]
+    sliding = [joint for joint in robot if _kind(model, joint) == SLIDES]
+    model = _holding(model, still)
+    _refuse_others(model)
+    ratios = np.array([[leads[link].ratio * (leads[link].joint == joint) for joint in moves] for link in links])
+    offsets = np.array([leads[link].offset for link in links])
+    places, bodies, kinds = (list(of)[1:] for of in (model.jointPlacements, model.inertias, model.joints))
+    first = [kind.idx_q for kind in kinds]
+    endless = np.array([kind.nq == 2 for kind in kinds])  # joints without limits are a cosine and a sine there
+    arrays = [
+        np.array([place.rotation for place in places]),
+        np.array([place.translation for place in places]),
+        np.array([np.ravel(kind.createData().S).reshape(2, 3).sum(axis=0) for kind in kinds]),  # one of them is zero
+        np.array([link.mass for link in bodies]),
+        np.array([link.lever for link in bodies]),
+        np.array([link.inertia for link in bodies]),
+        np.where(endless, -np.inf, model.lowerPositionLimit[first]),
+        np.where(endless, np.inf, model.upperPositionLimit[first]),
+        *(np.array(of, dtype=float) for of in (model.upperEffortLimit, model.upperVelocityLimit, model.armature)),
+        *(np.array(of, dtype=float) for of in (model.damping, model.upperDryFrictionLimit, model.gravity.linear)),
+        ratios,
+        offsets,
+    ]
+    if not all((np.abs(of) <= LARGE).all() for of in (*arrays[:6], *arrays[10:])):  # nor NaN
+        raise BodyError(f"holds a number beyond {LARGE:g}: give lengths in m and masses in kg")
+    if not np.allclose(np.linalg.norm(arrays[2], axis=1), 1.0):
+        raise BodyError("has a joint without an axis: give it one, of length 1")
+    told = {"name": name, "joints": moves, "held": still, "links": links, "sliding": sliding}
+    return told | {"parents": list(model.parents)[1:]}, arrays
+
+
+def _built(told: JSON, of: dict[str, Array]) -> Any:
+    """Pinocchio's model of a robot that has been read."""
+    pin = pinocchio()
+    model = pin.Model()
+    for k, (link, parent) in enumerate(zip(told["links"], told["parents"], strict=True)):
+        kind = SLIDES if link in told["sliding"] else TURNS
+        aligned = np.flatnonzero(of["axes"][k] == 1.0)
+        joint = (
+            getattr(pin, f"JointModel{kind[0]}{'XYZ'[aligned[0]]}")()
+            if len(aligned)
+            else getattr(pin, f"JointModel{kind}Unaligned")(of["axes"][k])
+        )
+        model.addJoint(int(parent), joint, pin.SE3(of["turns"][k], of["places"][k]), str(link))
+        model.inertias[k + 1] = pin.Inertia(float(of["masses"][k]), of["centers"][k], of["inertias"][k])
+    model.lowerPositionLimit, model.upperPositionLimit = of["low"], of["high"]
+    model.upperEffortLimit, model.upperVelocityLimit = of["efforts"], of["speeds"]
+    model.armature, model.damping, model.upperDryFrictionLimit = of["armature"], of["damping"], of["friction"]
+    model.gravity.linear = of["gravity"]
+    return model
+
+
+def pinocchio() -> ModuleType:
+    """Pinocchio, imported where it is needed.
+
+    Raises:
+        BodyError: if it is not installed.
+    """
+    try:
+        import pinocchio
+    except ImportError:
+        raise BodyError("arms need Pinocchio: pip install 'pendulum-ident[arms]'") from None
+    return pinocchio
+
+
+@dataclass(frozen=True)
+class _Tie:
+    """What a joint follows: ratio times the position of another, plus an offset."""
+
+    joint: str
+    ratio: float
+    offset: float
+
+    def at(self, position: float) -> float:
+        return self.ratio * position + self.offset
+
+
+def _leads(joint: str, ties: Mapping[str, _Tie], robot: Sequence[str]) -> _Tie:
+    """The joint that leads another, perhaps by others between: itself, if it follows none."""
+    tie, passed = _Tie(joint, 1.0, 0.0), set[str]()
+    while tie.joint in ties:
+        if tie.joint in passed:
+            raise BodyError(f"joint '{joint}' mimics itself in a loop: let one of the joints mimic none")
+        passed.add(tie.joint)
+        further = ties[tie.joint]
+        tie = _Tie(further.joint, tie.ratio * further.ratio, tie.at(further.offset))
+    if tie.joint not in robot:
+        raise BodyError(f"joint '{joint}' mimics '{tie.joint}', which is no joint that moves: mend it, or fix both")
+    return tie
+
+
+def _holding(model: Any, held: Mapping[str, float]) -> Any:
+    """The model with joints fixed where they are held, their links part of those before."""
+    pin = pinocchio()
+    q = pin.neutral(model)
+    for joint, position in held.items():
+        kind = model.joints[model.getJointId(joint)]
+        if kind.nv == 1:  # others are held as they are
+            q[kind.idx_q : kind.idx_q + kind.nq] = [position] if kind.nq == 1 else [np.cos(position), np.sin(position)]
+    return pin.buildReducedModel(model, [model.getJointId(joint) for joint in held], q) if held else model
+
+
+def _kind(model: Any, joint: str) -> str:
+    """Whether a joint of Pinocchio's turns or slides; its name if it does neither."""
+    kind = str(model.joints[model.getJointId(joint)].shortname()).removeprefix("JointModel")
+    for ours in (TURNS, SLIDES):
+        if kind.startswith(ours) or kind in (f"{ours[0]}{axis}" for axis in "XYZ") or kind[:3] == f"{ours[0]}UB":
+            return ours
+    return kind
+
+
+def _ties(tree: ElementTree.Element) -> dict[str, _Tie]:
+    """Joints that follow others; links that hang on two joints are refused."""
+    children = [child.get("link") for child in tree.iterfind("joint/child")]
+    for link, times in Counter(children).items():
+        if times > 1:
+            raise BodyError(f"link '{link}' hangs on two joints: closed loops cannot be identified, cut one")
+    ties = {}
+    for joint in tree.iterfind("joint"):
+        if (mimic := joint.find("mimic")) is not None:
+            name, words = joint.get("name", ""), (mimic.get("multiplier", "1"), mimic.get("offset", "0"))
+            ratio, offset = _numbers(" ".join(words), name)
+            ties[name] = _Tie(mimic.get("joint", ""), ratio, offset)
+    if any(link.get("name") is None for link in tree.iterfind("worldbody//body")):
+        raise BodyError("a <body> has no name, by which Pinocchio tells them apart: give each one")
+    for tie in tree.iterfind("equality/*"):
+        name, leader = tie.get("joint1", ""), tie.get("joint2", "")
+        offset, ratio, *higher = _numbers(f"{tie.get('polycoef', '0 1')} 0 0", name)
+        if tie.tag != "joint" or not leader or any(higher):
+            raise BodyError(f"<{tie.tag}> of <equality> closes a loop, which cannot be identified: leave it out")
+        ties[name] = _Tie(leader, ratio, offset)
+    return ties
+
+
+def _numbers(text: str, joint: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        raise BodyError(f"joint '{joint}' mimics another by {shown(text)}: give numbers") from None
+
+
+def _refuse_others(model: Any) -> None:
+    """Refuse what is no arm of joints that turn or slide, or whose links have no inertia."""
+    if model.njoints < 2:
+        raise BodyError("has no joint that moves")
+    if model.njoints - 1 > MOST:
+        raise BodyError(
+            f"has {model.njoints - 1} joints that move, of which at most {MOST} can be identified: name those that do "
+            "with --joints (joints=)"
+        )
+    for name, inertia in list(zip(model.names, model.inertias, strict=True))[1:]:
+        kind = _kind(model, name)
+        if "," in name or name.startswith("-"):
+            raise BodyError(f"joint '{name}': rename it, as a comma or a first minus names a coupling of joints")
+        if kind not in (TURNS, SLIDES):
+            raise BodyError(
+                f"joint '{name}' is {kind}: only revolute and prismatic joints, one a link, can be identified: have it "
+                "held by naming those that move, --joints A,B,C (joints=)"
+            )
+        link = f"the link behind joint '{name}'"
+        told = np.concatenate([[inertia.mass], inertia.lever, np.ravel(inertia.inertia)])
+        if not (np.abs(told) <= LARGE).all():  # nor NaN
+            raise BodyError(f"{link} holds a number beyond {LARGE:g}: give lengths in m and masses in kg")
+        if not inertia.mass > LIGHTEST:
+            raise BodyError(f"{link} has no inertia: give it mass and <inertial>")
+        if np.linalg.eigvalsh(inertia.toPseudoInertia().toMatrix()).min() < -1e-9 * inertia.mass:
+            raise BodyError(
+                f"{link} has an inertia that no body has (its pseudo-inertia is not positive): mend its mass, centre "
+                "or inertia"
+            )

@@ -1,0 +1,165 @@
+"""An NI gRPC device server with one card and an analogue drive on it, emulated: the calls that the adapter makes."""
+
+from __future__ import annotations
+
+import math
+import struct
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import grpc
+from nidaqmx._stubs import nidaqmx_pb2 as messages
+
+from pendulum_env.backends.emulators.motor import Motor
+
+SERVICE = "nidaqmx_grpc.NiDAQmx"
+DEVICE = "Dev1"
+CHANNELS = {"torque": "ao0", "encoder": "ctr0", "enable": "port0/line0", "fault": "port0/line1"}
+NEWTON_METRES_PER_VOLT = 1.5
+VERSION = 24  # of the driver, to whoever asks
+UNKNOWN_CHANNEL = -200170  # error code of NI-DAQmx
+RESET_TIMER = 0
+
+Fields = dict[str, Any]  # of a response
+
+
+class Refused(Exception):
+    """What a card does not do: error code and message."""
+
+
+class Card:
+    """A channel of each kind, and a watchdog that lets servo-enable fall.
+
+    `calls` has what is done at each call of NI's interface, by its name: from the request to fields of the response.
+    """
+
+    def __init__(self, motor: Motor) -> None:
+        """Take the motor."""
+        self.motor = motor
+        self._tasks, self._watchdog = 0, ""  # made so far, and the name of the watchdog's
+        self._healthy, self._timeout = True, math.inf
+        self.calls: dict[str, Callable[[Any], Fields]] = {
+            "GetSystemInfoAttributeUInt32": lambda request: {"value": VERSION},
+            "CreateTask": self._create,
+            "CreateWatchdogTimerTaskEx": self._create_watchdog,
+            "GetTaskAttributeString": lambda request: {"value": request.task.name},
+            "CreateAOVoltageChan": lambda request: _add(request.physical_channel, "torque"),
+            "CreateCIAngEncoderChan": lambda request: _add(request.counter, "encoder"),
+            "CreateDOChan": lambda request: _add(request.lines, "enable"),
+            "CreateDIChan": lambda request: _add(request.lines, "fault"),
+            "CfgWatchdogDOExpirStates": lambda request: {},
+            "StartTask": lambda request: self._guard(request, self._timeout),
+            "StopTask": lambda request: self._guard(request, math.inf),
+            "ClearTask": lambda request: self._guard(request, math.inf),
+            "ControlWatchdogTask": self._control_watchdog,
+            "GetWatchdogAttributeBool": self._is_expired,  # the only one that is asked for
+            "WriteAnalogScalarF64": self._set_voltage,
+            "WriteDigitalLines": self._set_enable,
+            "ReadCounterScalarU32": lambda request: {"value": motor.counts() % 2**32},
+            "ReadDigitalLines": self._read_fault,
+        }
+
+    def settings(self, place: str) -> dict[str, Any]:
+        """Keys of its table in rig.toml."""
+        channels = {name: f"{DEVICE}/{channel}" for name, channel in CHANNELS.items()}
+        return {**channels, "newton_metres_per_volt": NEWTON_METRES_PER_VOLT, "server": place}
+
+    def fault(self) -> None:
+        """The fault line falls, until the process ends."""
+        self._healthy = False
+        self.motor.switch(False)
+
+    def _create(self, request: Any) -> Fields:
+        self._tasks += 1
+        return {"new_session_initialized": True, "task": {"name": f"_unnamedTask<{self._tasks}>"}}
+
+    def _create_watchdog(self, request: Any) -> Fields:
+        created = self._create(request)
+        self._timeout, self._watchdog = request.timeout, created["task"]["name"]
+        return created
+
+    def _guard(self, request: Any, timeout: float) -> Fields:
+        """Start or stop the watchdog; other tasks need neither."""
+        if request.task.name == self._watchdog:
+            self.motor.watchdog = timeout
+            self.motor.feed()
+        return {}
+
+    def _control_watchdog(self, request: Any) -> Fields:
+        if request.action_raw == RESET_TIMER:
+            self.motor.feed()
+        else:
+            self.motor.expired = False
+        return {}
+
+    def _is_expired(self, request: Any) -> Fields:
+        self.motor.advance()
+        return {"value": self.motor.expired}
+
+    def _set_voltage(self, request: Any) -> Fields:
+        self.motor.command(NEWTON_METRES_PER_VOLT * request.value)
+        return {}
+
+    def _set_enable(self, request: Any) -> Fields:
+        self.motor.advance()
+        if not self.motor.expired:  # else the card holds the line
+            self.motor.switch(request.write_array != b"\0" and self._healthy)
+        return {"samps_per_chan_written": 1}
+
+    def _read_fault(self, request: Any) -> Fields:
+        return {"read_array": struct.pack("?", self._healthy), "samps_per_chan_read": 1, "num_bytes_per_samp": 1}
+
+
+def _add(asked: str, use: str) -> Fields:
+    known = CHANNELS[use]
+    if asked.strip("/") != f"{DEVICE}/{known}":
+        raise Refused(UNKNOWN_CHANNEL, f"physical channel {asked} does not exist: here is {known}")
+    return {}
+
+
+class Server:
+    """The network to a card; calls come in a thread of its own, one after the other."""
+
+    descriptor = -1  # nothing to watch
+
+    def __init__(self, card: Card) -> None:
+        """Take what calls are for."""
+        handlers = {name: _handler(name, work, card.motor.turn) for name, work in card.calls.items()}
+        service = grpc.method_handlers_generic_handler(SERVICE, handlers)
+        self._server = grpc.server(ThreadPoolExecutor(max_workers=1), handlers=[service])
+        self.place = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
+        self._server.start()
+
+    def come(self) -> None:
+        """Nothing comes by a descriptor."""
+
+    def corrupt(self, probability: float) -> None:
+        """TCP lets nothing damaged through."""
+
+    def pull(self) -> None:
+        """No network."""
+        self._server.stop(None)
+
+
+def _handler(name: str, work: Callable[[Any], Fields], turn: threading.Lock) -> Any:
+    """What gRPC does at a call."""
+    request, response = (getattr(messages, f"{name}{part}") for part in ("Request", "Response"))
+
+    def answer(asked: Any, context: Any) -> Any:
+        try:
+            with turn:
+                return response(**work(asked))
+        except Refused as refused:
+            code, why = refused.args
+            context.set_trailing_metadata((("ni-error", str(code)),))
+            context.abort(grpc.StatusCode.UNKNOWN, why)
+
+    return grpc.unary_unary_rpc_method_handler(answer, request.FromString, response.SerializeToString)
+
+
+def make(motor: Motor) -> tuple[Card, Server]:
+    """Card with a motor, and the network to it."""
+    card = Card(motor)
+    return card, Server(card)

@@ -1,0 +1,75 @@
+"""Which columns of its file a recording was read from, and how to read them otherwise, ready to paste."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from pendulum_env.recording.columns import UNUSED, Column
+from pendulum_env.recording.expression import Expression
+from pendulum_env.recording.vocabulary import RAW, UNITS
+
+DEGREE = math.pi / 180  # [rad]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How a file was read.
+
+    Attributes:
+        columns: by quantity, as they were recognised or told.
+        named: what the user said of columns, by quantity.
+    """
+
+    columns: Mapping[str, Column]
+    named: Mapping[str, str] = field(default_factory=dict)
+
+    def paste(self, **changes: str) -> str:
+        """The option that reads the file with changes, by quantity, and else with all that was said before."""
+        said = ",".join(f"{quantity}={text}" for quantity, text in {**self.named, **changes}.items())
+        return f"--columns {shlex.quote(said)}"
+
+    def in_unit(self, quantity: str, unit: str) -> str:
+        """With a column in another unit."""
+        return self.paste(**{quantity: str(replace(self._as_it_is(quantity), unit=unit))})
+
+    def turned(self, quantity: str) -> str:
+        """With a column of the other sign, what is added to it included."""
+        old = self._as_it_is(quantity)
+        offset = None if old.offset is None else ("+" if old.offset[0] == "-" else "-") + old.offset[1:]
+        return self.paste(**{quantity: str(replace(old, negative=not old.negative, offset=offset))})
+
+    def without(self, quantity: str) -> str:
+        """Without a column that may be missing."""
+        return self.paste(**{quantity: UNUSED})
+
+    def shifted(self, angle: float, digits: int) -> str | None:
+        """With an angle added to position, and to the reference if there is one [rad], told in degrees.
+
+        None if position is no angle.
+        """
+        places = [quantity for quantity in ("position", "reference") if quantity in self.columns]
+        if any(self.columns[quantity].unit not in {None, *UNITS["position"], *RAW["position"]} for quantity in places):
+            return None
+        return self.paste(**{quantity: str(self._shifted(quantity, angle, digits)) for quantity in places})
+
+    def could_be_degrees(self) -> bool:
+        """Whether position may be in degrees that were taken for something else."""
+        unit = self.columns["position"].unit
+        return unit is None or (UNITS["position"].get(unit, DEGREE) != DEGREE)
+
+    def _as_it_is(self, quantity: str) -> Expression:
+        """What would read a column as it was read."""
+        column = self.columns[quantity]
+        told = column.expression or Expression(column.header)
+        return replace(told, unit=told.unit or column.unit)
+
+    def _shifted(self, quantity: str, angle: float, digits: int) -> Expression:
+        old, column = self._as_it_is(quantity), self.columns[quantity]
+        degrees = math.remainder((column.offset + angle) / DEGREE, 360.0)
+        text = f"{degrees:+.{digits}f}"
+        text = text.rstrip("0").rstrip(".") if "." in text else text
+        is_told = column.unit is not None and UNITS["position"].get(column.unit) == DEGREE
+        return replace(old, offset=text, offset_unit=None if is_told else "deg")

@@ -1,0 +1,90 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks import six_joint
+from benchmarks.two_link import Multisine, TwoLink
+from estimators.arms.identification import ARM_SCHEMES, identify_arm
+from estimators.arms.payload import find_payload
+from estimators.regression.equations import IdentificationError
+from pendulum_env.arms.recording import ArmRecording
+from tests.once import once
+
+EMPTY = TwoLink()
+MASS, PLACE, INERTIA = 0.5, 0.3, 0.004  # [kg], [m] down the forearm, [kg m^2] about its centre
+RATE = 500.0
+
+
+def carrying(arm):
+    """The arm with a body at its forearm, by the parallel axis theorem."""
+    m, c, i = arm.mass[1], arm.center[1], arm.inertia[1]
+    whole = m + MASS
+    center = (m * c + MASS * PLACE) / whole
+    inertia = i + m * (c - center) ** 2 + INERTIA + MASS * (PLACE - center) ** 2
+    return replace(
+        arm, mass=(arm.mass[0], whole), center=(arm.center[0], center), inertia=(arm.inertia[0], inertia),
+        viscous=(0.4, 0.3),  # another day
+    )  # fmt: skip
+
+
+@once("benchmarks")
+def run(seed, is_loaded, seconds=10.0):
+    arm, time = carrying(EMPTY) if is_loaded else EMPTY, np.arange(0, seconds, 1 / RATE)
+    torque = Multisine.paper(seed, (6.0, 3.5))
+    position, _ = arm.simulate(torque, time)
+    noise = 0.02 * np.random.default_rng(seed).normal(size=position.shape)
+    return ArmRecording.of(f"run {seed}", ("shoulder", "elbow"), time, position, torque.held(time, 1 / RATE) + noise)
+
+
+@pytest.fixture(scope="module")
+def model(body):
+    return identify_arm(run(0, False), body, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"].model
+
+
+@pytest.mark.parametrize("known", ["model", "recording"])
+def test_a_payload_is_weighed_and_what_the_plane_hides_is_said(model, known):
+    found = find_payload(model, [run(1, True)], [run(0, False)] if known == "recording" else [])
+    truth = {"m": MASS, "mx": 0.0, "mz": -MASS * PLACE, "Iyy": INERTIA + MASS * PLACE**2}
+    assert set(found.estimates) == set(truth) and "my" in found.hidden and "Ixx" in found.hidden
+    for name, value in truth.items():
+        assert found.estimates[name].value == pytest.approx(value, rel=0.005, abs=3e-4), name
+    assert found.center is None and found.exists is None  # not all ten are shown
+    assert all(after < 0.02 < 0.5 < before for before, after in found.left.values())  # [N m]; noise is 0.02 a sample
+
+
+def test_standard_errors_hold_what_is_carried(model):
+    """Of the recordings without it as well, where these are given."""
+    for seed in range(1, 5):
+        found = find_payload(model, [run(seed, True)], [run(0, False)])
+        mass = found.estimates["m"]
+        assert abs(mass.value - MASS) < 4 * mass.std and mass.std < 0.002 * MASS
+
+
+def test_an_empty_arm_carries_nothing(model):
+    found = find_payload(model, [run(5, False)])
+    assert abs(found.estimates["m"].value) < 0.01 and not found.stands_out
+    assert find_payload(model, [run(1, True)]).stands_out
+
+
+def test_a_joint_that_is_not_there_and_an_arm_at_rest_are_refused(model, body):
+    with pytest.raises(ValueError, match="unknown joint 'wrist'"):
+        find_payload(model, [run(1, True)], joint="wrist")
+    still = ArmRecording.of("still", body.joints, np.arange(0, 3, 1 / RATE), np.zeros((1500, 2)), np.zeros((1500, 2)))
+    with pytest.raises(IdentificationError, match=r"still: .*motion"):
+        find_payload(model, [still])
+
+
+def test_a_body_at_the_flange_of_a_robot_in_mujoco_is_told_whole():
+    pytest.importorskip("mujoco")
+    load = six_joint.Load(1.4, (0.05, -0.03, 0.04), (0.004, 0.003, 0.0035))
+    arm = six_joint.body()
+    empty, full = six_joint.simulate(1, seconds=8.0), six_joint.simulate(2, seconds=8.0, load=load)
+    model = identify_arm(empty, arm, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"].model
+    found = find_payload(model, [full], [empty])
+    assert found.estimates["m"].value == pytest.approx(1.4, rel=0.02)
+    assert [one.value for one in found.center] == pytest.approx(load.center, abs=1e-3)
+    about = np.diag(load.inertia) + 1.4 * (np.dot(load.center, load.center) * np.eye(3) - np.outer(*2 * [load.center]))
+    for name, value in (("Ixx", about[0, 0]), ("Iyy", about[1, 1]), ("Izz", about[2, 2])):
+        assert found.estimates[name].value == pytest.approx(value, rel=0.1), name
+    assert found.exists and found.stands_out and not found.hidden

@@ -1,0 +1,106 @@
+"""Grippers, and a torso that slides: data from MuJoCo, which holds and ties joints by its own constraints."""
+
+import numpy as np
+import pytest
+
+from estimators.arms.diagnosis import diagnose_arm
+from estimators.arms.excitation import USUAL_SLIDE, design_excitation
+from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
+from estimators.arms.standard import standard_parameters
+from pendulum_env.arms.body import read_body
+from pendulum_env.arms.recording import read_arm_recording
+from pendulum_env.physics.actuation import TorqueOffset
+from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.potential import Cogging, Spring
+from tests.robots import ANGULAR, DRIVEN, PARALLEL, TORSO, simulate, urdf, write
+
+ROBOTS = {"parallel": (PARALLEL, 0.02), "angular": (ANGULAR, 0.3), "driven": (DRIVEN, 0.0), "torso": (TORSO, 0.01)}
+FEW = {"torque_offset": TorqueOffset, "spring": Spring, "cogging": Cogging}
+
+
+def ran(folder, robot, seed=0, seconds=10.0, **hidden):
+    """Body and recording, held where the gripper is."""
+    joints, opened = ROBOTS[robot]
+    held = {"left": opened} if robot != "driven" else {}
+    (folder / "arm.urdf").write_text(urdf(joints))
+    write(simulate(joints, held, seed, seconds, **hidden), folder / f"{robot}.csv")
+    moves = [own.name for own in joints if own.sweep]
+    still = [own.name for own in joints if not own.sweep]
+    recording = read_arm_recording(folder / f"{robot}.csv", moves, held=still)
+    at = {joint: float(np.mean(recording.still[joint])) for joint in held}
+    assert at == pytest.approx(held, abs=1e-6)
+    return read_body(folder / "arm.urdf", joints=moves, held=at), recording
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    return {robot: ran(tmp_path_factory.mktemp(robot), robot) for robot in ROBOTS}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_friction_and_links_are_found_where_joints_are_held_follow_or_slide(runs, robot):
+    body, recording = runs[robot]
+    model = identify_arm(recording, body, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"].model
+    for own in (own for own in ROBOTS[robot][0] if own.sweep):
+        assert model.estimates[f"viscous@{own.name}"].value == pytest.approx(own.viscous, rel=0.02)
+        assert model.estimates[f"coulomb@{own.name}"].value == pytest.approx(own.coulomb, rel=0.01)
+    std = np.array([model.estimates[name].std for name in body.names])
+    assert np.all(np.abs(model.theta[: len(body.base)] - body.values) < 5 * std)
+    assert np.all(std < 0.02 * np.abs(body.values).max())
+    assert all(error.share < 0.02 for error in compare_arm(model, recording))
+
+
+def test_a_torso_that_slides_has_its_mass_in_kg_and_its_friction_in_newtons(runs):
+    body, recording = runs["torso"]
+    found = identify_arm(recording, body, schemes=ARM_SCHEMES[:2])
+    carried = found["filtered_dynamic"].model.estimates["m@torso"]
+    assert carried.unit == "kg" and carried.value == pytest.approx(sum(own.mass for own in TORSO), rel=0.002)
+    viscous, coulomb = (found["filtered_dynamic"].model.estimates[f"{name}@torso"] for name in ("viscous", "coulomb"))
+    assert (viscous.unit, coulomb.unit) == ("N s/m", "N")
+    assert found["dynamic"].units == ("N", "N m", "N m")
+    errors = compare_arm(found["filtered_dynamic"].model, recording)
+    assert [error.unit for error in errors] == ["N", "N m", "N m"]
+    standard = standard_parameters(found["filtered_dynamic"].model)
+    assert standard["m@torso"].unit == "kg" and standard["m@torso"].value > 0
+
+
+def offset(size):
+    return lambda velocity: size
+
+
+def rubbing(velocity):
+    return -20.0 * float(np.exp(-((velocity / 0.05) ** 2)) * np.tanh(velocity / 1e-3))
+
+
+@pytest.mark.parametrize(
+    ("robot", "library", "hidden", "named"),
+    [
+        ("parallel", FEW, {"elbow": offset(-0.3)}, "torque_offset@elbow"),
+        ("angular", FEW, {"wrist": offset(0.1)}, "torque_offset@wrist"),
+        ("driven", FEW, {"jaw": offset(-0.2)}, "torque_offset@jaw"),
+        ("torso", {"stribeck": Stribeck, **FEW}, {"torso": rubbing}, "stribeck@torso"),
+    ],
+)
+def test_what_is_hidden_at_a_joint_is_named_there(tmp_path, robot, library, hidden, named):
+    body, recording = ran(tmp_path, robot, seed=3, hidden=hidden)
+    found = diagnose_arm(recording, body, library=library)
+    assert found.selected == (named,)
+    if robot == "torso":
+        assert found.parameters["stribeck@torso"].unit == "N"
+        speed = found.parameters["stribeck.stribeck_velocity@torso"]
+        assert speed.unit == "m/s" and speed.value == pytest.approx(0.05, rel=0.2)
+        assert "cogging@torso" not in {candidate.effect for candidate in found.candidates}
+
+
+@pytest.mark.parametrize("robot", ["driven", "torso"])
+def test_nothing_is_named_where_nothing_is_hidden(runs, robot):
+    body, recording = runs[robot]
+    assert diagnose_arm(recording, body, library=FEW).selected == ()
+
+
+def test_a_motion_that_is_designed_keeps_a_torso_within_its_stroke(runs):
+    body = runs["torso"][0]
+    motion = design_excitation(body, max_angle=1.0, max_speed=2.0, max_torque=60.0, tries=10)
+    q, v, _ = motion(np.linspace(0, motion.period, 400))
+    assert np.abs(q[:, 1:]).max() < 1.0 and np.abs(v[:, 0]).max() < USUAL_SLIDE
+    assert np.abs(motion.torque(np.linspace(0, motion.period, 50))[:, 0]).max() > 60.0  # what it carries weighs more

@@ -1,0 +1,145 @@
+"""Which joints of a robot move: against files in which the others are fixed, and energies."""
+
+import mujoco
+import numpy as np
+import pinocchio
+import pytest
+
+from pendulum_env.arms.body import BodyError, read_body
+from pendulum_env.arms.joints import at_joints, couplings, friction, joint_effects, kind_at
+from tests import robots
+from tests.robots import ANGULAR, DRIVEN, PARALLEL, TORSO, urdf
+
+HELD = {"PARALLEL": (PARALLEL, 0.02), "ANGULAR": (ANGULAR, 0.3), "TORSO": (TORSO, 0.01)}
+
+
+def written(tmp_path, text, name="arm.urdf"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def moving(joints):
+    return tuple(own.name for own in joints if own.sweep)
+
+
+@pytest.mark.parametrize("robot", HELD)
+def test_joints_that_are_held_are_as_if_the_file_had_them_fixed(tmp_path, robot):
+    joints, opened = HELD[robot]
+    body = read_body(written(tmp_path, urdf(joints)), joints=moving(joints), held={"left": opened})
+    assert body.joints == moving(joints)
+    assert body.held == pytest.approx(robots.positions(joints, {"left": opened}))
+    fixed = read_body(written(tmp_path, urdf(joints, body.held), "fixed.urdf"))
+    assert fixed.held == {} and fixed.names == body.names
+    q, v, a = np.random.default_rng(0).uniform(-2, 2, (3, 50, len(body.joints)))
+    assert np.abs(body.torque(q, v, a) - fixed.torque(q, v, a)).max() < 1e-9
+    assert np.abs(body.exchange(q, v) - fixed.exchange(q, v)).max() < 1e-6
+    assert body.values == pytest.approx(fixed.values, abs=1e-12)
+
+
+@pytest.mark.parametrize("joints", [PARALLEL, ANGULAR, DRIVEN, TORSO], ids=["parallel", "angular", "driven", "torso"])
+def test_energy_grows_by_what_the_torque_supplies_where_joints_follow_and_slide(tmp_path, joints):
+    body, h = read_body(written(tmp_path, urdf(joints))), 1e-5
+    followers = {own.name for own in joints if own.mimics is not None}
+    assert set(body.robot.links) - set(body.joints) == followers and body.held == {}
+    q, v, a = np.random.default_rng(0).uniform(-2, 2, (3, 50, len(body.joints)))
+    power = (body.stored(q + h * v, v + h * a) - body.stored(q - h * v, v - h * a)) / (2 * h)
+    supplied = np.einsum("ni,nip->np", v, body.torque(q, v, a))
+    assert np.abs(power - supplied).max() < 1e-5
+    p_dot = (body.momentum(q + h * v, v + h * a) - body.momentum(q - h * v, v - h * a)) / (2 * h)
+    assert np.abs(p_dot + body.exchange(q, v) - body.torque(q, v, a)).max() < 1e-5
+
+
+def test_a_finger_that_follows_loads_the_one_that_leads(tmp_path):
+    body = read_body(written(tmp_path, urdf(DRIVEN)))
+    alone = read_body(written(tmp_path, urdf(DRIVEN, {"other": -0.4}), "fixed.urdf"))
+    a = np.array([[0.0, 1.0]])
+    inertia = [(one.momentum(0 * a, a) @ one.values)[0, 1] for one in (body, alone)]
+    own = DRIVEN[2].inertia[1] + DRIVEN[2].mass * (0.02**2 + 0.1**2)
+    assert inertia[0] - inertia[1] == pytest.approx(1.2**2 * own)
+
+
+def test_mjcf_says_the_same_by_an_equality(tmp_path):
+    spec = mujoco.MjSpec.from_string(urdf(DRIVEN))
+    tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1="other", name2="jaw")
+    tie.data[:5] = 0.2, -1.2, 0, 0, 0
+    spec.compile()
+    body = read_body(written(tmp_path, urdf(DRIVEN)))
+    other = read_body(written(tmp_path, spec.to_xml(), "arm.xml"))
+    assert other.joints == body.joints and other.names == body.names
+    q, v, a = np.random.default_rng(0).uniform(-2, 2, (3, 50, 2))
+    told = body.torque(q, v, a) @ body.values
+    assert np.abs(other.torque(q, v, a) @ other.values - told).max() < 1e-6 * np.abs(told).max()
+
+
+def test_a_joint_that_slides_is_said_in_metres_and_newtons(tmp_path):
+    body = read_body(written(tmp_path, urdf(TORSO)), joints=moving(TORSO), rotors=True)
+    assert body.slides == (True, False, False)
+    assert dict(body.standard_units)["rotor@torso"] == "kg"
+    units = {column.name: column.unit for term in friction(body) for column in term.columns}
+    assert units["viscous@torso"] == "N s/m" and units["coulomb@torso"] == "N"
+    assert units["viscous@elbow"] == "N m s/rad" and units["coulomb@elbow"] == "N m"
+    total = sum(own.mass for own in TORSO)
+    assert body.mass_matrix(np.zeros((1, 3)), body.values)[0, 0, 0] == pytest.approx(total)
+
+
+def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp_path):
+    body = read_body(written(tmp_path, urdf(TORSO)), joints=moving(TORSO))
+    offered = {kind.id for kind in at_joints(joint_effects().values(), body)}
+    assert {"spring@torso", "stribeck@torso", "cogging@elbow"} <= offered
+    assert not {"cogging@torso", "torque_ripple@torso", "position_dependent_friction@torso"} & offered
+    assert {kind.at for kind in couplings(body)} == {"shoulder,elbow", "shoulder,-elbow"}
+    for text in ("cogging@torso", "coupling@torso,shoulder"):
+        with pytest.raises(ValueError, match="is of joints that turn: it cannot be at 'torso', which slides"):
+            kind_at(text, body)
+    (speed,) = [shape for shape in kind_at("stribeck@torso", body).shapes if shape.name == "stribeck_velocity"]
+    assert speed.unit == "m/s"
+
+
+def floating(text):
+    return text.replace('type="revolute"', 'type="floating"', 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "asked", "told"),
+    [
+        (urdf(PARALLEL), {"joints": ["shoulder", "elbo"]}, "unknown joint 'elbo': did you mean elbow"),
+        (urdf(PARALLEL), {"joints": ["shoulder", "right"]}, "'right' mimics 'left': name that one"),
+        (urdf(PARALLEL).replace('joint="left" m', 'joint="right" m'), {}, "'right' mimics itself in a loop"),
+        (urdf(PARALLEL).replace('joint="left" m', 'joint="none" m'), {}, "'right' mimics 'none', which is no joint"),
+        (urdf(PARALLEL).replace('multiplier="1.0"', 'multiplier="one"'), {}, "mimics another by 'one 0.0': give num"),
+        (floating(urdf(PARALLEL)), {}, "'shoulder' lets the base float: say --base fixed"),
+        (floating(urdf(PARALLEL)), {"joints": ["elbow"]}, "'shoulder' lets the base float: say --base fixed"),
+        (urdf(PARALLEL).replace('type="revolute"', 'type="planar"', 1), {}, "'shoulder' is Planar: .*--joints A,B,C"),
+    ],
+)
+def test_what_cannot_be_is_said_in_one_sentence(tmp_path, text, asked, told):
+    with pytest.raises(BodyError, match=told) as error:
+        read_body(written(tmp_path, text), **asked)
+    assert "\n" not in str(error.value)
+
+
+def test_a_base_that_is_bolted_down_is_held_and_so_is_one_that_is_no_joint_of_ours(tmp_path):
+    text = urdf(PARALLEL)
+    body = read_body(written(tmp_path, floating(text)), bolted=True)
+    assert body.joints == ("elbow", "left") and body.held == {"shoulder": 0.0}
+    body = read_body(written(tmp_path, text.replace('type="revolute"', 'type="planar"', 1)), joints=["elbow"])
+    assert body.joints == ("elbow",) and body.held == {"shoulder": 0.0, "left": 0.0, "right": 0.0}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace("<limit", '<safety_controller k_velocity="x"/><limit', 1),
+        lambda text: text.replace('name="own"', 'name="own" version="9"'),
+        lambda text: text.replace("<limit", "<dynamics/><limit", 1),
+    ],
+)
+def test_lines_of_urdfdom_do_not_reach_the_user(tmp_path, capfd, change):
+    path = written(tmp_path, change(urdf(PARALLEL)))
+    with pytest.raises(ValueError, match="valid URDF"):
+        pinocchio.buildModelFromUrdf(str(path))
+    assert "urdf_parser" in capfd.readouterr().err  # so it would be
+    with pytest.raises(BodyError, match=r"arm\.urdf: Pinocchio cannot read it"):
+        read_body(path)
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,93 @@
+"""How to read a file otherwise, ready to paste: what is pasted does what was said."""
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pendulum_env.recording import Recording, read_recording
+from pendulum_env.recording.record import WARNING
+
+TIME = np.arange(2000) / 500
+ANGLE = 0.8 * np.sin(3 * TIME) + 0.3 * np.sin(7 * TIME)
+
+
+@pytest.fixture
+def write(tmp_path: Path):
+    def write(**columns: np.ndarray) -> Path:
+        columns = {"time": TIME, "torque": np.sin(3 * TIME + 0.4)} | columns
+        path = tmp_path / "run.npz"
+        np.savez(path, **columns)
+        return path
+
+    return write
+
+
+def pasted(path: Path, option: str) -> Recording:
+    """The file as an option of the command line reads it, from a shell."""
+    name, text = shlex.split(option)
+    assert name == "--columns"
+    return read_recording(path, columns=dict(part.split("=", 1) for part in re.split(r",(?=\w+=)", text)))
+
+
+@pytest.mark.parametrize(
+    ("header", "scale", "named"),
+    [
+        ("q", 1.0, None),
+        ("ang_deg", np.degrees(1), None),
+        ("pos_estimate", 1 / (2 * np.pi), None),  # of an ODrive, whose name alone tells its unit
+        ("Winkel [deg]", np.degrees(1), "Winkel [deg]"),
+        ("enc", 4096 / (2 * np.pi), "enc:counts/4096"),
+        ("motor", -6 * np.degrees(1), "-motor:deg/6+30"),
+        ("motor, left", np.degrees(1), "motor, left:deg-0.5:rad"),
+    ],
+)
+def test_a_shifted_zero_is_pasted_whatever_the_column_was(write, header, scale, named):
+    path = write(**{header: scale * ANGLE})
+    read = read_recording(path, columns={} if named is None else {"position": named})
+    moved = pasted(path, read.origin.shifted(np.radians(-20.0), 1))
+    away = np.angle(np.exp(1j * (moved.position - read.position)))  # a zero is one of each turn
+    assert np.degrees(away) == pytest.approx(-20.0, abs=0.06)  # the last digit that is told
+
+
+def test_what_is_no_angle_has_no_shift_and_a_goal_goes_along(write):
+    assert read_recording(write(x=ANGLE), columns={"position": "x:mm"}).origin.shifted(0.3, 1) is None
+    path = write(ang_deg=np.degrees(ANGLE), goal=np.degrees(ANGLE))
+    option = read_recording(path).origin.shifted(np.radians(12.0), 0)
+    assert option == "--columns position=ang_deg:deg+12,reference=goal:deg+12"
+    moved = pasted(path, option)
+    assert moved.reference == pytest.approx(moved.position, abs=1e-9)
+
+
+def test_a_turned_sign_turns_what_was_added_and_keeps_what_else_was_said(write):
+    path = write(q=ANGLE, clock=1e3 * TIME, dq=-np.gradient(ANGLE, TIME))
+    columns = {"time": "clock:ms", "torque": "-torque*2-0.5", "velocity": "unused"}
+    read = read_recording(path, columns=columns)
+    option = read.origin.turned("torque")
+    assert option == "--columns 'time=clock:ms,torque=torque*2+0.5,velocity=unused'"
+    turned = pasted(path, option)
+    assert turned.torque == pytest.approx(-read.torque) and turned.velocity is None
+
+
+@pytest.mark.parametrize(
+    ("columns", "named", "remedy"),
+    [
+        ({"angle_rad": 150 * ANGLE}, {}, "read it with --columns position=angle_rad:deg if it is in degrees"),
+        ({"ang": 150 * ANGLE}, {"position": "ang:rad"}, "read it with --columns position=ang:deg if it is in degrees"),
+        ({"ang": 9e3 * ANGLE}, {"position": "ang:deg"}, "check its unit and gain"),
+    ],
+)
+def test_a_unit_that_is_said_wrongly_is_warned_of_in_the_words_that_refuse_a_guess(write, columns, named, remedy):
+    """959 rad/s, said by a user to be rad/s, are no less absurd than a guess."""
+    (note,) = (note for note in read_recording(write(**columns), columns=named).notes if note.startswith(WARNING))
+    assert "faster than any arm" in note and note.endswith(remedy)
+
+
+def test_a_remedy_for_a_velocity_can_be_pasted(write):
+    path = write(q=ANGLE, dq=-np.gradient(ANGLE, TIME))
+    with pytest.raises(ValueError, match="opposite sign") as refused:
+        read_recording(path)
+    mended = pasted(path, str(refused.value).partition("read it with ")[2])
+    assert mended.velocity == pytest.approx(np.gradient(ANGLE, TIME))

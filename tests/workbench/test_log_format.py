@@ -1,0 +1,126 @@
+"""A model file says how the logs that it was fitted to were read, and the next one is read alike."""
+
+import html
+import json
+import re
+import shlex
+
+import numpy as np
+import pytest
+
+from pendulum_env.physics import Model, ModelError
+from pendulum_env.recording import read_recording
+from workbench.cli import main
+
+COLUMNS = "time=clock:ms,position=-Winkel [deg]-20,torque=i:A*0.5"
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """Logs of a bench in its own format, and plain ones of the same motion; a model of the first."""
+    folder = tmp_path_factory.mktemp("bench")
+    for seed, name in enumerate(("monday", "tuesday")):
+        plain = folder / f"plain-{name}.csv"
+        assert main(["record", "--seconds", "8", "--seed", str(seed), "-o", str(plain)]) == 0
+        run = read_recording(plain)
+        rows = np.column_stack([1e3 * run.time, -np.degrees(run.position) - 20, 2 * run.torque])
+        np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header="clock,Winkel [deg],i", comments="", fmt="%.12g")
+    model = str(folder / "model.json")
+    assert main(["identify", str(folder / "monday.csv"), "--columns", COLUMNS, "-o", model]) == 0
+    return folder
+
+
+def test_the_next_log_of_the_format_is_read_alike(bench, tmp_path, capsys):
+    model, log = str(bench / "model.json"), str(bench / "tuesday.csv")
+    assert main(["compare", model, log]) == 0
+    out = capsys.readouterr().out
+    assert f"read as {model} says: time=clock:ms, position=-Winkel [deg]-20 and torque=i:A*0.5" in out
+    as_told = out.partition("Errors of")[2]
+    assert main(["compare", model, log, "--columns", COLUMNS]) == 0
+    out = capsys.readouterr().out
+    assert "read as" not in out and out.partition("Errors of")[2] == as_told
+    added = tmp_path / "added.json"
+    assert main(["add", model, "torque_offset", log, "-o", str(added)]) == 0
+    assert Model.load(added).log_format == Model.load(model).log_format != {}
+
+
+@pytest.mark.slow
+def test_a_check_of_an_export_and_a_diagnosis_read_it_alike(bench, tmp_path, capsys):
+    model, log = str(bench / "model.json"), str(bench / "tuesday.csv")
+    again = tmp_path / "again.json"
+    assert main(["diagnose", log, "--model", model, "--only", "torque_offset", "-o", str(again)]) == 0
+    assert f"read as {model} says" in capsys.readouterr().out
+    assert Model.load(again).log_format == Model.load(model).log_format
+    pytest.importorskip("mujoco")
+    assert main(["export", model, "--to", "mjcf", "--check", log]) == 0
+    assert f"read as {model} says" in capsys.readouterr().out
+
+
+def test_columns_that_are_said_count_and_a_log_that_does_not_fit_is_one_sentence(bench, capsys):
+    model, log = str(bench / "model.json"), str(bench / "plain-tuesday.csv")
+    assert main(["compare", model, log]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "no column is named 'clock', which is to be time" in said
+    assert f"read as {model} says: say --columns for a log of another format" in said
+    assert main(["compare", model, log, "--columns", "torque=torque"]) == 0
+
+
+def test_a_study_says_it_itself_and_what_is_alike_in_it_is_kept(bench, tmp_path):
+    columns = "\n".join(f"{q} = {json.dumps(t)}" for q, t in (part.split("=", 1) for part in COLUMNS.split(",")))
+    load = "load = {inertia = 0.0, gravity = 0.0}"
+    entries = [f"[[recording]]\nfile = {json.dumps(str(bench / f'{day}.csv'))}\n" for day in ("monday", "tuesday")]
+    for name, told in (("alike", [load, load]), ("apart", [load, ""])):
+        both = "\n".join(entry + more for entry, more in zip(entries, told, strict=True))
+        (tmp_path / f"{name}.toml").write_text(f"[columns]\n{columns}\n{both}\n")
+        model = tmp_path / f"{name}.json"
+        assert main(["identify", str(tmp_path / f"{name}.toml"), "-o", str(model)]) == 0
+    kept = {name: Model.load(tmp_path / f"{name}.json").log_format for name in ("alike", "apart")}
+    assert (
+        kept["alike"]["columns"] == kept["apart"]["columns"] == Model.load(bench / "model.json").log_format["columns"]
+    )
+    assert kept["alike"]["load"] == {"inertia": 0.0, "gravity": 0.0} and "load" not in kept["apart"]
+    assert main(["compare", str(bench / "model.json"), str(tmp_path / "alike.toml")]) == 0
+
+
+def test_what_needs_no_word_leaves_none_and_an_older_file_is_read(bench, tmp_path):
+    plain = tmp_path / "plain.json"
+    assert main(["identify", str(bench / "plain-monday.csv"), "-o", str(plain)]) == 0
+    data = json.loads(plain.read_text())
+    assert "log_format" not in data and Model.from_json(data).log_format == {}
+    assert main(["compare", str(plain), str(bench / "plain-tuesday.csv")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("format", "reason"),
+    [
+        ("clock", "'log_format' of the model is 'clock': it has to be a table"),
+        ({"columns": {"time": 3}}, "log_format: time is 3: write the name of a column in quotes"),
+        ({"drive": {"preset": "x"}}, "log_format: "),
+    ],
+)
+def test_a_format_that_cannot_be_is_one_sentence(bench, tmp_path, capsys, format, reason):
+    data = json.loads((bench / "model.json").read_text()) | {"log_format": format}
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(data))
+    assert main(["compare", str(path), str(bench / "tuesday.csv")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and reason in error and str(path) in error
+    if not isinstance(format, dict):
+        with pytest.raises(ModelError, match="log_format"):
+            Model.from_json(data)
+
+
+@pytest.mark.slow
+def test_what_a_diagnosis_says_of_columns_can_be_pasted(bench, tmp_path, capsys):
+    """A turned sign, then a wrong zero, and then nothing is wrong; the report has the same options."""
+    page = tmp_path / "report.html"
+    log = ["diagnose", str(bench / "monday.csv"), "--holdout", str(bench / "tuesday.csv")]
+    option = ["--columns", "time=clock:ms,position=-Winkel [deg],torque=-i:A*0.5"]
+    for told in ("opposite signs", "your zero is 20.0"):
+        assert main([*log, *option, "--report", str(page)]) == 0
+        (line, *_) = (line for line in capsys.readouterr().out.splitlines() if told in line)
+        pasted = re.search(r"read it with (--columns .*) instead$", line)[1]
+        assert pasted in html.unescape(page.read_text(encoding="utf-8"))
+        option = shlex.split(pasted)
+    assert main([*log, *option, "-o", str(tmp_path / "m.json")]) == 0
+    assert "nothing: inertia, gravity, viscous and coulomb explain these recordings" in capsys.readouterr().out

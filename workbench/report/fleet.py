@@ -1,0 +1,261 @@
+"""A page on a fleet: what is missing where, what drifts, which joints differ, and every case."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from estimators.fleet import LEVEL
+from pendulum_env._typing import JSON, Array
+from pendulum_env.files import write_whole
+from workbench.report import words
+from workbench.report.figure import Figure, axis, numbers
+from workbench.report.page import assemble
+from workbench.report.section import Section
+from workbench.survey.dataset import STATUSES, VERDICTS
+from workbench.survey.fleet import CHANCE, DAY, Fleet, Missing, Series
+from workbench.survey.tables import (
+    courses_table,
+    drifting_table,
+    effects_table,
+    jumping_table,
+    odd_table,
+    pooled_table,
+)
+
+SIGMAS = 2.0  # standard errors on either side
+COURSES = 8  # parameters with a plot over time
+MEANS = 4  # parameters with a plot of means
+JOINTS = 60  # in one plot over time: those that stand out, and others behind them
+COLORS = ("--final", "--base", "--scheme-1", "--scheme-3", "--low", "--high")
+ORDER = (*STATUSES[:2], *VERDICTS)  # of cases
+MARKS = {"missing": "selected", "unexplained": "ambiguous"}  # classes of the page's style
+
+
+def render(fleet: Fleet, folder: Path, home: str | None = None) -> str:
+    """HTML of the page, its links relative to the folder that it will be in; see `assemble`."""
+    sections = [summary(fleet), missing(fleet), courses(fleet), siblings(fleet), cases(fleet, folder)]
+    subject = f"survey of {len(fleet.rows)} recordings"
+    return assemble([section for section in sections if section is not None], subject, home)
+
+
+def write_fleet_report(path: str | Path, fleet: Fleet) -> None:
+    """Write what a fleet shows as one HTML file, whole or not at all, with links to the pages of cases.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
+    write_whole(path, render(fleet, Path(path).resolve().parent))
+
+
+def summary(fleet: Fleet) -> Section:
+    """The fleet in a sentence and three tiles."""
+    dates = [row["date"] for row in fleet.rows]
+    content = {
+        "cases": len(fleet.rows),
+        "troubled": sum(row["status"] != "done" for row in fleet.rows),
+        "joints": len(fleet.joints),
+        "robots": len({joint.robot for joint in fleet.joints}),
+        "first": min(dates, default=None),
+        "last": max(dates, default=None),
+        "tiles": [
+            ("Effects are missing in", _labels(_sure(fleet)), "every model explains its joint"),
+            (
+                "Parameters drift or jump in",
+                _labels([*fleet.drifting, *fleet.jumping]),
+                "none beyond errors and scatter",
+            ),
+            ("Unlike their siblings", _labels(fleet.odd), "none, as far as siblings tell"),
+        ],
+        "seconds": sum(row["seconds"] or 0.0 for row in fleet.rows),
+    }
+    return Section("fleet", "Fleet", headline(fleet), content)
+
+
+def headline(fleet: Fleet) -> str:
+    """The fleet in one sentence: `2 of 20 joints drift, and Stribeck friction is missing in 1`."""
+    total = len(fleet.joints)
+    parts: list[str] = []
+    for found, one, several in (
+        (fleet.drifting, "drifts", "drift"),
+        (fleet.jumping, "has jumped", "have jumped"),
+        (fleet.odd, "differs from its siblings", "differ from their siblings"),
+    ):
+        if count := len(_labels(found)):
+            parts.append(f"{count}{'' if parts else f' of {total} joints'} {one if count == 1 else several}")
+    if sure := _sure(fleet):
+        effects = sorted({words.name(one.effect) for one in sure})
+        parts.append(f"{words.listing(effects)} {'is' if len(effects) == 1 else 'are'} missing in {len(_labels(sure))}")
+    if not parts:
+        return f"{total} joints, and nothing that stands out" if total else "No case could be diagnosed"
+    return words.opening(words.listing(parts))
+
+
+def _sure(fleet: Fleet) -> list[Missing]:
+    return [one for one in fleet.effects if one.sure]
+
+
+def _labels(found: Sequence[Missing | Series]) -> list[str]:
+    """Joints of which something was found."""
+    return sorted({one.joint.label for one in found})
+
+
+def missing(fleet: Fleet) -> Section:
+    """Which effect is missing where, and what is weak in each case but in all of a group."""
+    content = {"effects": effects_table(fleet), "shared": pooled_table(fleet), "chance": CHANCE}
+    return Section("missing", "Missing", "What is missing where", content)
+
+
+def courses(fleet: Fleet) -> Section | None:
+    """Parameters over time, and which of them drift; nothing where no case was diagnosed."""
+    if not fleet.series:
+        return None
+    telling = [one.parameter for one in (*fleet.drifting, *fleet.jumping)]
+    content = {
+        "drifting": drifting_table(fleet),
+        "jumping": jumping_table(fleet),
+        "figures": [over_time(fleet, name, k) for k, name in enumerate(_parameters(fleet, telling, COURSES))],
+        "all": courses_table(fleet),
+        "sigmas": SIGMAS,
+        "level": LEVEL,
+    }
+    return Section("courses", "Over time", "Parameters over time", content)
+
+
+def siblings(fleet: Fleet) -> Section | None:
+    """Joints beside others of their kind; nothing where no joint has a sibling."""
+    kinds = [joint.kind for joint in fleet.joints]
+    if len(set(kinds)) == len(kinds):
+        return None
+    telling = [one.parameter for one in fleet.odd]
+    content = {
+        "odd": odd_table(fleet),
+        "figures": [means(fleet, name, k) for k, name in enumerate(_parameters(fleet, telling, MEANS))],
+        "sigmas": SIGMAS,
+    }
+    return Section("siblings", "Siblings", "Joints beside their siblings", content)
+
+
+def cases(fleet: Fleet, folder: Path) -> Section:
+    """A row for each case, those first that could not be diagnosed, with a link to its own page."""
+    rows = [_case(row, fleet.folder, folder) for row in fleet.rows]
+    rows.sort(key=lambda row: (row["order"], row["name"]))
+    pages = sum(row["link"] is not None for row in rows)
+    return Section("cases", "Cases", "Every case", {"rows": rows, "pages": pages, "folder": str(fleet.folder)})
+
+
+def _case(row: JSON, survey: Path, folder: Path) -> dict[str, Any]:
+    done = row["status"] == "done"
+    verdict = row["verdict"] if done else row["status"]
+    link = None
+    if row["report"] is not None and (survey / row["report"]).exists():
+        link = quote(Path(os.path.relpath((survey / row["report"]).resolve(), folder)).as_posix())
+    return row | {
+        "link": link,
+        "label": " / ".join(filter(None, (row["robot"], row["joint"]))) or "–",
+        "verdict": verdict,
+        "mark": MARKS.get(verdict, ""),
+        "order": ORDER.index(verdict),
+        "told": row["headline"] if done else row["reason"],
+    }
+
+
+def _parameters(fleet: Fleet, telling: Sequence[str], most: int) -> list[str]:
+    """Parameters to plot: those of which something is told, then those that most joints have."""
+    names = [one.parameter for one in fleet.series]
+    frequent = sorted(dict.fromkeys(names), key=names.count, reverse=True)
+    return list(dict.fromkeys([*telling, *frequent]))[: max(most, len(set(telling)))]
+
+
+def over_time(fleet: Fleet, parameter: str, number: int) -> Figure:
+    """One parameter of all joints: those that drift in colours, with their lines."""
+    having = [one for one in fleet.series if one.parameter == parameter]
+    plain, telling = ([one for one in having if one.changes is changes] for changes in (False, True))
+    data = []
+    for one in plain[: max(0, JOINTS - len(telling))]:
+        data.append(_course(one, "--train") | {"mode": "lines+markers", "opacity": 0.45, "showlegend": False})
+    for k, one in enumerate(telling):  # drawn last
+        color = COLORS[k % len(COLORS)]
+        data.append(_course(one, color))
+        if one.since is None:
+            data.append(_line(one, color))
+    layout = {"xaxis": axis("", type="date"), "yaxis": _values(having[0]), "hovermode": "closest"}
+    label = f"{parameter} of every joint over time, with intervals"
+    return Figure(f"course-{number}", label, data, layout, 320)
+
+
+def _course(series: Series, color: str) -> JSON:
+    name = _escaped(series.joint.label)
+    return _points([_date(at) for at in series.date], series.value, series.error, color) | {
+        "name": name,
+        "legendgroup": name,
+        "showlegend": True,
+        "hovertemplate": f"{name}<br>%{{x|%Y-%m-%d}}: %{{y:.4g}} {_escaped(series.unit)}<extra></extra>",
+    }
+
+
+def _line(series: Series, color: str) -> JSON:
+    ends = np.array([series.date.min(), series.date.max()])
+    centre = np.average(series.date, weights=1 / series.error**2)
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "legendgroup": _escaped(series.joint.label),
+        "showlegend": False,
+        "x": [_date(end) for end in ends],
+        "y": numbers(series.course.level + series.course.change * (ends - centre) / DAY),
+        "line": {"color": color, "width": 1.4},
+        "hoverinfo": "skip",
+    }
+
+
+def means(fleet: Fleet, parameter: str, number: int) -> Figure:
+    """Means of one parameter, a column for each kind."""
+    having = [one for one in fleet.series if one.parameter == parameter]
+    data = []
+    for differs, name, color in ((False, "like its siblings", "--train"), (True, "differs", "--base")):
+        if own := [one for one in having if (one.odd is not None) is differs]:
+            level = np.array([one.course.level for one in own])
+            error = np.array([one.course.level_error for one in own])
+            data.append(
+                _points([_escaped(one.joint.kind or "–") for one in own], level, error, color)
+                | {
+                    "name": name,
+                    "text": [_escaped(one.joint.label) for one in own],
+                    "hovertemplate": "%{text}: %{y:.4g}<extra></extra>",
+                }
+            )
+    layout = {"xaxis": {"type": "category"}, "yaxis": _values(having[0])}
+    return Figure(f"siblings-{number}", f"Mean {parameter} of every joint, by kind", data, layout, 280)
+
+
+def _points(x: list[str], y: Array, error: Array, color: str) -> JSON:
+    bars = {"type": "data", "array": numbers(SIGMAS * error), "color": color, "thickness": 1.2, "width": 0}
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": x,
+        "y": numbers(y),
+        "error_y": bars,
+        "marker": {"color": color, "size": 6},
+        "line": {"color": color, "width": 0.8},
+    }
+
+
+def _values(series: Series) -> JSON:
+    return axis(f"{series.parameter} [{words.unit(series.unit) or 1}]")
+
+
+def _date(stamp: float) -> str:
+    return f"{datetime.fromtimestamp(stamp, UTC):%Y-%m-%d %H:%M:%S}"
+
+
+def _escaped(text: str) -> str:
+    """Text in a label of plotly.js, which knows some HTML, and fills in what is in %{}."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace("%{", "% {")

@@ -1,0 +1,80 @@
+"""What the path of a recording tells: `arm3/elbow/2026-03-01.csv` is of a robot, a joint and a date."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import PurePosixPath
+
+from pendulum_env.lookup import find
+from pendulum_env.recording.storage import READERS
+from workbench.mistakes import InputError
+
+LABELS = ("robot", "joint", "kind", "date")
+DATE = re.compile(r"(?<!\d)(\d{4})(-?)(\d\d)\2(\d\d)(?:[T_ -](\d\d)[-:h]?(\d\d)(?:[-:m]?(\d\d))?)?(?!\d)")
+STARS = 3  # in a pattern: every further one multiplies the ways in which a name can be tried
+
+
+def date_of(text: str) -> datetime | None:
+    """A date, UTC unless it says otherwise; None if the text is none."""
+    if match := DATE.fullmatch(text.strip()):
+        return _date(match)
+    try:
+        date = datetime.fromisoformat(text.strip())
+        return date.astimezone(UTC) if date.tzinfo else date.replace(tzinfo=UTC)
+    except (ValueError, OverflowError):
+        return None
+
+
+def _date(match: re.Match[str]) -> datetime | None:
+    year, _, month, day, hour, minute, second = match.groups("0")
+    try:
+        return datetime(int(year), int(month), int(day), int(hour), int(minute), int(second), tzinfo=UTC)
+    except ValueError:  # of the 31st of February
+        return None
+
+
+def guessed(path: PurePosixPath) -> dict[str, str]:
+    """Robot, joint and date: folders name robot and joint, or the file the joint of a folder that is a date."""
+    stem = _stem(path)
+    folders = [part for part in path.parts[:-1] if part != ".."]
+    plain = [part for part in folders if date_of(part) is None]
+    dates = [match[0] for part in (stem, *reversed(folders)) if (match := DATE.search(part)) and _date(match)]
+    names_joint = not plain or (len(plain) < len(folders) and DATE.search(stem) is None)
+    words = ["", *plain, *[DATE.sub("", stem).strip(" _-.") or stem] * names_joint]
+    return {"robot": words[-2], "joint": words[-1]} | ({"date": dates[0]} if dates else {})
+
+
+def matched(path: PurePosixPath, pattern: str) -> dict[str, str]:
+    """What a pattern such as `{robot}/{joint}_{date}` takes from a path.
+
+    Raises:
+        InputError: if the pattern makes no sense, or the path does not match it.
+    """
+    match = _expression(pattern).fullmatch(str(path.parent / _stem(path)))
+    if match is None:
+        raise InputError(f"{path}: does not read as {pattern}: mend --names, or use a table")
+    return match.groupdict()
+
+
+@cache
+def _expression(pattern: str) -> re.Pattern[str]:
+    parts = re.split(r"(\{\w*\}|\*+)", pattern)
+    words = [part[1:-1] for part in parts[1::2] if part[0] == "{"]
+    hint = "write names as {robot}/{joint}_{date}"
+    if len(parts[1::2]) - len(words) > STARS:
+        raise InputError(f"{pattern}: holds more than {STARS} *: {hint}, or use a table")
+    try:
+        for word in words:
+            find("part of a name", word, dict.fromkeys(LABELS))
+        wild = [f"(?P<{part[1:-1]}>[^/]+?)" if part[0] == "{" else "[^/]*" for part in parts[1::2]]
+        plain = map(re.escape, parts[::2])
+        return re.compile("(?:.*/)?" + next(plain) + "".join(a + b for a, b in zip(wild, plain, strict=True)))
+    except (ValueError, re.error) as error:
+        raise InputError(f"{pattern}: {error}: {hint}") from None
+
+
+def _stem(path: PurePosixPath) -> str:
+    ending = next((ending for ending in READERS if path.name.lower().endswith(ending)), path.suffix)
+    return path.name[: len(path.name) - len(ending)]
