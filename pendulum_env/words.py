@@ -26,6 +26,10 @@ NAMES = {  # where an id with its underscores taken out does not read well
     "periodic_disturbance": "a periodic disturbance",
     "spring": "a spring",
     "stribeck": "Stribeck friction",
+    "torque_by_angle": "a torque that varies with the angle",
+    "friction_by_angle": "friction that varies with the angle",
+    "friction_by_speed": "friction that varies with the speed",
+    "gain_by_speed": "a motor gain that varies with the speed",
     "torque_offset": "a torque offset",
     "viscous": "viscous friction",
     "viscous_asymmetry": "viscous friction that differs by direction",
@@ -149,7 +153,7 @@ BIASED = "biased: the best there is, but what the model lacks moves it by more t
 
 def parameters_table(model: Model) -> Table:
     """Parameters with standard errors, also as people call them."""
-    named = {**model.estimates, **model.derived}
+    named = {**model.readable, **model.derived}
     rows = [(name, e.text, e.unit) for name, e in named.items()]
     return Table(("parameter", "estimate", "unit"), rows, left=("unit",))
 

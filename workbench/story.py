@@ -55,7 +55,7 @@ def story(found: Diagnosis, every: bool = False) -> Story:
     """A diagnosis of a pendulum, with the candidates that matter or every one."""
     lines = [f"{id}: {effect(id).law}" for id in found.selected]
     lines += [errors_line(found.steps, found.noise_floor)]
-    lines += parameters_line(found.model.estimates, bool(found.unexplained))
+    lines += parameters_line(found.model.readable, bool(found.unexplained))
     lines += [f"left: {region.text}" for region in found.unexplained[:1] if region.text != found.next_step]
     lines += [f"{one.text}, and is not fitted: diagnose it on its own" for one in found.disagreements]
     parts: list[tuple[str, Sequence[Table | str]]] = [

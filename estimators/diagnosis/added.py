@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from estimators.diagnosis.likeness import likenesses
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Step
 from pendulum_env.notebook import shown
 from pendulum_env.physics import Model
+from pendulum_env.words import listing
 
 CHANCE = "lowers the held-out errors by no more than chance would"
 
@@ -43,6 +45,16 @@ class Addition:
         torque, position = new.torque_rms / old.torque_rms, new.position_rms / old.position_rms
         falls = f"torque to {torque:.1%}, position to {position:.1%} of before"
         return f"{self.after.added} lowers the held-out errors: {falls}"
+
+    @property
+    def looks_like(self) -> str | None:
+        """The formulas that a table which was added comes nearest to, in a sentence; None of an effect."""
+        if self.objection is not None or self.after.added not in self.model.tables:
+            return None
+        near = likenesses(*self.model.tables[self.after.added])
+        if not near:
+            return f"{self.after.added} looks like no formula that is known here"
+        return f"{self.after.added} looks like {listing([one.text for one in near], 'or')} of its shape"
 
     @property
     def is_in_loop(self) -> bool:

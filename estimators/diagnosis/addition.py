@@ -21,8 +21,8 @@ from estimators.selection.models import Models
 from estimators.selection.motion import sharpen
 from estimators.selection.moves import best, is_hidden, loosened, settle
 from estimators.selection.search import Selection
-from pendulum_env.physics import BASE, Model, Term
-from pendulum_env.physics import effect as find_effect
+from pendulum_env.lookup import find
+from pendulum_env.physics import BASE, Model, Term, addable
 
 
 def fit(train: Evidence, holdout: Evidence, terms: Sequence[Term] = BASE) -> Step:
@@ -45,7 +45,7 @@ def add(
 
     Args:
         model: to start from.
-        id: of the effect.
+        id: of the effect, or of a function to be kept as a table, such as `torque_by_angle`.
         recordings: fitted jointly.
         holdout: recordings to confirm on; without them the last 30 % of each recording is held out.
         progress: called with what is being done and the share that is done.
@@ -62,7 +62,7 @@ def add(
     holdout = chosen_recordings(holdout, empty=True)
     if not isinstance(id, str):
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
-    kind = find_effect(id)
+    kind = find("effect", id, addable())
     model.add(kind())  # raises if it is there already
     terms, library = within_limits(model.terms, {id: kind}, fixed, bounds)
     model, kind = replace(model, terms=terms), library[id]

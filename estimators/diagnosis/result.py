@@ -19,6 +19,9 @@ from pendulum_env.words import json_per, listing, name, opening
 
 SCHEMA = "pendulum-ident/diagnosis@1"
 SETTLED = "nothing is left open that an experiment would settle"
+KEPT = (
+    "no effect is such a law: `pendulum-ident add MODEL.json {table}` keeps it as a table, and tells what it looks like"
+)
 UNNAMED = "no effect of the library is open, so that no experiment would name what is left"
 
 
@@ -99,6 +102,7 @@ class Diagnosis:
         advice: experiments that would settle what is open, in words.
         suggestion: the experiment that would settle most of what is open, None if nothing is, or none would.
         forbidden: why no experiment settles what is open or left, above all the limits of the rig; None if nothing is.
+        table: what would keep a function that explains what is left, and that no effect is; None if there is none.
         inseparable: groups that no torque would tell apart, whatever it was.
         window_share: length of the windows used, relative to the length that the noise asks for.
         knocks_beside: terms of the model beside which turns that miss torque are among these; None where they are not.
@@ -118,6 +122,7 @@ class Diagnosis:
     advice: tuple[str, ...]
     suggestion: Suggestion | None = None
     forbidden: str | None = None
+    table: str | None = None
     inseparable: tuple[tuple[str, ...], ...] = ()
     window_share: float = 1.0
     knocks_beside: tuple[Term, ...] | None = None
@@ -200,6 +205,7 @@ class Diagnosis:
             "advice": list(self.advice),
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
             "forbidden": self.forbidden,
+            "table": self.table,
             "inseparable": [list(group) for group in self.inseparable],
             "disagreements": [disagreement.json() for disagreement in self.disagreements],
             "alignments": [alignment.json() for alignment in self.alignments],

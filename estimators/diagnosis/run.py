@@ -18,7 +18,7 @@ from estimators.checks.residual import Region, stand_out
 from estimators.checks.torque_constant import Calibrated, constant_of, of_the_drive, told
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.judge import doubted, judge
-from estimators.diagnosis.result import UNNAMED, Diagnosis
+from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
 from estimators.diagnosis.sensitivity import detectable
 from estimators.diagnosis.setting import HELD_OUT, Setting
 from estimators.in_loop.diagnosis import diagnose_in_loop
@@ -300,9 +300,10 @@ def _examine(
     asked = questions(models, steps[-1].model.terms, groups, candidates, doubts)
     if impossible(steps[-1].model, models.train.motions):
         asked = []  # nobody knows what motion to expect
+    table = getattr(found.unnamed, "table", None)
     suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, setting.usual, left)
     if left and not asked:
-        forbidden = _of_held_out(models, final) or UNNAMED
+        forbidden = _of_held_out(models, final) or (UNNAMED if table is None else KEPT.format(table=table))
     look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {models.library[group[-1]].reveal}"
         for group in groups
@@ -324,6 +325,7 @@ def _examine(
         detectable=() if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library),
         suggestion=suggestion,
         forbidden=forbidden,
+        table=table,
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
         window_share=window_share,
         knocks_beside=beside,

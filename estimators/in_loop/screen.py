@@ -14,7 +14,7 @@ import numpy as np
 from estimators.in_loop.fit import ROUGHLY, Linear, fit, likeliest, likelihood, linear
 from estimators.in_loop.rollouts import Rollouts
 from estimators.regression.least_squares import Balance, Columns
-from estimators.selection.candidates import STARTS, Screen, Trial, bounds
+from estimators.selection.candidates import Screen, Trial, best_of_forms, bounds
 from estimators.selection.score import FOLDS, STRETCH
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
@@ -254,15 +254,7 @@ class LoopScreen:
         """Best variants of an effect beside the terms, one for each set of shape parameters that are told."""
         key = tuple(terms), effect.id
         if key not in self._variants:
-            ranked = self.ranked(*key[:1], effect)
-            if all(shape.integer for shape in effect.shapes):
-                found = ranked[:1]
-            else:
-                sets = dict.fromkeys(trial.terms[-1].free for trial in ranked)
-                starts = [[trial for trial in ranked if trial.terms[-1].free == free][:STARTS] for free in sets]
-                ends = [min((self.refine(t, effect.id) for t in few), key=lambda one: one.fitted_rms) for few in starts]
-                found = sorted(ends, key=lambda trial: (len(trial.terms[-1].free), trial.fitted_rms))
-            self._variants[key] = found
+            self._variants[key] = best_of_forms(self.ranked(key[0], effect), effect, self.refine)
         return self._variants[key]
 
     def refine(self, trial: Trial, id: str) -> Trial:

@@ -380,8 +380,10 @@ class Screen:
         """The terms with each variant of the grid of an effect, the smallest error first."""
         key = (tuple(terms), effect.id)
         if key not in self._ranked:
-            variants = self.grid(terms, effect)
-            trials = self.trials(terms, variants) if variants else []
+            alike: dict[int, list[Term]] = {}  # in the number of their parameters
+            for variant in self.grid(terms, effect):
+                alike.setdefault(len(variant.columns), []).append(variant)
+            trials = [trial for variants in alike.values() for trial in self.trials(terms, variants)]
             self._ranked[key] = sorted(trials, key=lambda trial: trial.fitted_rms)
         return self._ranked[key]
 
@@ -400,13 +402,7 @@ class Screen:
     def _search(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         if effect.rugged:
             return self._searched_one_by_one(terms, effect)
-        ranked = self.ranked(terms, effect)
-        if all(shape.integer for shape in effect.shapes):
-            return ranked[:1]
-        sets = dict.fromkeys(trial.terms[-1].free for trial in ranked)
-        starts = [[trial for trial in ranked if trial.terms[-1].free == free][:STARTS] for free in sets]
-        ends = [min((self.refine(t, effect.id) for t in few), key=lambda trial: trial.fitted_rms) for few in starts]
-        return sorted(ends, key=lambda trial: (len(trial.terms[-1].free), trial.fitted_rms))
+        return best_of_forms(self.ranked(terms, effect), effect, self.refine)
 
     def _searched_one_by_one(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """The best of the searches from each value of the shape parameter that the error is rugged over."""
@@ -511,6 +507,25 @@ def bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     """Bounds of the linear parameters (P,) of some terms."""
     columns = [column for term in terms for column in term.columns]
     return np.array([column.least for column in columns]), np.array([column.most for column in columns])
+
+
+def best_of_forms(ranked: Sequence[Trial], effect: type[Term], refine: Callable[[Trial, str], Trial]) -> list[Trial]:
+    """The best refined trial of each form that an effect has in ranked ones, the simplest form first."""
+    if len(ranked) < 2 or (effect.shapes and all(shape.integer for shape in effect.shapes)):
+        return list(ranked[:1])
+    forms: dict[object, list[Trial]] = {}
+    for trial in ranked:
+        last = trial.terms[-1]
+        forms.setdefault((last.free, len(last.columns)), []).append(trial)
+    ends = [
+        min((refine(t, effect.id) for t in few[:STARTS]), key=lambda trial: trial.fitted_rms) for few in forms.values()
+    ]
+    return sorted(ends, key=lambda trial: (complexity(trial.terms[-1]), trial.fitted_rms))
+
+
+def complexity(term: Term) -> int:
+    """Number of parameters of a term."""
+    return len(term.columns) + len(term.free)
 
 
 def _grams(near: Tangent, parts: Sequence[Columns], weights: Array, here: slice) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Samples, Shape, Term
+from pendulum_env.physics.table import FrictionByAngle, FrictionBySpeed, GainBySpeed, TorqueByAngle
 
 PIECES = 12  # knots over velocity or angle
 SLOW = 0.5  # [s], between knots over time
@@ -28,6 +29,7 @@ class AnyFunction(Term):
 
     axis: ClassVar[str] = ""
     words: ClassVar[str] = ""
+    table: ClassVar[str | None] = None  # id of what keeps such a function
     law = "f(x)"
 
     def _hat(self, k: int, x: Samples) -> Array:
@@ -55,6 +57,7 @@ class AnyOfVelocity(AnyFunction):
     id = "any_function_of_velocity"
     axis = "velocity"
     words = "a function of velocity"
+    table = FrictionBySpeed.id
     law = "f(q')"
     kind = "dissipative"
 
@@ -72,6 +75,7 @@ class AnyOfPosition(AnyFunction):
     id = "any_function_of_position"
     axis = "position"
     words = "a function of the angle"
+    table = TorqueByAngle.id
     law = "f(q)"
     kind = "potential"
 
@@ -88,6 +92,7 @@ class AnyFrictionOfPosition(AnyFunction):
     id = "any_friction_of_position"
     axis = "position"
     words = "dry friction that varies with the angle"
+    table = FrictionByAngle.id
     law = "f(q) sgn q'"
     kind = "dissipative"
 
@@ -130,6 +135,7 @@ class AnyGainOfVelocity(AnyGain):
     id = "any_gain_of_velocity"
     axis = "velocity"
     words = "a motor torque that varies with speed"
+    table = GainBySpeed.id
     law = "tau f(q')"
 
     @classmethod
@@ -181,6 +187,8 @@ class PowerLaw(Term):
     """Friction that grows with any power of the speed, c |q'|^p sgn q'."""
 
     power: float = 3.0
+
+    table: ClassVar[str] = FrictionBySpeed.id
 
     id = "power_law"
     law = "c |q'|^p sgn q'"

@@ -9,9 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.selection.candidates import complexity
 from estimators.selection.data import Evidence, Step
 from estimators.selection.models import Models, has_transmission, held_out_cost
-from estimators.selection.moves import best, complexity, has_bristles
+from estimators.selection.moves import best, has_bristles
 from estimators.selection.search import Selection
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import Flights, position_noise, take_off

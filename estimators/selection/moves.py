@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from estimators.selection.candidates import Trial
+from estimators.selection.candidates import Trial, complexity
 from estimators.selection.foils import FOILS
 from estimators.selection.left import Terms
 from estimators.selection.models import Models, has_transmission
@@ -204,8 +204,3 @@ def is_hidden(term: Term) -> bool:
 def parameters(terms: Sequence[Term]) -> int:
     """Number of parameters of a model."""
     return sum(complexity(term) for term in terms)
-
-
-def complexity(term: Term) -> int:
-    """Number of parameters of a term."""
-    return len(term.columns) + len(term.free)

@@ -28,6 +28,7 @@ from pendulum_env.physics.friction import (
 )
 from pendulum_env.physics.potential import Cogging, GravityTilt, HardStop, Spring
 from pendulum_env.physics.sensor import EncoderEccentricity
+from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.term import Term
 from pendulum_env.physics.time_varying import FrictionDrift, PayloadChange, PeriodicDisturbance
 from pendulum_env.physics.transmission import Backlash, JointFlexibility
@@ -96,6 +97,11 @@ def effects() -> dict[str, type[Term]]:
     return {effect.id: effect for effect in (*BUILT_IN, *_installed(), *_registered.values())}
 
 
+def addable() -> dict[str, type[Term]]:
+    """All that can be added to a model, by id: effects, and functions that are kept as tables."""
+    return effects() | TABLES
+
+
 def effect(id: str) -> type[Term]:
     """Effect of that id.
 
@@ -106,6 +112,6 @@ def effect(id: str) -> type[Term]:
 
 
 def term(id: str) -> type[Term]:
-    """Base term or effect of that id; raises ValueError like `effect`."""
+    """Base term, effect or table of that id; raises ValueError like `effect`."""
     base = {item.id: type(item) for item in (*BASE, BackEmf())}
-    return base[id] if id in base else effect(id)
+    return base[id] if id in base else find("effect", id, addable())

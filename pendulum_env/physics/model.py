@@ -17,6 +17,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.simulation import Trajectory, simulate
+from pendulum_env.physics.table import Curve, Extent, Table
 from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.reading import Unreadable, Value, read_json
 from pendulum_env.words import per, plus_minus
@@ -129,6 +130,29 @@ class Model:
         return tuple(term.id for term in self.terms if term.id not in base)
 
     @property
+    def tables(self) -> dict[str, tuple[Table, Curve]]:
+        """Functions that are kept as tables, by id, with what they are."""
+        names, covariance, found = list(self.estimates), self.assumed_covariance, {}
+        for term in self.terms:
+            if isinstance(term, Table):
+                place = [names.index(column.name) for column in term.columns]
+                theta = np.array([self.estimates[names[k]].value for k in place])
+                found[term.id] = term, term.curve(theta, covariance[np.ix_(place, place)])
+        return found
+
+    @property
+    def readable(self) -> dict[str, Estimate]:
+        """The estimates for a reader: in the place of a table's coefficients, under its id, where it is largest."""
+        entries = {column.name for term, _ in self.tables.values() for column in term.columns}
+        shown = {name: own for name, own in self.estimates.items() if name not in entries}
+        for id, (term, curve) in self.tables.items():
+            k = int(np.argmax(np.abs(curve.value)))
+            is_biased = self.estimates[term.columns[0].name].is_biased
+            unit = per(term.unit, self.torque_unit)
+            shown[f"{id} (largest)"] = Estimate(float(curve.value[k]), float(curve.std[k]), unit, is_biased=is_biased)
+        return shown
+
+    @property
     def covariance(self) -> Array | None:
         """Covariance (P + S, P + S) of the estimates in their order; None if nobody has told their correlation."""
         if not self.correlation:
@@ -232,6 +256,8 @@ class Model:
             "terms": [term.id for term in self.terms],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
         }
+        if self.tables:
+            data["tables"] = {id: term.extent._asdict() for id, (term, _) in self.tables.items()}
         if self.torque_unit != "N m":
             data["torque_unit"] = self.torque_unit
         if self.torque_constant is not None:
@@ -261,7 +287,7 @@ class Model:
     @classmethod
     def _of(cls, data: Value) -> Model:
         ids, theta = data["terms"].items(100), data["theta"]
-        terms = tuple(_term(id, theta) for id in ids)
+        terms = tuple(_term(id, data) for id in ids)
         if len({term.id for term in terms}) != len(terms):
             raise ModelError("the model names a term twice: each may appear once")
         estimates = {}
@@ -307,9 +333,12 @@ def _derived(term: Term, values: Array) -> dict[str, tuple[float, str]]:
     return replace(term, **shapes).derived(values[:count])
 
 
-def _term(id: Value, theta: Value) -> Term:
-    """The term of an id in a model file, with its shape parameters."""
+def _term(id: Value, data: Value) -> Term:
+    """The term of an id in a model file, with its shape parameters, or its extent."""
     kind = library.term(id.text())
+    if issubclass(kind, Table):
+        return kind.over(_extent(data["tables"][kind.id]))()
+    theta = data["theta"]
     shapes = {}
     for shape in kind.shapes:
         name = kind.full(shape.name)
@@ -324,6 +353,15 @@ def _term(id: Value, theta: Value) -> Term:
     if term.fault:
         raise ModelError(f"'{kind.id}' makes no sense: {term.fault}")
     return term
+
+
+def _extent(data: Value) -> Extent:
+    """Where a table of a model file is told."""
+    low, high, pieces = (data[name] for name in Extent._fields)
+    extent = Extent(low.number(-1e6, 1e6), high.number(-1e6, 1e6), int(pieces.number(3, 100)))
+    if not (extent.low < extent.high and extent.pieces == pieces.content):
+        raise data.fault("a table with low < high and a whole number of pieces")
+    return extent
 
 
 def _covariance(data: Value, known: Sequence[str]) -> tuple[list[str], Array]:

@@ -8,7 +8,7 @@ from typing import Any
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from pendulum_env.physics import effects
+from pendulum_env.physics import addable, effects
 from workbench.app.torques import choices
 from workbench.app.uploads import UPLOAD
 from workbench.report import page
@@ -83,9 +83,9 @@ def saves(file: str, what: str, of: str = "", **more: Any) -> Component:
     return button(file, {"save": what, "of": of}, **more)
 
 
-def effects_to_choose(nothing: str = "") -> dict[str, str]:
-    """Names of all effects by id, and perhaps of none."""
-    return ({"": nothing} if nothing else {}) | {id: opening(name(id)) for id in effects()}
+def effects_to_choose(nothing: str = "", tables: bool = False) -> dict[str, str]:
+    """Names of all effects by id, and perhaps of none, and of tables."""
+    return ({"": nothing} if nothing else {}) | {id: opening(name(id)) for id in (addable() if tables else effects())}
 
 
 def dropdown(id: str, options: Mapping[str, str] | Sequence[Any], value: Any, **more: Any) -> Component:

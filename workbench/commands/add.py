@@ -6,7 +6,8 @@ import argparse
 
 from estimators.diagnosis.addition import add
 from estimators.show.tables import errors_table
-from pendulum_env.physics import effect
+from pendulum_env.lookup import find
+from pendulum_env.physics import addable
 from pendulum_env.words import parameters_table
 from workbench.inputs import (
     argument,
@@ -33,7 +34,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, effect, recordings and output."""
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
     parser.add_argument(
-        "effect", metavar="EFFECT", type=argument(_effect), help="an id that `effects` lists, of an arm ID@JOINT"
+        "effect",
+        metavar="EFFECT",
+        type=argument(_effect),
+        help="an id that `effects` lists, of an effect or a table; of an arm ID@JOINT",
     )
     take_recordings(parser, holdout=True)
     take_robot(parser)
@@ -64,6 +68,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terminal.heading("Errors, the model refitted without and with the effect")
     terminal.table(*errors_table((before, after)))
     terminal.say(added.text)
+    if added.looks_like is not None:
+        terminal.say(added.looks_like)
     if added.left > FAR_ABOVE:
         terminal.say(
             f"what is left is {added.left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
@@ -76,5 +82,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _effect(text: str) -> str:
-    effect(text.partition("@")[0])
+    find("effect", text.partition("@")[0], addable())
     return text

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 
 from pendulum_env.physics import BASE, Term, effects
+from pendulum_env.physics.table import TABLES
 from pendulum_env.plant import typical
+from pendulum_env.words import listing
 from workbench.terminal import Terminal
 
 
@@ -21,6 +23,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         ("effect", "kind", "law", "parameters, of typical size"),
         rows,
         left=("kind", "law", "parameters, of typical size"),
+    )
+    terminal.say(
+        f"what no effect is, `add` keeps as a table: {listing([f'{id} {kind.law}' for id, kind in TABLES.items()])}"
     )
     terminal.say(
         "hide one in a simulated recording: record --effect stribeck, --effect stribeck=0.4,0.3 (parameters in this "

@@ -11,7 +11,8 @@ from dash.development.base_component import Component
 
 from estimators.diagnosis.addition import add
 from estimators.selection.data import Step
-from pendulum_env.physics import effect as find_effect
+from pendulum_env.lookup import find
+from pendulum_env.physics import addable
 from workbench.app.parts import button, effects_to_choose, fragment, graph, labelled, panel
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
@@ -52,6 +53,10 @@ def calls(state: Work, busy: bool) -> Component:
     if state.diagnosis is None:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
+    table = state.told.table
+    if not state.found and table is not None and table not in state.model.effects and not state.astray:
+        keep = button(f"Keep {name(table)} as a table", {"do": "add", "of": table}, primary=True, disabled=busy)
+        return html.Div([html.P(settled(state)), html.Div([keep], className="row")])
     if not state.found:
         return html.P(settled(state))
     presses = [
@@ -73,12 +78,14 @@ def settled(state: Work) -> str:
 
 def _choice(state: Work, busy: bool) -> Component:
     """What the diagnosis calls for, or any effect of the library."""
-    others = {id: label for id, label in effects_to_choose().items() if id not in state.model.effects}
+    others = {id: label for id, label in effects_to_choose(tables=True).items() if id not in state.model.effects}
     kept: dict[str, Any] = {  # while a job ends and the page is drawn anew; a model with an effect more asks anew
         "persistence": f"beyond {' '.join(state.model.effects)}",
         "persistence_type": "session",
     }
-    library = labelled("Any effect of the library", dcc.Dropdown(others, None, id="any", placeholder="choose", **kept))
+    library = labelled(
+        "Any effect of the library, or a table", dcc.Dropdown(others, None, id="any", placeholder="choose", **kept)
+    )
     any_of_them = html.Div([library, button("Add it", "add-any", disabled=busy)], className="fields wide")
     return panel("Add an effect", calls(state, busy), any_of_them)
 
@@ -93,7 +100,7 @@ def start(session: Session, id: str | None) -> None:
         raise InputError("choose an effect to add")
     state = session.state
     recordings = state.train, state.holdout
-    find_effect(id)
+    find("effect", id, addable())
     if id in state.model.effects:
         raise InputError(f"{name(id)} is in the model already")
 

@@ -6,8 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pendulum_env.physics import Estimate
+from pendulum_env.physics.table import Curve, Table
 from workbench.report.case import Case
+from workbench.report.figure import Figure, axis, band, line
 from workbench.report.section import Section
+from workbench.report.words import name, opening
 
 WIDTH, ROW, MARGIN = 240.0, 14.0, 12.0  # of an interval plot [px]
 SIGMAS = 2.0  # standard errors on either side
@@ -39,7 +42,10 @@ class Row:
 def parameters(case: Case) -> Section:
     """Every parameter at every step."""
     steps = case.diagnosis.steps
-    rows = [row(name, [step.model.estimates.get(name) for step in steps]) for name in case.diagnosis.model.estimates]
+    models = [step.model.readable for step in steps]
+    rows = [row(label, [model.get(label) for model in models]) for label in models[-1]]
+    names, correlation = list(case.diagnosis.model.estimates), case.diagnosis.model.correlation
+    single = [k for k, label in enumerate(names) if label in models[-1]]  # entries of tables have their figure
     return Section(
         "parameters",
         "Parameters",
@@ -50,13 +56,25 @@ def parameters(case: Case) -> Section:
             "added": [step.added for step in steps],
             "width": WIDTH,
             "sigmas": SIGMAS,
-            "names": list(case.diagnosis.model.estimates),
-            "correlation": case.diagnosis.model.correlation,
+            "names": [names[k] for k in single],
+            "correlation": [[correlation[k][j] for j in single] for k in single] if correlation else (),
+            "figures": [drawn(term, curve) for term, curve in case.diagnosis.model.tables.values()],
         },
     )
 
 
-def row(name: str, estimates: Sequence[Estimate | None]) -> Row:
+def drawn(table: Table, curve: Curve) -> Figure:
+    """A table as a function, with its band."""
+    title = f"{opening(name(table.id))}, {table.law}"
+    argument = "angle [rad]" if table.axis == "position" else "speed [rad/s]"
+    data = [
+        band(curve.x, SIGMAS * curve.std, f"± {SIGMAS:g} standard errors", curve.value),
+        line(curve.x, curve.value, title, "--final", table.unit),
+    ]
+    return Figure(f"table-{table.id}", title, data, {"xaxis": axis(argument), "yaxis": axis(f"f [{table.unit}]")}, 320)
+
+
+def row(label: str, estimates: Sequence[Estimate | None]) -> Row:
     """Table row and interval plot of one parameter."""
     known = [(k, e) for k, e in enumerate(estimates) if e is not None]
     low = min(e.value - SIGMAS * e.std for _, e in known)
@@ -76,4 +94,4 @@ def row(name: str, estimates: Sequence[Estimate | None]) -> Row:
         )
         for k, e in known
     )
-    return Row(name, known[-1][1].unit, tuple(estimates), intervals, ROW * len(estimates), (low, high))
+    return Row(label, known[-1][1].unit, tuple(estimates), intervals, ROW * len(estimates), (low, high))

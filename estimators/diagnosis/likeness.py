@@ -1,0 +1,125 @@
+"""What a table looks like: the formulas that come nearest to its shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.optimize import minimize
+
+from pendulum_env._typing import Array
+from pendulum_env.physics.table import Curve, Table
+
+SHOWN = 3
+LEAST = 0.5  # share of the shape, below which it looks like nothing of the kind
+ORDERS = range(1, 25)  # of waves over a turn
+
+Formula = Callable[..., Array]  # of the argument (N,) and shape parameters; columns (N, K)
+
+
+@dataclass(frozen=True)
+class Family:
+    """Formulas of one kind, `f = a + b |q'|^p`: `words` takes the shape parameters, starts are searched from."""
+
+    words: str
+    formula: Formula
+    starts: Iterable[tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """A formula, and the share of the table's variance that it explains."""
+
+    words: str
+    share: float
+
+    @property
+    def text(self) -> str:
+        """`|q'|^0.4 (99.7 %)`."""
+        return f"{self.words} ({100 * self.share:.3g} %)"
+
+
+def likenesses(table: Table, curve: Curve) -> list[Likeness]:
+    """The formulas of three kinds that come nearest to a table, the nearest first; fewer where nothing comes near.
+
+    They are fitted to the table where it is told best, beside what the base model has of its argument.
+    """
+    base = np.column_stack([np.empty((len(curve.x), 0)), *(law(curve.x) for law in type(table).laws())])
+    usual = max(float(np.median(curve.std)), 1e-3 * float(np.ptp(curve.value)), 1e-300)
+    weights = 1.0 / np.maximum(curve.std, usual)  # no point counts for more than half of them do
+    whole = _left(curve, base, weights)
+    found = []
+    for family in _families(table):
+
+        def left(shape: Array, formula: Formula = family.formula) -> float:
+            with np.errstate(all="ignore"):
+                columns = np.nan_to_num(formula(curve.x, *shape), nan=0.0, posinf=0.0, neginf=0.0)
+            return _left(curve, np.column_stack([base, columns]), weights)
+
+        start = min(family.starts, key=lambda values: left(np.array(values)))
+        ends = minimize(left, start, method="Nelder-Mead", options={"maxiter": 200}) if start else None
+        shape, rest = (ends.x, float(ends.fun)) if ends is not None else ((), left(np.array(())))
+        found.append(Likeness(family.words.format(*(f"{value:.3g}" for value in shape)), 1.0 - rest / whole))
+    found.sort(key=lambda one: -one.share)
+    return [one for one in found[:SHOWN] if one.share > LEAST]
+
+
+def _left(curve: Curve, columns: Array, weights: Array) -> float:
+    """Weighted sum of squares that a fit of columns (N, K) leaves."""
+    if columns.shape[1] == 0:
+        return float(np.sum((weights * curve.value) ** 2))
+    scaled = columns * weights[:, None]
+    target = weights * curve.value
+    return float(np.sum((target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0]) ** 2))
+
+
+def _families(table: Table) -> list[Family]:
+    low, high, _ = table.extent
+    widths = (high - low) * np.array([0.03, 0.08, 0.2, 0.5])
+    places = np.linspace(low, high, 25)[1:-1]
+    if table.axis == "position":
+        one = np.ones_like
+        waves = [
+            Family(
+                f"a wave of {order} a turn" if order > 1 else "a wave of one a turn",
+                lambda q, n=order: np.column_stack([one(q), np.sin(n * q), np.cos(n * q)]),
+                [()],
+            )
+            for order in ORDERS
+        ]
+        around = list(product(places.tolist(), widths.tolist()))
+        return [
+            *waves,
+            Family("a straight line", lambda q: np.column_stack([one(q), q]), [()]),
+            Family("a parabola", lambda q: np.column_stack([one(q), q, q**2]), [()]),
+            Family(
+                "a bump at {0} rad, {1} rad wide",
+                lambda q, at, wide: np.column_stack([one(q), np.exp(-(((q - at) / wide) ** 2))]),
+                around,
+            ),
+            Family(
+                "a step at {0} rad, {1} rad wide",
+                lambda q, at, wide: np.column_stack([one(q), np.tanh((q - at) / wide)]),
+                around,
+            ),
+            Family(
+                "a bend at {0} rad",
+                lambda q, at: np.column_stack([one(q), np.maximum(q - at, 0.0), np.minimum(q - at, 0.0)]),
+                [(place,) for place in places.tolist()],
+            ),
+        ]
+    scales = [(share * high,) for share in (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)]
+    fall = "exp(-|q'| / {0} rad/s)"
+    return [
+        Family("|q'|^{0}", lambda v, p: v[:, None] ** p, [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)]),
+        Family(fall, lambda v, s: np.exp(-v / s)[:, None] - (table.zero is not None), scales),
+        Family(
+            "exp(-(q' / {0} rad/s)^2)",
+            lambda v, s: np.exp(-((v / s) ** 2))[:, None] - (table.zero is not None),
+            scales,
+        ),
+        Family("tanh(|q'| / {0} rad/s)", lambda v, s: np.tanh(v / s)[:, None], scales),
+        Family("a bend at {0} rad/s", lambda v, s: np.maximum(v - s, 0.0)[:, None], scales),
+    ]

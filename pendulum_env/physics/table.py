@@ -1,0 +1,279 @@
+"""Functions that no effect is, kept as they are: of the angle or of the speed, by cubic B-splines.
+
+They are terms like any other, which are fitted, confirmed on held-out data, simulated and exported, but no effects that
+a diagnosis proposes: they tell what is there, not why. A table is orthogonal to the base law that it would else pass
+for, as gravity or Coulomb friction, and natural at its ends, beyond which it goes on as it ends.
+Source: de Boor, A Practical Guide to Splines, 2001.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any, ClassVar, NamedTuple, Self, cast
+
+import numpy as np
+from scipy.linalg import qr
+
+from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.physics.term import Column, Kind, Samples, Term
+
+FINE = 2000  # points over which functions are orthogonal
+DRAWN = 241  # points of a curve
+ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces that are tried
+
+
+class Extent(NamedTuple):
+    """Where a table is told, in rad or rad/s, and in how many pieces; angles from -pi to pi go on round the turn."""
+
+    low: float
+    high: float
+    pieces: int
+
+    @property
+    def is_turn(self) -> bool:
+        """Whether it goes on round the turn."""
+        return self.low == -np.pi and self.high == np.pi
+
+
+class Curve(NamedTuple):
+    """A table as a function: arguments, values and their standard errors, (N,) each."""
+
+    x: Array
+    value: Array
+    std: Array
+
+
+@dataclass(frozen=True)
+class Table(Term):
+    """A function of one quantity; its parameters are linear, and its extent belongs to the class: see `over`."""
+
+    extent: ClassVar[Extent] = Extent(-1.0, 1.0, 4)
+    axis: ClassVar[str] = ""
+    unit: ClassVar[str] = "N m"
+    zero: ClassVar[float | None] = None  # argument at which it is zero
+
+    @classmethod
+    def over(cls, extent: Extent) -> type[Self]:
+        """The same table over another extent."""
+        return cast(type[Self], _over(getattr(cls, "bare_table", cls), extent))  # type: ignore[arg-type]  # can be hashed
+
+    @classmethod
+    def argument(cls, x: Samples) -> ArrayLike:
+        """What it is a function of."""
+        raise NotImplementedError
+
+    @classmethod
+    def laws(cls) -> Sequence[Callable[[Array], Array]]:
+        """Functions of the argument that the base model has already, to which the table is orthogonal."""
+        return ()
+
+    @classmethod
+    def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
+        """The column of one coefficient."""
+        return Column(name, cls.unit, force=law)
+
+    @classmethod
+    def warped(cls, argument: ArrayLike) -> ArrayLike:
+        """The argument on the scale on which knots are evenly apart."""
+        return argument
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return _columns(type(self))  # type: ignore[arg-type]  # classes can be hashed
+
+    @classmethod
+    def basis(cls, argument: ArrayLike) -> list[ArrayLike]:
+        """Values of the function that each coefficient multiplies."""
+        splines = _Splines(cls, argument)
+        return [splines.sum(row) for row in _weights(cls)]  # type: ignore[arg-type]
+
+    def curve(self, theta: Array, covariance: Array | None = None) -> Curve:
+        """The function that linear parameters (P,) make, with standard errors by their covariance (P, P)."""
+        x = np.linspace(self.extent.low, self.extent.high, DRAWN)
+        phi = np.column_stack([np.broadcast_to(own, x.shape) for own in self.basis(x)])
+        variance = np.zeros(DRAWN) if covariance is None else np.einsum("np,pq,nq->n", phi, covariance, phi)
+        return Curve(x, phi @ theta, np.sqrt(np.maximum(variance, 0.0)))
+
+
+class _Splines:
+    """Cubic B-splines at an argument, each computed once."""
+
+    def __init__(self, kind: type[Table], argument: ArrayLike) -> None:
+        low, high, pieces = extent = kind.extent
+        self._round = pieces if extent.is_turn else None
+        if extent.is_turn:
+            inside: Any = 2.0 * np.arctan(np.tan(0.5 * argument))
+        else:
+            low, high = (float(cast(float, kind.warped(end))) for end in (low, high))
+            inside = np.clip(kind.warped(argument), low, high)
+        self._at: Any = (inside - low) * (pieces / (high - low))  # from 0 to the number of pieces
+        self._known: dict[int, Any] = {}
+
+    def sum(self, weights: Mapping[int, float]) -> ArrayLike:
+        """Splines by the number of the knot they are centred at, weighted."""
+        return sum(weight * self._one(knot) for knot, weight in weights.items())
+
+    def _one(self, knot: int) -> Any:
+        if knot not in self._known:
+            apart = np.absolute(self._at - float(knot))
+            self._known[knot] = _spline(apart) + (_spline(self._round - apart) if self._round else 0.0)
+        return self._known[knot]
+
+
+def _spline(apart: Any) -> Any:
+    """The cubic B-spline so many knots apart from its centre."""
+    near, far = np.maximum(1.0 - apart, 0.0), np.maximum(2.0 - apart, 0.0)
+    return (far * far * far - 4.0 * (near * near * near)) / 6.0
+
+
+@cache
+def _over(kind: type[Table], extent: Extent) -> type[Table]:
+    members: dict[str, Any] = {
+        "__doc__": kind.__doc__,
+        "__module__": kind.__module__,
+        "extent": extent,
+        "bare_table": kind,
+        "__reduce__": lambda self: (_again, (kind, extent)),  # no module has this kind by its name
+    }
+    return cast(type[Table], type(kind.__name__, (kind,), members))
+
+
+def _again(kind: type[Table], extent: Extent) -> Table:
+    """A table in another process."""
+    return _over(kind, extent)()  # type: ignore[arg-type]
+
+
+@cache
+def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
+    """What each coefficient of a table weighs each spline by: those that meet all conditions, and are few."""
+    low, high, pieces = kind.extent
+    knots = range(pieces) if kind.extent.is_turn else range(-1, pieces + 2)
+    x = low + (high - low) * (np.arange(FINE) + 0.5) / FINE
+
+    def at(x: Array) -> Array:
+        splines = _Splines(kind, x)
+        return np.array([splines.sum({knot: 1.0}) for knot in knots])
+
+    conditions = [at(x) @ law(x) / FINE for law in kind.laws()]
+    if kind.zero is not None:
+        conditions.append(at(np.array([kind.zero]))[:, 0])
+    if not kind.extent.is_turn:  # no bend at the ends
+        bend = np.zeros(len(knots))
+        bend[:3] = 1.0, -2.0, 1.0
+        conditions += [bend, bend[::-1]]
+    rows = np.array(conditions)
+    order = qr(rows, mode="r", pivoting=True)[1]
+    bound, free = order[: len(rows)], np.sort(order[len(rows) :])
+    shares = np.linalg.solve(rows[:, bound], rows[:, free])  # of each bound coefficient, by the free ones
+    return tuple(
+        {knots[k]: 1.0}
+        | {knots[b]: -float(share) for b, share in zip(bound, shares[:, place], strict=True) if abs(share) > 1e-9}
+        for place, k in enumerate(free)
+    )
+
+
+@cache
+def _columns(kind: type[Table]) -> tuple[Column, ...]:
+    def at(weights: Mapping[int, float], x: Samples) -> ArrayLike:
+        return _Splines(kind, kind.argument(x)).sum(weights)
+
+    return tuple(kind.column(f"{kind.id}.{k}", partial(at, own)) for k, own in enumerate(_weights(kind)))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class TorqueByAngle(Table):
+    """Torque that is a function of the angle, as of a cable, a dress pack or a cam; over a turn where it turned."""
+
+    id = "torque_by_angle"
+    law = "f(q)"
+    kind: ClassVar[Kind] = "potential"
+    axis = "position"
+
+    @classmethod
+    def argument(cls, x: Samples) -> ArrayLike:
+        return x.position
+
+    @classmethod
+    def laws(cls) -> Sequence[Callable[[Array], Array]]:
+        return (np.sin,)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        low, high = float(np.min(x.position)), float(np.max(x.position))
+        spans = [(low, high)] + [(-np.pi, np.pi)] * (high - low >= 2 * np.pi)
+        return [cls.over(Extent(*span, pieces))() for span in spans for pieces in ANGLES]
+
+
+@dataclass(frozen=True)
+class FrictionByAngle(TorqueByAngle):
+    """Dry friction that varies with the angle, as of a seal that rubs or a worn stretch of a gear."""
+
+    id = "friction_by_angle"
+    law = "f(q) sgn q'"
+    kind = "dissipative"
+
+    @classmethod
+    def laws(cls) -> Sequence[Callable[[Array], Array]]:
+        return (np.ones_like,)
+
+    @classmethod
+    def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
+        return Column(name, cls.unit, dry=law)
+
+
+@dataclass(frozen=True)
+class FrictionBySpeed(Table):
+    """Friction that is any function of the speed, the same either way; knots are closer together at low speed."""
+
+    id = "friction_by_speed"
+    law = "f(|q'|) sgn q'"
+    kind: ClassVar[Kind] = "dissipative"
+    axis = "velocity"
+    extent = Extent(0.0, 1.0, 4)
+
+    @classmethod
+    def argument(cls, x: Samples) -> ArrayLike:
+        return np.absolute(x.velocity)
+
+    @classmethod
+    def warped(cls, argument: ArrayLike) -> ArrayLike:
+        return np.sqrt(argument)
+
+    @classmethod
+    def laws(cls) -> Sequence[Callable[[Array], Array]]:
+        return (np.ones_like, np.positive)
+
+    @classmethod
+    def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
+        return Column(name, cls.unit, dry=law)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        fastest = float(np.max(np.abs(x.velocity)))
+        return [cls.over(Extent(0.0, fastest, pieces))() for pieces in SPEEDS]
+
+
+@dataclass(frozen=True)
+class GainBySpeed(FrictionBySpeed):
+    """Motor torque that is lost in a share that varies with the speed: the joint receives tau (1 - f(|q'|))."""
+
+    id = "gain_by_speed"
+    law = "tau f(|q'|)"
+    kind = "actuation"
+    unit = "1"
+    zero = 0.0  # at rest the gain is one
+
+    @classmethod
+    def laws(cls) -> Sequence[Callable[[Array], Array]]:
+        return ()
+
+    @classmethod
+    def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
+        return Column(name, cls.unit, force=lambda x: x.torque * law(x), of_torque=True)
+
+
+TABLES: dict[str, type[Term]] = {
+    kind.id: kind for kind in (TorqueByAngle, FrictionByAngle, FrictionBySpeed, GainBySpeed)
+}

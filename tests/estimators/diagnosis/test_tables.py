@@ -1,0 +1,110 @@
+"""Laws that no effect is: the table that keeps them is named, earns its place on held-out data, and says what it is."""
+
+import numpy as np
+import pytest
+
+from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators import Addition, Diagnosis, add, diagnose
+from estimators.diagnosis.likeness import likenesses
+from pendulum_env.physics.table import Curve, Extent, FrictionBySpeed, TorqueByAngle
+from pendulum_env.recording import Recording
+from tests.once import once
+
+HIDDEN = {
+    "friction_by_angle": {"friction_spot": {"spot_f": 0.6, "spot_q": 0.5, "spot_w": 0.3}},
+    "friction_by_speed": {"cubic_damping": {"cubic": 0.004}},
+    "gain_by_speed": {"gain_falls_with_speed": {"fall": 0.03}},
+    "torque_by_angle": {"cogging": {"cog_n": 3, "cog_s": 0.25, "cog_c": 0.1}},
+    "nothing": {},
+}
+
+
+@once("estimators", "pendulum_env", "benchmarks")
+def recordings(hidden: str) -> list[Recording]:
+    """Two recordings of one plant."""
+    cases = [(Plant(effects=HIDDEN[hidden]), Experiment(rate=500.0, seconds=15.0, seed=seed)) for seed in (1, 2)]
+    return [
+        Recording(name, run.time, run.position, run.torque)
+        for run, name in zip(simulate(cases), ("fitted", "unseen"), strict=True)
+    ]
+
+
+@once("estimators", "pendulum_env", "benchmarks")
+def diagnosed(hidden: str) -> Diagnosis:
+    """What a diagnosis says of it."""
+    fitted, unseen = recordings(hidden)
+    return diagnose(fitted, unseen, only=("stribeck", "position_dependent_friction", "cogging", "torque_saturation"))
+
+
+@once("estimators", "pendulum_env", "benchmarks")
+def kept(hidden: str, table: str) -> Addition:
+    """The base model with a table."""
+    fitted, unseen = recordings(hidden)
+    return add(diagnosed("nothing").model, table, fitted, unseen)
+
+
+@pytest.mark.parametrize("hidden", ["friction_by_angle", "friction_by_speed", "gain_by_speed"])
+def test_a_diagnosis_names_the_table_that_keeps_a_law_without_a_name(hidden):
+    found = diagnosed(hidden)
+    assert not found.selected
+    assert found.table == found.json()["table"] == hidden
+    assert f"add MODEL.json {hidden}" in found.next_step
+
+
+def test_where_nothing_is_hidden_no_table_is_named():
+    assert diagnosed("nothing").table is None
+
+
+@pytest.mark.parametrize("hidden", [id for id in HIDDEN if id != "nothing"])
+def test_a_table_takes_the_held_out_error_to_the_noise(hidden):
+    added = kept(hidden, hidden)
+    assert added.objection is None
+    assert added.left < 1.4
+    before, after = (step.errors["holdout"] for step in (added.before, added.after))
+    assert after.position_rms < 0.25 * before.position_rms
+
+
+@pytest.mark.parametrize("hidden", ["friction_by_angle", "friction_by_speed", "gain_by_speed", "torque_by_angle"])
+def test_where_nothing_is_hidden_a_table_does_not_earn_its_place(hidden):
+    added = kept("nothing", hidden)
+    assert added.objection is not None
+    assert added.looks_like is None
+
+
+@pytest.mark.parametrize(
+    ("hidden", "wrong"), [("friction_by_angle", "friction_by_speed"), ("gain_by_speed", "torque_by_angle")]
+)
+def test_a_table_of_another_quantity_leaves_more(hidden, wrong):
+    assert kept(hidden, wrong).left > 2 * kept(hidden, hidden).left
+
+
+def test_the_band_of_a_table_holds_the_law():
+    curve = kept("friction_by_angle", "friction_by_angle").model.tables["friction_by_angle"][1]
+    inside = (curve.x > -0.5) & (curve.x < 1.5)
+    wanted = 0.6 * np.exp(-(((curve.x - 0.5) / 0.3) ** 2))
+    apart = (curve.value - wanted)[inside]
+    apart = apart - apart.mean()  # its mean is told as Coulomb friction
+    assert np.abs(apart).max() < 0.05
+    assert np.sqrt(np.mean((apart / curve.std[inside]) ** 2)) < 3.0
+
+
+def test_a_table_says_what_it_looks_like():
+    said = kept("friction_by_angle", "friction_by_angle").looks_like
+    assert said is not None and said.startswith("friction_by_angle looks like a bump at 0.5")
+    assert "looks like a wave of 3 a turn (100 %)" in str(kept("torque_by_angle", "torque_by_angle").looks_like)
+
+
+@pytest.mark.parametrize("power", [0.5, 2.0, 3.0])
+def test_a_power_of_the_speed_is_told_from_its_table(power):
+    table = FrictionBySpeed.over(Extent(0.0, 6.0, 8))()
+    curve = table.curve(np.zeros(len(table.columns)))
+    nearest, *_ = likenesses(table, Curve(curve.x, 0.1 * curve.x**power - 0.2 + 0.3 * curve.x, curve.std))
+    kind, told = nearest.words.split("^")
+    assert kind == "|q'|" and float(told) == pytest.approx(power, rel=0.02)
+    assert nearest.share > 0.999
+
+
+def test_noise_looks_like_nothing():
+    table = TorqueByAngle.over(Extent(-3.0, 3.0, 48))()
+    curve = table.curve(np.random.default_rng(3).normal(size=len(table.columns)))
+    assert not likenesses(table, curve)
