@@ -83,7 +83,10 @@ def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, monkeypatch
     assert "after their tick" in said.out
     in_time(np.loadtxt(path, delimiter=",", skiprows=1)[:, 3])
     assert main(["diagnose", str(path)]) == 0
-    assert "Cogging torque is missing\ncogging: " in capsys.readouterr().out
+    found = capsys.readouterr().out
+    if "left: " in found:  # a torque that was held too long explains itself by no effect
+        raise Disturbed(found)
+    assert "Cogging torque is missing\ncogging: " in found
 
 
 def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(emulated, capsys, monkeypatch):
