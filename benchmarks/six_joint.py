@@ -129,6 +129,8 @@ class Hidden:
                     return 0.0, dry + 0.08 * abs(torque)
                 case "spring":
                     return -size * (q - 0.3), dry
+                case "cable":  # that pulls where it is bent, as no effect of the library does
+                    return -2.0 * size * float(np.exp(-(((q - MIDDLE[self.joint] - 0.1) / 0.15) ** 2))), dry
                 case "coupling":
                     return 0.0, dry
             raise ValueError(self.effect)

@@ -261,8 +261,10 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
         errors = [getattr(side, part) for side in (added.before, added.after)]
         terminal.table(*errors_table(errors, ("before", "after")))
     terminal.say(added.text)
+    if added.looks_like is not None:
+        terminal.say(added.looks_like)
     terminal.heading("Parameters")
-    rows = [(name, e.text, e.unit) for name, e in added.after.model.estimates.items()]
+    rows = [(name, e.text, e.unit) for name, e in added.readable.items()]
     terminal.table(("parameter", "estimate", "unit"), rows, left=("unit",))
     wrote(outputs, terminal)
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from estimators.arms.diagnosis import models_of_arm, of_arm, parted
 from estimators.arms.identification import JointError, compare_arm
 from estimators.checks.physical import objection
-from estimators.diagnosis.added import CHANCE
+from estimators.diagnosis.added import CHANCE, looks
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
@@ -19,7 +19,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.arms.joints import Links, kind_at
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.physics import ModelError
+from pendulum_env.physics import Estimate, ModelError
 from pendulum_env.physics.term import loads
 
 
@@ -47,6 +47,8 @@ class ArmAddition:
         before: the model refitted without the effect.
         after: the same with the effect.
         objection: what speaks against the effect, None if nothing does.
+        readable: parameters with the effect, of a table where it is largest.
+        looks_like: the formulas that a table comes nearest to, in a sentence; None of an effect.
     """
 
     effect: str
@@ -54,6 +56,8 @@ class ArmAddition:
     before: Refitted
     after: Refitted
     objection: str | None
+    readable: Mapping[str, Estimate] = field(default_factory=dict)
+    looks_like: str | None = None
 
     @property
     def text(self) -> str:
@@ -79,7 +83,7 @@ def add_arm(
 
     Args:
         model: to start from.
-        effect: `stribeck@elbow`.
+        effect: `stribeck@elbow`, or a table, `torque_by_angle@elbow`.
         recordings: to fit, jointly.
         holdout: to confirm on; without any, the last 30 % of each recording.
         progress: told what is being done.
@@ -110,4 +114,7 @@ def add_arm(
     against = objection(steps[1], steps[0], models.train.motions)
     if against is None and models.gain(trial.terms, base).chance > criterion.chance:
         against = CHANCE
-    return ArmAddition(effect, body.joints.index(next(iter(loads(kind.at)))), before, after, against)
+    joint, last = body.joints.index(next(iter(loads(kind.at)))), steps[1]
+    return ArmAddition(
+        effect, joint, before, after, against, last.model.readable, looks(last) if against is None else None
+    )

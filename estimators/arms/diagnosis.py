@@ -9,21 +9,24 @@ import numpy as np
 
 from estimators.arms.identification import JointError, compare_arm
 from estimators.diagnosis.judge import judge
-from estimators.diagnosis.result import SETTLED, UNNAMED, Candidate
+from estimators.diagnosis.result import KEPT, SETTLED, UNNAMED, Candidate
 from estimators.diagnosis.setting import HELD_OUT
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence
+from estimators.selection.left import Terms
 from estimators.selection.models import Models
+from estimators.selection.moves import best, is_needed
 from estimators.selection.search import select
 from estimators.weak_form.dataset import TRIFLE
 from estimators.weak_form.links import prepare_arm
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling, Links, at_joints, couplings, friction, joint_effects, kind_at
+from pendulum_env.arms.joints import Coupling, Links, at_joint, at_joints, couplings, friction, joint_effects, kind_at
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Estimate, Model, Term
+from pendulum_env.physics.table import TABLES
 from pendulum_env.words import listing
 
 SCHEMA = "pendulum-ident/arm-diagnosis@2"
@@ -41,6 +44,7 @@ class ArmDiagnosis:
         ambiguous: groups of effects that these data cannot tell apart, a selected one first.
         before, after: torque errors on held-out data without and with them, joint by joint.
         unexplained: torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
+        tables: functions that no effect is and that would explain most of it, `torque_by_angle@elbow`.
     """
 
     base: ArmModel
@@ -51,14 +55,17 @@ class ArmDiagnosis:
     before: tuple[JointError, ...]
     after: tuple[JointError, ...]
     unexplained: Mapping[str, float]
+    tables: tuple[str, ...] = ()
 
     @property
     def headline(self) -> str:
         """What is missing, in a line."""
+        where = listing(list(self.unexplained))
         if self.selected:
-            return f"Missing: {listing(self.selected)}"
+            more = f", and more at {where} that no known effect explains" if where else ""
+            return f"Missing: {listing(self.selected)}{more}"
         if self.unexplained:
-            return f"Something is missing at {listing(list(self.unexplained))} that the library does not have"
+            return f"Something is missing at {where}, and no known effect explains it"
         return "No effect of the library is missing at any joint"
 
     @property
@@ -68,6 +75,8 @@ class ArmDiagnosis:
             group = self.ambiguous[0]
             reveal = kind_at(group[-1], self.model.body).reveal
             return f"{listing(group)} look the same in these data; to tell them apart: {reveal}"
+        if self.tables:
+            return f"{KEPT.format(table=self.tables[0])}{also(self.tables[1:])}"
         return UNNAMED if self.unexplained else SETTLED
 
     @property
@@ -84,8 +93,21 @@ class ArmDiagnosis:
             "candidates": [candidate.json() for candidate in self.candidates],
             "errors": {"before": [e.json() for e in self.before], "after": [e.json() for e in self.after]},
             "unexplained": dict(self.unexplained),
+            "tables": list(self.tables),
             "model": self.model.json(),
         }
+
+
+def also(ids: Sequence[str]) -> str:
+    """What else is to be done so."""
+    return f" (so would {listing(list(ids))})" if ids else ""
+
+
+def kept_as_table(models: Models, terms: Terms, joint: str) -> str | None:
+    """The table that would explain most of what terms leave at a joint; None if none would explain enough."""
+    trials = [best(models, terms, foil) for foil in models.foils if foil.at == joint]
+    found = [trial.terms for trial in trials if trial is not None and is_needed(models, trial.terms, terms)]
+    return min(found, key=models.promise)[-1].id if found else None
 
 
 def parted(
@@ -119,6 +141,7 @@ def models_of_arm(
     criterion: Criterion | None,
     rng: np.random.Generator | None,
     progress: Progress,
+    foils: Sequence[type[Term]] = (),
 ) -> Models:
     """What recordings of an arm say of models; the first term of the base model is the links.
 
@@ -130,7 +153,7 @@ def models_of_arm(
     terms: tuple[type[Term] | Term, ...] = (*base[1:], *library.values())
     evidence = gather_arm(train, links, terms), gather_arm(held, links, terms)
     criterion, rng = criterion or Criterion(), rng or np.random.default_rng(0)
-    return Models(*evidence, progress, library, criterion, rng, base=base, foils=())
+    return Models(*evidence, progress, library, criterion, rng, base=base, foils=foils)
 
 
 def of_arm(model: Model) -> ArmModel:
@@ -168,7 +191,10 @@ def diagnose_arm(
     placed = at_joints((joint_effects() if library is None else library).values(), body)
     placed += couplings(body) if library is None else ()
     base = (Links(body), *friction(body))
-    models = models_of_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress)
+    tables = [
+        at_joint(kind, *place) for place in zip(body.joints, body.slides, strict=True) for kind in TABLES.values()
+    ]
+    models = models_of_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress, tables)
     found = select(models)
     candidates, groups = judge(found, found.terms)
     left, _ = models.left.structures(found.terms)
@@ -190,4 +216,5 @@ def diagnose_arm(
         before=compare_arm(lacking, held),
         after=compare_arm(model, held),
         unexplained=unexplained,
+        tables=tuple(filter(None, (kept_as_table(models, found.terms, joint) for joint in unexplained))),
     )

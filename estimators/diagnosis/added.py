@@ -14,6 +14,15 @@ from pendulum_env.words import listing
 CHANCE = "lowers the held-out errors by no more than chance would"
 
 
+def looks(step: Step) -> str | None:
+    """The formulas that a table which was added comes nearest to, in a sentence; None of an effect."""
+    if step.added not in step.model.tables:
+        return None
+    near = [one.text for one in likenesses(*step.model.tables[step.added])]
+    nearest = f"{listing(near, 'or')} of its shape" if near else "no formula that is known here"
+    return f"{step.added} looks like {nearest}"
+
+
 @dataclass(frozen=True, repr=False)
 class Addition:
     """One effect added to a model.
@@ -49,12 +58,7 @@ class Addition:
     @property
     def looks_like(self) -> str | None:
         """The formulas that a table which was added comes nearest to, in a sentence; None of an effect."""
-        if self.objection is not None or self.after.added not in self.model.tables:
-            return None
-        near = likenesses(*self.model.tables[self.after.added])
-        if not near:
-            return f"{self.after.added} looks like no formula that is known here"
-        return f"{self.after.added} looks like {listing([one.text for one in near], 'or')} of its shape"
+        return looks(self.after) if self.objection is None else None
 
     @property
     def is_in_loop(self) -> bool:

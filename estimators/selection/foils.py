@@ -15,7 +15,8 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Samples, Shape, Term
-from pendulum_env.physics.table import FrictionByAngle, FrictionBySpeed, GainBySpeed, TorqueByAngle
+from pendulum_env.physics.table import FrictionByAngle, FrictionBySpeed, GainBySpeed, Table, TorqueByAngle
+from pendulum_env.words import name
 
 PIECES = 12  # knots over velocity or angle
 SLOW = 0.5  # [s], between knots over time
@@ -230,5 +231,7 @@ def words(foil: Term) -> str:
     """What a law without a name is."""
     if isinstance(foil, PowerLaw):
         return f"friction that grows as |q'|^{foil.power:.2g}"
+    if isinstance(foil, Table):
+        return f"{name(foil.id.partition('@')[0])}{f' at {foil.at}' if foil.at else ''}"
     assert isinstance(foil, AnyFunction)  # there are no others
     return foil.words

@@ -105,6 +105,10 @@ class Left:
     def _are_noise(self, part: Evidence, structures: Mapping[str, Structure]) -> bool:
         return all(self.criterion.is_noise(own, self.noise_of(part, at)) for at, own in structures.items())
 
+    def is_noise_at(self, at: str, terms: Terms) -> bool:
+        """Whether the terms leave noise only of what is fitted at a joint."""
+        return self.criterion.is_noise(self.structures(terms)[0][at], self.noise_of(self.train, at))
+
     @property
     def floor(self) -> float:
         """Torque error that measurement noise alone gives on the training data of a joint, the first one [N m]."""

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from estimators.selection.candidates import Trial, complexity
-from estimators.selection.foils import FOILS
 from estimators.selection.left import Terms
 from estimators.selection.models import Models, has_transmission
 from estimators.weak_form.shapes import bound, freed
@@ -114,7 +113,7 @@ def alternatives(models: Models, terms: Terms, term: Term) -> dict[str, float]:
 
 def may_replace(models: Models, rival: Terms, terms: Terms, others: Terms) -> bool:
     """Whether a rival lowers both errors of the others, and the terms do not surely follow the motion better."""
-    rival, terms, others = named(rival), named(terms), named(others)
+    rival, terms, others = (named(models, one) for one in (rival, terms, others))
     if not models.lowers_errors(rival, others):
         return False
     if has_transmission(rival) or has_transmission(terms) or not models.train.flights:
@@ -176,9 +175,14 @@ def settle(models: Models, terms: Terms) -> Terms:
     return models.screen.settle(trial.terms)
 
 
-def named(terms: Terms) -> Terms:
+def named(models: Models, terms: Terms) -> Terms:
     """The terms without laws that have no name."""
-    return tuple(term for term in terms if type(term) not in FOILS)
+    return tuple(term for term in terms if not is_unnamed(models, term))
+
+
+def is_unnamed(models: Models, term: Term) -> bool:
+    """Whether it is a law that has no name."""
+    return term.id in {foil.id for foil in models.foils}
 
 
 def ids(terms: Sequence[Term]) -> frozenset[str]:

@@ -13,10 +13,22 @@ from itertools import pairwise, permutations
 from typing import NamedTuple
 
 from estimators.selection.data import Step
-from estimators.selection.foils import FOILS, wanders
+from estimators.selection.foils import wanders
 from estimators.selection.left import Terms
 from estimators.selection.models import Models, held_out_cost
-from estimators.selection.moves import best, candidates, forms, freer, ids, is_needed, named, parameters, revise, settle
+from estimators.selection.moves import (
+    best,
+    candidates,
+    forms,
+    freer,
+    ids,
+    is_needed,
+    is_unnamed,
+    named,
+    parameters,
+    revise,
+    settle,
+)
 from estimators.simulation import multiple_shooting
 from estimators.simulation.link_segments import has_link
 from pendulum_env.physics import Term
@@ -170,7 +182,7 @@ def owned(models: Models, base: Terms, terms: Terms) -> tuple[Terms, Term | None
         return terms, None
     *_, left = max(leads, key=lambda entry: entry[0])
     grown = grown_beside(models, base, left)
-    return named(grown), next(term for term in grown if type(term) in FOILS)
+    return named(models, grown), next(term for term in grown if is_unnamed(models, term))
 
 
 def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
@@ -183,7 +195,7 @@ def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
         longer = next(needed, None)
         if longer is None:
             break
-        others = [best(models, terms, foil) for foil in models.foils if foil not in map(type, terms)]
+        others = [best(models, terms, foil) for foil in models.foils if foil.id not in ids(terms)]
         if any(trial is not None and models.is_sure(trial.terms, longer) for trial in others):
             break
         terms = settle(models, longer)
@@ -192,8 +204,11 @@ def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
 
 def with_foils(models: Models, base: Terms, terms: Terms) -> Iterator[tuple[Term, Terms]]:
     """Each law without a name, and the terms with it: instead of all effects, or beside those that it leaves."""
+    open_at = {at for at in models.left.joints if not models.left.is_noise_at(at, terms)}
     for foil in models.foils:
-        for others in (base, terms):
+        if foil.at and foil.at not in open_at | {term.at for term in terms[len(base) :]}:
+            continue  # nothing is left there, nor named
+        for others in dict.fromkeys((base, terms)):
             trial = best(models, others, foil)
             if trial is not None:
                 left = beside(models, base, trial.terms, foil.id)

@@ -6,7 +6,7 @@ at a joint is the pendulum's term under another name, `stribeck@elbow`; it meets
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -17,6 +17,7 @@ from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Column, Term, effects
 from pendulum_env.physics.base import Coulomb, Viscous
+from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.term import loads, one
 from pendulum_env.words import along
 
@@ -174,7 +175,7 @@ def at_joints(kinds: Iterable[type[Term]], body: Body) -> list[type[Term]]:
 
 
 def kind_at(text: str, body: Body) -> type[Term]:
-    """The effect of an arm that `stribeck@elbow`, or `coupling@elbow,-wrist`, names.
+    """The effect of an arm that `stribeck@elbow`, or `coupling@elbow,-wrist`, names, or the table of a joint.
 
     Raises:
         ValueError: if there is no such effect or joint; the message names the nearest.
@@ -184,7 +185,7 @@ def kind_at(text: str, body: Body) -> type[Term]:
         if joint in loads(at) and not can_sit(id, slides) and can_sit(id):
             raise Mistake(f"{id} is of joints that turn: it cannot be at '{joint}', which slides")
     if id != Coupling.id:
-        kind, joint = effect_at(text, joints)
+        kind, joint = effect_at(text, joints, joint_effects() | TABLES)
         return at_joint(kind, joint, body.slides[joints.index(joint)])
     pair = [find("joint", joint, {name: name for name in joints}) for joint in loads(at)]
     if len(pair) != 2 or at.startswith("-"):
@@ -192,8 +193,10 @@ def kind_at(text: str, body: Body) -> type[Term]:
     return coupling(at, body)
 
 
-def effect_at(text: str, joints: Sequence[str]) -> tuple[type[Term], str]:
-    """Effect and joint of `stribeck@elbow`.
+def effect_at(
+    text: str, joints: Sequence[str], known: Mapping[str, type[Term]] | None = None
+) -> tuple[type[Term], str]:
+    """Effect and joint of `stribeck@elbow`, of those that are known: by default all effects that can be at a joint.
 
     Raises:
         ValueError: if there is no such effect or joint; the message names the nearest.
@@ -205,7 +208,7 @@ def effect_at(text: str, joints: Sequence[str]) -> tuple[type[Term], str]:
         raise Mistake(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
     if id in NOT_DECENTRALISED:
         raise Mistake(f"{id} is no effect of one joint's motion and torque alone: it cannot sit at a joint of an arm")
-    return find("effect", id, joint_effects()), find("joint", joint, {name: name for name in joints})
+    return find("effect", id, known or joint_effects()), find("joint", joint, {name: name for name in joints})
 
 
 @dataclass(frozen=True, eq=False)

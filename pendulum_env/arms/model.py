@@ -15,6 +15,7 @@ from pendulum_env.arms.joints import Coupling, Links, at_joint, coupled
 from pendulum_env.files import write_whole
 from pendulum_env.physics import Estimate, Model, ModelError, Term, library
 from pendulum_env.physics.model import ARM_SCHEMA
+from pendulum_env.physics.table import Table, read_extent
 from pendulum_env.physics.term import loads
 from pendulum_env.reading import Unreadable, Value, read_json
 
@@ -81,7 +82,11 @@ class ArmModel:
             "held": dict(self.body.held),
             "rotors": self.body.rotors,
             "base": {parameter.name: parameter.text for parameter in self.body.base},
-            "terms": [{"id": own.id.partition("@")[0], "joint": own.at, "shape": own.shape} for own in self.terms],
+            "terms": [
+                {"id": own.id.partition("@")[0], "joint": own.at, "shape": own.shape}
+                | ({"extent": own.extent._asdict()} if isinstance(own, Table) else {})
+                for own in self.terms
+            ],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
         }
 
@@ -160,4 +165,5 @@ def _term(item: Value, body: Body, is_heavy: bool) -> Term:
         return coupled(joint, is_heavy)()
     kind = library.term(item["id"].text())
     values = {known.name: shape[known.name].number(known.low, known.high) for known in kind.shapes}
-    return at_joint(kind, joint, body.slides[body.joints.index(joint)])(**values)
+    there = at_joint(kind, joint, body.slides[body.joints.index(joint)])
+    return there.over(read_extent(item["extent"]))() if issubclass(there, Table) else there(**values)

@@ -17,7 +17,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.simulation import Trajectory, simulate
-from pendulum_env.physics.table import Curve, Extent, Table
+from pendulum_env.physics.table import Curve, Table, read_extent
 from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.reading import Unreadable, Value, read_json
 from pendulum_env.words import per, plus_minus
@@ -337,7 +337,7 @@ def _term(id: Value, data: Value) -> Term:
     """The term of an id in a model file, with its shape parameters, or its extent."""
     kind = library.term(id.text())
     if issubclass(kind, Table):
-        return kind.over(_extent(data["tables"][kind.id]))()
+        return kind.over(read_extent(data["tables"][kind.id]))()
     theta = data["theta"]
     shapes = {}
     for shape in kind.shapes:
@@ -353,15 +353,6 @@ def _term(id: Value, data: Value) -> Term:
     if term.fault:
         raise ModelError(f"'{kind.id}' makes no sense: {term.fault}")
     return term
-
-
-def _extent(data: Value) -> Extent:
-    """Where a table of a model file is told."""
-    low, high, pieces = (data[name] for name in Extent._fields)
-    extent = Extent(low.number(-1e6, 1e6), high.number(-1e6, 1e6), int(pieces.number(3, 100)))
-    if not (extent.low < extent.high and extent.pieces == pieces.content):
-        raise data.fault("a table with low < high and a whole number of pieces")
-    return extent
 
 
 def _covariance(data: Value, known: Sequence[str]) -> tuple[list[str], Array]:

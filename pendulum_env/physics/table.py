@@ -18,6 +18,7 @@ from scipy.linalg import qr
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.term import Column, Kind, Samples, Term
+from pendulum_env.reading import Value
 
 FINE = 2000  # points over which functions are orthogonal
 DRAWN = 241  # points of a curve
@@ -35,6 +36,19 @@ class Extent(NamedTuple):
     def is_turn(self) -> bool:
         """Whether it goes on round the turn."""
         return self.low == -np.pi and self.high == np.pi
+
+
+def read_extent(data: Value) -> Extent:
+    """Where a table of a model file is told.
+
+    Raises:
+        Unreadable: if it makes no sense.
+    """
+    low, high, pieces = (data[name] for name in Extent._fields)
+    extent = Extent(low.number(-1e6, 1e6), high.number(-1e6, 1e6), int(pieces.number(3, 100)))
+    if not (extent.low < extent.high and extent.pieces == pieces.content):
+        raise data.fault("a table with low < high and a whole number of pieces")
+    return extent
 
 
 class Curve(NamedTuple):
@@ -57,7 +71,7 @@ class Table(Term):
     @classmethod
     def over(cls, extent: Extent) -> type[Self]:
         """The same table over another extent."""
-        return cast(type[Self], _over(getattr(cls, "bare_table", cls), extent))  # type: ignore[arg-type]  # can be hashed
+        return cast(type[Self], _over(cls.__dict__.get("bare_table", cls), extent))
 
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
@@ -135,14 +149,14 @@ def _over(kind: type[Table], extent: Extent) -> type[Table]:
         "__module__": kind.__module__,
         "extent": extent,
         "bare_table": kind,
-        "__reduce__": lambda self: (_again, (kind, extent)),  # no module has this kind by its name
+        "__reduce__": lambda self: (_again, (kind(), extent)),  # no module has this kind by its name
     }
     return cast(type[Table], type(kind.__name__, (kind,), members))
 
 
-def _again(kind: type[Table], extent: Extent) -> Table:
+def _again(bare: Table, extent: Extent) -> Table:
     """A table in another process."""
-    return _over(kind, extent)()  # type: ignore[arg-type]
+    return type(bare).over(extent)()
 
 
 @cache
@@ -179,7 +193,8 @@ def _columns(kind: type[Table]) -> tuple[Column, ...]:
     def at(weights: Mapping[int, float], x: Samples) -> ArrayLike:
         return _Splines(kind, kind.argument(x)).sum(weights)
 
-    return tuple(kind.column(f"{kind.id}.{k}", partial(at, own)) for k, own in enumerate(_weights(kind)))  # type: ignore[arg-type]
+    name = kind.id.partition("@")[0]
+    return tuple(kind.column(f"{name}.{k}", partial(at, own)) for k, own in enumerate(_weights(kind)))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

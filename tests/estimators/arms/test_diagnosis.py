@@ -1,5 +1,7 @@
 """Effects at joints: data from MuJoCo and from SciPy, neither of which shares code with what is tested."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -71,6 +73,23 @@ def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):
     assert size == pytest.approx(0.35 * six_joint.COULOMB[2], rel=0.05)
     assert found.after[2].torque_rms < 0.5 * found.before[2].torque_rms
     assert found.candidates[0].verdict is Verdict.SELECTED and found.candidates[0].score > 0.9
+
+
+def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_path):
+    recording = six_joint.simulate(6, Hidden("cable", 2, share=0.6), seconds=12.0)
+    found = diagnose_arm(recording, six, library={"stribeck": Stribeck})
+    assert found.selected == () and "elbow" in found.unexplained
+    assert found.tables == ("torque_by_angle@elbow",) and "add MODEL.json torque_by_angle@elbow" in found.next_step
+    added = add_arm(found.model, "torque_by_angle@elbow", recording)
+    assert added.objection is None and added.looks_like is not None
+    before, after = (side.holdout[2].torque_rms for side in (added.before, added.after))
+    assert after < 0.5 * before
+    assert after < 1.3 * compare_arm(found.model, six_joint.simulate(1, seconds=5.0))[2].torque_rms
+    path = tmp_path / "model.json"
+    added.after.model.save(path)
+    again = ArmModel.load(path, six)
+    assert again.terms == added.after.model.terms == pickle.loads(pickle.dumps(again.terms))
+    assert compare_arm(again, recording) == compare_arm(added.after.model, recording)
 
 
 @pytest.fixture(scope="module")
