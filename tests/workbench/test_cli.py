@@ -337,6 +337,14 @@ def test_effects_lists_every_effect_with_its_law(capsys):
         assert id in out and kind.law in out
 
 
+def test_effects_tells_how_one_shows_and_refuses_what_is_none(capsys):
+    assert main(["effects", "backlash"]) == 0
+    out, kind = capsys.readouterr().out, effects()["backlash"]
+    assert kind.signature in out and kind.reveal in out and "joint flexibility" in out and "stribeck:" not in out
+    assert main(["effects", "backlahs"]) == 2
+    assert "did you mean backlash?" in capsys.readouterr().err
+
+
 def test_unwrap_mends_wrapped_angles(wrapped, capsys):
     assert main(["identify", "--unwrap", str(wrapped), "--scheme", "filtered_power"]) == 0
     assert "unwrapped" in capsys.readouterr().out
