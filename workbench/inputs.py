@@ -31,6 +31,7 @@ from workbench.terminal import Terminal
 from workbench.words import enumerate_words, plus_minus
 
 T = TypeVar("T")
+COUPLING = "coupling"  # of two joints: no effect of a pendulum
 FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, or a study.toml that names several, and known loads"  # of recordings
 
@@ -274,7 +275,12 @@ class Gather(argparse.Action):
 
 def ids(text: str) -> list[str]:
     """Ids of effects in a list with commas; raises ValueError if one is unknown."""
-    return [effect(id.strip()).id for id in text.split(",") if id.strip()]
+    return [known_effect(id.strip()) for id in text.split(",") if id.strip()]
+
+
+def known_effect(id: str) -> str:
+    """Id of an effect of the library, or of the one that only arms have; raises ValueError if it is unknown."""
+    return id if id == COUPLING else effect(id).id
 
 
 def known(text: str) -> dict[str, float]:

@@ -6,7 +6,6 @@ import argparse
 
 from estimators.diagnosis.addition import add
 from estimators.show.tables import errors_table
-from pendulum_env.physics import effect
 from pendulum_env.words import parameters_table
 from workbench.inputs import (
     argument,
@@ -14,6 +13,7 @@ from workbench.inputs import (
     given,
     in_time,
     in_torque,
+    known_effect,
     read_model,
     read_recordings,
     refuse_joint,
@@ -76,5 +76,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _effect(text: str) -> str:
-    effect(text.partition("@")[0])
+    known_effect(text.partition("@")[0])
     return text

@@ -89,6 +89,7 @@ def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp
     assert {"spring@torso", "stribeck@torso", "cogging@elbow"} <= offered
     assert not {"cogging@torso", "torque_ripple@torso", "position_dependent_friction@torso"} & offered
     assert {kind.at for kind in couplings(body)} == {"shoulder,elbow", "shoulder,-elbow"}
+    assert {kind.id for kind in couplings(body)} <= offered
     for text in ("cogging@torso", "coupling@torso,shoulder"):
         with pytest.raises(ValueError, match="is of joints that turn: it cannot be at 'torso', which slides"):
             kind_at(text, body)
