@@ -438,6 +438,10 @@ def read_recordings(sources: Sequence[Source], terminal: Terminal) -> list[Recor
             terminal.say(f"  read as {source.said_by} says: {_told(source)}")
         for note in recording.notes:
             terminal.say(f"  {note}", style="yellow" if note.startswith(WARNING) else None)
+        if recording.origin is not None and recording.origin.slides:
+            terminal.say(
+                "  an axis that slides: read kg for kg m^2, N for N m and m for rad; --robot tells it so itself"
+            )
         recordings.append(recording)
     return recordings
 

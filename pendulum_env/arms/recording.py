@@ -78,7 +78,7 @@ class ArmRecording:
     @property
     def summary(self) -> str:
         """Length, rate, number of samples and joints."""
-        return f"{self.joints[0].summary}, {len(self.joints)} joints"
+        return f"{self.joints[0].summary}, {len(self.joints)} joint{'s' * (len(self.joints) > 1)}"
 
     @property
     def time(self) -> Array:

@@ -350,6 +350,12 @@ def test_unwrap_mends_wrapped_angles(wrapped, capsys):
     assert "unwrapped" in capsys.readouterr().out
 
 
+def test_an_axis_that_slides_is_told_how_to_read_units(runs, capsys):
+    named = ("--columns", "position=position:m,torque=torque:N", "--scheme", "filtered_dynamic")
+    assert main(["identify", str(runs / "train.csv"), *named]) == 0
+    assert "read kg for kg m^2, N for N m" in capsys.readouterr().out
+
+
 @pytest.mark.slow
 def test_columns_are_those_the_user_names(runs, tmp_path, capsys):
     odd, saved = tmp_path / "odd.csv", tmp_path / "model.json"
