@@ -435,7 +435,7 @@ def read_recordings(sources: Sequence[Source], terminal: Terminal) -> list[Recor
             recording = source.read()
         terminal.say(f"{source.file}: {recording.summary}")
         if source.said_by:
-            terminal.say(f"  read as {source.said_by} says: {_told(source)}")
+            terminal.say(f"  read as {source.said_by} says: {format_told(source)}")
         for note in recording.notes:
             terminal.say(f"  {note}", style="yellow" if note.startswith(WARNING) else None)
         if recording.origin is not None and recording.origin.slides:
@@ -446,7 +446,7 @@ def read_recordings(sources: Sequence[Source], terminal: Terminal) -> list[Recor
     return recordings
 
 
-def _told(source: Source) -> str:
+def format_told(source: Source) -> str:
     """How a source is read, in a line."""
     columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
     return enumerate_words([*columns, *(f"with its {key}" for key in source.format if key != "columns")])
