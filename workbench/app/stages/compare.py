@@ -97,8 +97,13 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     rows = [
         html.Li(
             [
-                html.Div([names[id], html.P(effect(id).signature, className="note")]),
-                html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves"),
+                names[id],
+                html.Div(
+                    [
+                        html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves"),
+                        html.P(effect(id).signature, className="note"),
+                    ]
+                ),
             ]
         )
         for id in ranked
