@@ -144,7 +144,8 @@ def read_arm_recording(
         own |= {"time": told["time"]} if "time" in told else {}
         unused = {"velocity": UNUSED, "reference": UNUSED}
         try:
-            single.append(read_recording(path, unwrap=unwrap, columns=own | unused, largest=largest))
+            read = read_recording(path, unwrap=unwrap, columns=own | unused, largest=largest)
+            single.append(replace(read, notes=tuple(_of_joint(joint, note) for note in read.notes)))
         except RecordingError as error:
             text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
             raise RecordingError(f"{path}: joint '{joint}': {text}") from None
