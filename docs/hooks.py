@@ -10,7 +10,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
@@ -18,6 +18,8 @@ from mkdocs.structure.files import File, Files
 
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, effects
+from pendulum_env.physics.term import Symptom
+from pendulum_env.words import listing, name, opening
 from workbench.cli import main
 from workbench.commands import COMMANDS
 from workbench.commands.effects import parameters
@@ -37,12 +39,12 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
         "changelog.md": from_root("CHANGELOG.md"),
         "tutorial.md": tutorial(),
         "reference/command-line.md": command_line(),
-        "gallery.md": gallery(),
+        "which-effect.md": which_effect(),
         "reference/effects.md": effects_page(),
         "reference/schemes.md": schemes_page(),
     }
-    for name, content in made.items():
-        files.append(File.generated(config, name, content=content))
+    for path, content in made.items():
+        files.append(File.generated(config, path, content=content))
     for picture in GALLERY.iterdir():
         files.append(File.generated(config, f"gallery/{picture.name}", abs_src_path=str(picture)))
 
@@ -94,9 +96,9 @@ def command_line() -> str:
         "Every command exits with 0 on success and with 2 on bad input, with one line that says what is wrong.",
         f"```text\n{_help()}\n```",
     ]
-    for name, text in COMMANDS.items():
+    for command, text in COMMANDS.items():
         summary = text[:1].upper() + text[1:]
-        parts += [f"## {name}", f"{summary}.", f"```text\n{_help(name)}\n```"]
+        parts += [f"## {command}", f"{summary}.", f"```text\n{_help(command)}\n```"]
     return "\n\n".join(parts)
 
 
@@ -128,25 +130,44 @@ def effects_page() -> str:
             _law(kind.law),
             _prose(kind),
             f"Parameters, of a size that a rig might show: {parameters(kind)}.",
-            f"To show it, a recording needs {kind.reveal}.",
+            f"To show it, a recording needs {kind.reveal}. [How it looks](../which-effect.md#{id}).",
         ]
     return "\n\n".join(parts)
 
 
-def gallery() -> str:
-    """What each effect leaves of a model that lacks it; `make pages` draws the pictures."""
+def which_effect() -> str:
+    """How each effect shows, with what it is confused and what tells it; `make pages` draws the pictures."""
+    library = effects()
+    rows = {
+        symptom: [_link(id) for id, kind in library.items() if kind.symptom == symptom] for symptom in get_args(Symptom)
+    }
     parts = [
-        "# Gallery of effects",
-        "What each effect leaves of the base model, fitted to 20 s of the paper's excitation: mean residual torque "
-        "over angle, velocity, torque and time, beside what noise alone would give (grey). Find the row that looks "
-        "like yours: the [app](app.md) and `pendulum-ident compare --report` draw the same four curves for your "
-        "recordings. An effect that looks flat here needs another motion to show; the reference says which.",
+        "# Which effect is it?",
+        "A model leaves something of the torque unexplained. What it looks like says which physical effect is missing, "
+        "here in the words of somebody who looks at a plot; `pendulum-ident diagnose` weighs the same by numbers, and "
+        "`pendulum-ident effects stribeck` prints what this page says of one.",
+        "| What is left shows | it may be |\n|---|---|",
+        "The pictures have what each effect leaves of the base model, fitted to 20 s of the paper's excitation: mean "
+        "residual torque over angle, velocity, torque and time, beside what noise alone would give (grey). The "
+        "[app](app.md) and `pendulum-ident compare --report` draw the same four curves for your recordings. An effect "
+        "that looks flat here needs another motion to show. A motor that turns with two joints of an arm leaves "
+        "friction in both that goes with the sum of their speeds, [a coupling](how-to/arms.md#diagnose); what no "
+        "effect explains is [reported as such](theory.md).",
     ]
-    for id in effects():
-        if (GALLERY / f"{id}.svg").exists():
-            label = f"Residual over angle, velocity, torque and time where {id} is hidden"
-            parts += [f"**[`{id}`](reference/effects.md#{id})**", f"![{label}](gallery/{id}.svg)"]
+    parts[2] += "".join(f"\n| {symptom} | {', '.join(ids)} |" for symptom, ids in rows.items())
+    for id, kind in library.items():
+        parts += [
+            f"## {opening(name(id))} {{ #{id} }}",
+            f"![Residual over angle, velocity, torque and time where {id} is hidden](gallery/{id}.svg)",
+            kind.signature,
+            f"Confused with {listing([_link(other) for other in kind.resembles])}. What tells: {kind.reveal}. "
+            f"Law: {_law(kind.law)} ([`{id}`](reference/effects.md#{id})).",
+        ]
     return "\n\n".join(parts)
+
+
+def _link(id: str) -> str:
+    return f"[{name(id)}](#{id})" if id in effects() else name(id)
 
 
 def schemes_page() -> str:

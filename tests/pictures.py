@@ -18,13 +18,15 @@ from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import write_recording
-from tests.gallery import gallery
+from tests.gallery import gallery, machines
 from tests.prose import ROOT
+from tests.test_machines import DATA
 from tests.workbench.app.plants import recorded
 from workbench.report import write_report
 
 HIDDEN = ["spring:stiffness=0.25,preload=0.1", "stribeck:stribeck=0.5,stribeck_velocity=0.8"]
 GALLERY = "workbench/app/assets/gallery"
+MACHINES = "docs/machines"
 SIZE = {"width": 1180, "height": 1470}  # [px] of the top of a report
 WINDOW = {"width": 1240, "height": 900}  # [px]
 COLOURS = 256
@@ -80,6 +82,9 @@ def tour(tab: Page, folder: Path) -> None:
 if __name__ == "__main__":
     gallery(ROOT / GALLERY)
     print(f"wrote {GALLERY}")
+    if DATA.is_dir():
+        machines(ROOT / MACHINES, DATA)
+        print(f"wrote {MACHINES}")
     chromium = shutil.which("chromium")
     if chromium is None:
         sys.exit("pictures of the report and of the app were left as they are: chromium is not installed")

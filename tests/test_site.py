@@ -80,7 +80,7 @@ def test_equations_are_drawn_without_scripts(site):
     [
         ("reference/command-line.html", COMMANDS),
         ("reference/effects.html", effects()),
-        ("gallery.html", effects()),
+        ("which-effect.html", [text for kind in effects().values() for text in (kind.id, kind.signature, kind.reveal)]),
         ("reference/schemes.html", [scheme.id for scheme in SCHEMES]),
         ("theory.html", [scheme.id for scheme in SCHEMES]),
         ("reference/estimators.html", ["identify", "compare", "diagnose", "add", "Diagnosis"]),

@@ -33,9 +33,9 @@ from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.recording.study import Source
+from pendulum_env.recording.study import Source, format_of, read_as
 from pendulum_env.words import Table
-from workbench.inputs import check_outputs, given, sources_of, wrote
+from workbench.inputs import check_outputs, format_told, given, sources_of, wrote
 from workbench.mistakes import InputError
 from workbench.story import Story, judged, parameters_line
 from workbench.terminal import Terminal
@@ -143,7 +143,7 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
     if arguments.output is not None:
         chosen = found.schemes.get(SAVED, next(iter(found.schemes.values())))
-        chosen.model.save(arguments.output)
+        asked.save(chosen.model, arguments.output)
     wrote(outputs, terminal)
 
 
@@ -156,7 +156,8 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     asked = _given(arguments, outputs, terminal, arguments.model)
     body, recordings = asked.body, [*asked.recordings, *asked.held]
     model = ArmModel.load(arguments.model, body)
-    empty = [_read(source, body, terminal) for name in arguments.without for source in sources_of(name, arguments)]
+    without = [source for name in arguments.without for source in sources_of(name, arguments)]
+    empty = [_read(read_as(source, model.log_format, arguments.model), body, terminal) for source in without]
     with terminal.progress("comparing"):
         errors = compare_arm(model, recordings)
         carried = _carried(model, recordings, empty, arguments.payload)
@@ -231,7 +232,7 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
     if arguments.output is not None:
-        found.model.save(arguments.output)
+        asked.save(found.model, arguments.output)
     if arguments.report is not None:
         from workbench.report.arm import write_arm_report  # plotly takes a while to import
 
@@ -255,7 +256,7 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress(f"adding {arguments.effect}") as progress:
         added = add_arm(model, arguments.effect, recordings, held, progress)
     if arguments.output is not None:
-        added.after.model.save(arguments.output)
+        asked.save(added.after.model, arguments.output)
     for part, what in (("train", "fitted"), ("holdout", "held-out")):
         terminal.heading(f"Torque errors on {what} data, the model refitted without and with the effect")
         errors = [getattr(side, part) for side in (added.before, added.after)]
@@ -330,6 +331,11 @@ class _Given:
     body: Body
     recordings: list[ArmRecording]
     held: list[ArmRecording]
+    fitted: tuple[Source, ...]
+
+    def save(self, model: ArmModel, path: str) -> None:
+        """Write a model, with how the recordings were read that it was fitted to."""
+        replace(model, log_format=format_of(self.fitted)).save(path)
 
 
 def _given(
@@ -337,8 +343,11 @@ def _given(
 ) -> _Given:
     asked = given(arguments)
     check_outputs(outputs, [*asked.files, *([model] if model else []), arguments.robot])
-    sources = (*asked.fitted, *asked.held_out)
     told = Asked.of_model(model) if model else Asked()
+    fitted, sources = (
+        tuple(read_as(source, told.log_format, model or "") for source in part)
+        for part in (asked.fitted, (*asked.fitted, *asked.held_out))
+    )
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
@@ -349,7 +358,7 @@ def _given(
         seen = {joint: [np.mean(one.still[joint]) for one in recordings if joint in one.still] for joint in body.held}
         body = _body(arguments, replace(told, held={joint: float(np.mean(at)) for joint, at in seen.items() if at}))
     _tell_held(body, recordings, terminal)
-    return _Given(body, recordings[: len(asked.fitted)], recordings[len(asked.fitted) :])
+    return _Given(body, recordings[: len(fitted)], recordings[len(fitted) :], fitted)
 
 
 def _body(arguments: argparse.Namespace, told: Asked) -> Body:
@@ -380,6 +389,8 @@ def _read(source: Source, body: Body, terminal: Terminal) -> ArmRecording:
         others = [joint for joint in (*body.held, *body.robot.links) if joint not in body.joints]
         recording = read_arm_source(source, body.joints, others)
     terminal.say(f"{source.file}: {recording.summary}")
+    if source.said_by:
+        terminal.say(f"  read as {source.said_by} says: {format_told(source)}")
     for note in dict.fromkeys(note for joint in recording.joints for note in joint.notes):
         terminal.say(f"  {note}")
     return recording

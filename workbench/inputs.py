@@ -6,7 +6,7 @@ import argparse
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,7 +17,8 @@ from estimators.checks.torque_constant import Calibrated
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
 from pendulum_env.files import check_output
-from pendulum_env.physics import Model, ModelError, effect
+from pendulum_env.lookup import find
+from pendulum_env.physics import Model, ModelError, Term, effects
 from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import DIGITS, LARGE, LARGEST, Unreadable, Value, read_json, shown
 from pendulum_env.recording import Recording, Source
@@ -31,6 +32,7 @@ from workbench.terminal import Terminal
 from workbench.words import enumerate_words, plus_minus
 
 T = TypeVar("T")
+COUPLING = "coupling"  # of two joints: no effect of a pendulum
 FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, or a study.toml that names several, and known loads"  # of recordings
 
@@ -274,7 +276,12 @@ class Gather(argparse.Action):
 
 def ids(text: str) -> list[str]:
     """Ids of effects in a list with commas; raises ValueError if one is unknown."""
-    return [effect(id.strip()).id for id in text.split(",") if id.strip()]
+    return [known_effect(id.strip()) for id in text.split(",") if id.strip()]
+
+
+def known_effect(id: str, known: Mapping[str, type[Term]] | None = None) -> str:
+    """Id of an effect, by default of the library, or of the one that only arms have; raises ValueError otherwise."""
+    return id if id == COUPLING else find("effect", id, known or effects()).id
 
 
 def known(text: str) -> dict[str, float]:
@@ -429,14 +436,18 @@ def read_recordings(sources: Sequence[Source], terminal: Terminal) -> list[Recor
             recording = source.read()
         terminal.say(f"{source.file}: {recording.summary}")
         if source.said_by:
-            terminal.say(f"  read as {source.said_by} says: {_told(source)}")
+            terminal.say(f"  read as {source.said_by} says: {format_told(source)}")
         for note in recording.notes:
             terminal.say(f"  {note}", style="yellow" if note.startswith(WARNING) else None)
+        if recording.origin is not None and recording.origin.slides:
+            terminal.say(
+                "  an axis that slides: read kg for kg m^2, N for N m and m for rad; --robot tells it so itself"
+            )
         recordings.append(recording)
     return recordings
 
 
-def _told(source: Source) -> str:
+def format_told(source: Source) -> str:
     """How a source is read, in a line."""
     columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
     return enumerate_words([*columns, *(f"with its {key}" for key in source.format if key != "columns")])

@@ -267,7 +267,8 @@ class Body:
 
     def _regress(self, model: Any, q: Array, v: Array, a: Array) -> Array:
         data, regressor = self._data, pinocchio().computeJointTorqueRegressor
-        links = self._each(lambda q, v, a: regressor(model, data, q, v, a), *self._all(q, v, a))
+        # of a single joint, Pinocchio gives no row but a vector
+        links = self._each(lambda q, v, a: np.atleast_2d(regressor(model, data, q, v, a)), *self._all(q, v, a))
         return (
             links if len(self.robot.links) == len(self.joints) else np.einsum("kn,Nkp->Nnp", self.robot.ratios, links)
         )

@@ -164,14 +164,16 @@ def friction(body: Body) -> tuple[Term, ...]:
 
 
 def joint_effects() -> dict[str, type[Term]]:
-    """Effects of the library that can sit at a joint of an arm, by id."""
-    return {id: effect for id, effect in effects().items() if can_sit(id)}
+    """Effects of the library that can sit at a joint of an arm, and the coupling of two, by id."""
+    return {id: effect for id, effect in effects().items() if can_sit(id)} | {Coupling.id: Coupling}
 
 
 def at_joints(kinds: Iterable[type[Term]], body: Body) -> list[type[Term]]:
-    """Effects at each joint of an arm where they make sense."""
-    joints = zip(body.joints, body.slides, strict=True)
-    return [at_joint(kind, joint, slides) for joint, slides in joints for kind in kinds if can_sit(kind.id, slides)]
+    """Effects at each joint of an arm where they make sense; a coupling at each pair that follows each other."""
+    joints, kinds = zip(body.joints, body.slides, strict=True), list(kinds)
+    alone = [kind for kind in kinds if kind is not Coupling]
+    placed = [at_joint(kind, joint, slides) for joint, slides in joints for kind in alone if can_sit(kind.id, slides)]
+    return [*placed, *(couplings(body) if Coupling in kinds else ())]
 
 
 def kind_at(text: str, body: Body) -> type[Term]:

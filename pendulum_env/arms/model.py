@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,11 +32,13 @@ class ArmModel:
         terms: at joints, in the order of their parameters.
         estimates: every parameter by name: base parameters first, then `viscous@elbow`, and shape parameters such as
             `stribeck.stribeck_velocity@elbow`.
+        log_format: how the recordings that it was fitted to were read, as that of `Model`.
     """
 
     body: Body
     terms: tuple[Term, ...]
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
+    log_format: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def build(
@@ -75,6 +78,7 @@ class ArmModel:
 
     def json(self) -> JSON:
         """Plain dictionary for JSON; base parameters also say what they combine."""
+        told = {"log_format": dict(self.log_format)} if self.log_format else {}
         return {
             "schema": ARM_SCHEMA,
             "robot": self.body.name,
@@ -88,7 +92,7 @@ class ArmModel:
                 for own in self.terms
             ],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
-        }
+        } | told
 
     def save(self, path: str | Path) -> None:
         """Write JSON, whole or not at all."""
@@ -123,32 +127,37 @@ class ArmModel:
             shapes = [own.full(shape.name) for own in terms for shape in own.free]
             shape_std = {name: theta[name]["std"].number(0.0) for name in shapes}
             biased = any(theta[name].get("biased") is not None for name in names)
+            log_format = data.get("log_format")
+            read = {} if log_format is None else log_format.table()
         except (Unreadable, ModelError) as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-        model = cls.build(body, terms, np.array(values), np.array(errors), shape_std)
+        model = replace(cls.build(body, terms, np.array(values), np.array(errors), shape_std), log_format=read)
         return model.biased() if biased else model
 
 
 @dataclass(frozen=True)
 class Asked:
-    """How `read_body` is to take the robot of a model: which joints move, where others are held, and rotors."""
+    """How a model was made: which joints of the robot move, where others are held, rotors, and how logs were read."""
 
     joints: tuple[str, ...] | None = None
     held: Mapping[str, float] = field(default_factory=dict)
     rotors: bool | None = None
+    log_format: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of_model(cls, path: str | Path) -> Asked:
         """As the file of a model tells; nothing if it is none."""
         try:
             data = Value("the model", "", read_json(path, HINT))
-            still, rotors = (data.get(name) for name in ("held", "rotors"))
+            still, rotors, read = (data.get(name) for name in ("held", "rotors", "log_format"))
             told = still.content if still is not None and isinstance(still.content, dict) else {}
             held = {name: Value("the model", f"held.{name}", position).number() for name, position in told.items()}
             joints = tuple(joint.text() for joint in data["joints"].items(1000)) if held else None
+            log_format = {} if read is None else read.table()
         except Unreadable:
             return cls()  # who loads it says why
-        return cls(joints, held, rotors.content if rotors is not None and isinstance(rotors.content, bool) else None)
+        has_rotors = rotors.content if rotors is not None and isinstance(rotors.content, bool) else None
+        return cls(joints, held, has_rotors, log_format)
 
 
 def parameter_names(body: Body, terms: Sequence[Term]) -> tuple[str, ...]:

@@ -78,7 +78,7 @@ class ArmRecording:
     @property
     def summary(self) -> str:
         """Length, rate, number of samples and joints."""
-        return f"{self.joints[0].summary}, {len(self.joints)} joints"
+        return f"{self.joints[0].summary}, {len(self.joints)} joint{'s' * (len(self.joints) > 1)}"
 
     @property
     def time(self) -> Array:
@@ -144,7 +144,8 @@ def read_arm_recording(
         own |= {"time": told["time"]} if "time" in told else {}
         unused = {"velocity": UNUSED, "reference": UNUSED}
         try:
-            single.append(read_recording(path, unwrap=unwrap, columns=own | unused, largest=largest))
+            read = read_recording(path, unwrap=unwrap, columns=own | unused, largest=largest)
+            single.append(replace(read, notes=tuple(_of_joint(joint, note) for note in read.notes)))
         except RecordingError as error:
             text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
             raise RecordingError(f"{path}: joint '{joint}': {text}") from None

@@ -21,6 +21,9 @@ class TorqueOffset(Term):
     law = "c"
     kind = "actuation"
     reveal = "motion in both directions"
+    symptom = "the same torque everywhere"
+    signature = "At every angle and speed the joint needs the same torque more, or less, than the model says."
+    resembles = ("coulomb_asymmetry", "gravity_tilt")
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -37,6 +40,9 @@ class TorqueRipple(Term):
     law = "s tau sin Nq + c tau cos Nq"
     kind = "actuation"
     reveal = "full turns under high torque"
+    symptom = "waves over the angle"
+    signature = "Over the angle lies a wave as of cogging that grows with the torque and turns its sign with it."
+    resembles = ("cogging", "position_dependent_friction")
     shapes = (Shape("order", "1", 1, 200, integer=True),)
 
     @property
@@ -70,6 +76,12 @@ class TorqueSaturation(Term):
     law = "tau - L tanh(|tau / L|^(1/r))^r sgn tau, r = 1"
     kind = "actuation"
     reveal = "torque peaks well above the usual ones"
+    symptom = "a curve over the torque"
+    signature = (
+        "Over torque the joint gets ever less of what is asked for: right for small torques, and too much in the "
+        "model at the peaks of either sign."
+    )
+    resembles = ("quadratic_drag", "load_dependent_friction")
     shapes = (
         Shape("limit", "N m", 1e-3, 1e4),
         Shape("roundness", "1", 0.05, 2.0, usual=1.0, unusual=0.4),
@@ -109,6 +121,12 @@ class ActuatorLag(Term):
     law = "tau - tau_a with T tau_a' = tau - tau_a"
     kind = "actuation"
     reveal = "fast changes of torque"
+    symptom = "torque that comes late"
+    signature = (
+        "What is left follows changes of torque, each time the same way, and fades within some time constant; it "
+        "is none while torque is steady."
+    )
+    resembles = ("dead_time", "joint_flexibility")
     shapes = (Shape("time_constant", "s", 1e-4, 2.0),)
 
     @property
@@ -152,6 +170,12 @@ class DeadTime(Term):
     law = "tau(t) - tau(t - d)"
     kind = "actuation"
     reveal = "steps of torque"
+    symptom = "torque that comes late"
+    signature = (
+        "After a step of torque the joint goes on for a moment as if nothing had happened: what is left is the "
+        "step, for that long."
+    )
+    resembles = ("actuator_lag", "joint_flexibility")
     shapes = (Shape("dead_time", "s", 1e-4, 1.0),)
 
     @property

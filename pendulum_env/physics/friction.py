@@ -25,6 +25,9 @@ class CoulombAsymmetry(Term):
     law = "d |sgn q'|"
     kind = "dissipative"
     reveal = "the motor mounted the other way round, as an offset then changes its sign and friction does not"
+    symptom = "the same torque everywhere"
+    signature = "Forwards and backwards dry friction differs by the same amount at any speed: over speed, a constant."
+    resembles = ("torque_offset", "gravity_tilt", "viscous_asymmetry")
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -39,6 +42,9 @@ class ViscousAsymmetry(Term):
     law = "d |q'|"
     kind = "dissipative"
     reveal = "fast motion in both directions"
+    symptom = "a curve over the speed"
+    signature = "Over speed lies a V: what is left has the same sign forwards and backwards, and grows with the speed."
+    resembles = ("coulomb_asymmetry", "encoder_eccentricity")
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -60,6 +66,12 @@ class Stribeck(Term):
     law = "fs exp(-|q'/vs|^n) sgn q' (usually n = 2)"
     kind = "dissipative"
     reveal = "slow motion, around and below the Stribeck velocity"
+    symptom = "a peak around standstill"
+    signature = (
+        "Friction has a peak on either side of standstill, which falls off within a small part of the speeds; slow "
+        "motion stutters."
+    )
+    resembles = ("presliding", "backlash")
     shapes = (Shape("stribeck_velocity", "rad/s", 0.01, 1e4), Shape("exponent", "1", 0.3, 6.0, usual=2.0, unusual=1.4))
 
     @property
@@ -91,6 +103,11 @@ class QuadraticDrag(Term):
     law = "c q' |q'|"
     kind = "dissipative"
     reveal = "a wide range of speeds"
+    symptom = "a curve over the speed"
+    signature = (
+        "Friction bends upwards over speed: the model has too little at high speeds and too much at middle ones."
+    )
+    resembles = ("viscous", "torque_saturation")
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -113,6 +130,12 @@ class LoadDependentFriction(Term):
     law = "(mu |tau| + mu_o |w sin q|) sgn q'"
     kind = "dissipative"
     reveal = "the same speeds under different torques"
+    symptom = "a curve over the torque"
+    signature = (
+        "Friction is larger where the motor or the weight works hard and smaller where neither does: at one "
+        "speed, two torques give two frictions."
+    )
+    resembles = ("position_dependent_friction", "torque_saturation")
     shapes = (Shape("weight", "N m", -1e9, 1e9, follows="gravity"),)
 
     @property
@@ -148,6 +171,12 @@ class PositionDependentFriction(Term):
     law = "(s sin q + c cos q) sgn q'"
     kind = "dissipative"
     reveal = "full turns in both directions"
+    symptom = "waves over the angle"
+    signature = (
+        "Over the angle nothing shows until directions are looked at apart: then a sine, whose sign turns with "
+        "the direction."
+    )
+    resembles = ("load_dependent_friction", "torque_ripple")
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -172,6 +201,12 @@ class Presliding(Term):
     law = "f (z - sgn q') with d z' = q' - |q'| z"
     kind = "dissipative"
     reveal = "many small reversals"
+    symptom = "a peak around standstill"
+    signature = (
+        "At each reversal friction turns over a small angle instead of at once: a narrow dip beside standstill, "
+        "and a loop of torque over angle."
+    )
+    resembles = ("stribeck", "backlash", "joint_flexibility")
     shapes = (Shape("displacement", "rad", 1e-5, 1.0),)
 
     @property

@@ -21,6 +21,9 @@ class GravityTilt(Term):
     law = "g cos q"
     kind = "potential"
     reveal = "swings beyond 30 degrees, to tell it from a constant"
+    symptom = "a curve over the angle"
+    signature = "Over the angle lies a cosine, largest where the arm hangs and changing sign where it is level."
+    resembles = ("torque_offset", "coulomb_asymmetry", "spring", "encoder_eccentricity")
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -39,6 +42,12 @@ class Cogging(Term):
     law = "s sin Nq + c cos Nq"
     kind = "potential"
     reveal = "slow full turns"
+    symptom = "waves over the angle"
+    signature = (
+        "Over the angle lies a wave that comes again a whole number of times in a turn, the same in both "
+        "directions and under any torque."
+    )
+    resembles = ("torque_ripple", "periodic_disturbance")
     shapes = (Shape("order", "1", 2, 200, integer=True),)
 
     @property
@@ -72,6 +81,11 @@ class Spring(Term):
     law = "k q - k q0"
     kind = "potential"
     reveal = "swings beyond 60 degrees or several turns, to tell it from gravity"
+    symptom = "a curve over the angle"
+    signature = (
+        "Over the angle lies a line that goes on rising where gravity turns back, and adds up from turn to turn."
+    )
+    resembles = ("gravity", "gravity_tilt", "hard_stop")
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -100,6 +114,11 @@ class HardStop(Term):
     law = "k (x + c x x' + T x') >= 0, x beyond lower or upper"
     kind = "potential"
     reveal = "motion up to both ends of the range"
+    symptom = "a curve over the angle"
+    signature = (
+        "Nothing over most of the range, then a steep push back beyond one angle or two; the motion bounces there."
+    )
+    resembles = ("spring",)
     shapes = (
         Shape("lower", "rad", -np.inf, 1e6, usual=-np.inf),
         Shape("upper", "rad", -1e6, np.inf, usual=np.inf),

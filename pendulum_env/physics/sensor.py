@@ -27,6 +27,12 @@ class EncoderEccentricity(Term):
     law = "-(I d^2/dt^2 + mgl cos q + b d/dt)(s sin q + c cos q)"
     kind = "sensor"
     reveal = "full turns at high speed"
+    symptom = "a curve over the angle"
+    signature = (
+        "Once a turn the angle runs ahead and falls back: errors of one cycle a turn that grow with the square of "
+        "the speed."
+    )
+    resembles = ("gravity_tilt", "viscous_asymmetry")
     shapes = (
         Shape("inertia", "kg m^2", 1e-9, 1e9, follows="inertia"),
         Shape("gravity", "N m", -1e9, 1e9, follows="gravity"),

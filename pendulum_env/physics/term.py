@@ -26,6 +26,17 @@ if TYPE_CHECKING:
 
 Memory = tuple[Array, ...]  # state variables of a term: each a scalar per pendulum, or a series of N of them
 Kind = Literal["inertial", "potential", "dissipative", "actuation", "time-varying", "transmission", "sensor"]
+Symptom = Literal[  # what somebody sees first of what a model leaves
+    "the same torque everywhere",
+    "a curve over the angle",
+    "waves over the angle",
+    "a curve over the speed",
+    "a peak around standstill",
+    "a curve over the torque",
+    "torque that comes late",
+    "knocks and ringing",
+    "a change in time",
+]
 
 
 class KnownLoad(NamedTuple):
@@ -164,6 +175,9 @@ class Term:
     law: ClassVar[str]  # added to the torque that the motion needs
     kind: ClassVar[Kind]
     reveal: ClassVar[str] = "a richer excitation"  # the experiment that shows the effect
+    symptom: ClassVar[Symptom | None] = None
+    signature: ClassVar[str] = ""  # what of it is seen in a recording, in a sentence or two
+    resembles: ClassVar[tuple[str, ...]] = ()  # ids of terms that it is confused with
     shapes: ClassVar[tuple[Shape, ...]] = ()
     rugged: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor

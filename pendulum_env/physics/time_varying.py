@@ -24,6 +24,12 @@ class FrictionDrift(Term):
     law = "(b1 q' + f1 sgn q') exp(-t/T)"
     kind = "time-varying"
     reveal = "a recording from cold that lasts several warm-up times"
+    symptom = "a change in time"
+    signature = (
+        "Friction falls from the beginning of the recording on, fast at first: errors at its start and of the "
+        "other sign at its end."
+    )
+    resembles = ("payload_change",)
     shapes = (Shape("warm_up", "s", 0.01, 1e6),)
 
     @property
@@ -50,6 +56,12 @@ class PayloadChange(Term):
     law = "(dI q'' + dmgl sin q) for t > t0"
     kind = "time-varying"
     reveal = "a recording that spans the change"
+    symptom = "a change in time"
+    signature = (
+        "From one moment on the arm is heavier or lighter: errors like those of a wrong weight and inertia begin, "
+        "or end, within one sample."
+    )
+    resembles = ("friction_drift",)
     shapes = (Shape("moment", "s", 0.0, 1e6, instant=True),)
 
     @property
@@ -78,6 +90,12 @@ class PeriodicDisturbance(Term):
     law = "s sin wt + c cos wt"
     kind = "time-varying"
     reveal = "a recording of many periods"
+    symptom = "a change in time"
+    signature = (
+        "What is left is a sine of time, whatever the joint does: one sharp peak in its spectrum, also while the "
+        "joint stands."
+    )
+    resembles = ("cogging",)
     shapes = (Shape("frequency", "rad/s", 1e-5, 1e5),)
 
     @property

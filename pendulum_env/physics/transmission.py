@@ -55,6 +55,11 @@ class JointFlexibility(Term):
     kind = "transmission"
     link = True
     reveal = "excitation around the resonance"
+    symptom = "knocks and ringing"
+    signature = (
+        "After fast changes what is left rings at one frequency, and the joint feels lighter above it than below."
+    )
+    resembles = ("backlash", "actuator_lag", "dead_time", "presliding")
     shapes = (
         Shape("resonance", "rad/s", 1.0, 2e3),
         Shape("damping", "1/s", 1e-2, 1e3),
@@ -114,6 +119,12 @@ class Backlash(Term):
     kind = "transmission"
     link = True
     reveal = "many reversals under changing load"
+    symptom = "knocks and ringing"
+    signature = (
+        "After a reversal of the load the motor is free for a small angle, then meets the link with a knock: "
+        "short errors, always near the same load."
+    )
+    resembles = ("joint_flexibility", "presliding", "stribeck")
     forgets = 2.0
     rugged = "resonance"
     shapes = (

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from pendulum_env.recording.columns import UNUSED, Column
 from pendulum_env.recording.expression import Expression
-from pendulum_env.recording.vocabulary import RAW, UNITS
+from pendulum_env.recording.vocabulary import LINEAR, RAW, UNITS
 
 DEGREE = math.pi / 180  # [rad]
 
@@ -25,6 +25,11 @@ class Origin:
 
     columns: Mapping[str, Column]
     named: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def slides(self) -> bool:
+        """Whether positions were told in metres, so that the joint is an axis that slides."""
+        return self.columns["position"].unit in LINEAR["position"]
 
     def paste(self, **changes: str) -> str:
         """The option that reads the file with changes, by quantity, and else with all that was said before."""

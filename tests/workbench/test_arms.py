@@ -136,6 +136,17 @@ def test_add_an_effect_at_a_joint(capsys, folder):
     assert code == 2 and "the model has torque_offset@elbow already" in err
 
 
+def test_a_coupling_is_added_and_looked_for_as_any_effect(capsys, folder):
+    run(capsys, folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "lacking.json")
+    code, out, _ = run(capsys, folder, "add", "lacking.json", "coupling@shoulder,elbow", "hidden.csv")
+    assert code == 0 and "coupling.viscous@shoulder,elbow" in out
+    code, _, _ = run(capsys, folder, "diagnose", "hidden.csv", "--only", "coupling,spring", "--json", "told.json")
+    judged = {one["effect"] for one in json.loads((folder / "told.json").read_text())["candidates"]}
+    pairs = {"coupling@shoulder,elbow", "coupling@shoulder,-elbow"}
+    assert code == 0 and judged == {*pairs, "spring@shoulder", "spring@elbow"}
+    assert main(["diagnose", str(folder / "hidden.csv"), "--only", "coupling"]) == 2  # a pendulum has no two joints
+
+
 def test_what_is_compared_with_a_model_has_rotors_where_it_has(capsys, folder):
     chosen = ("--scheme", "filtered_dynamic", "-o", "rotors.json")
     code, _, _ = run(capsys, folder, "identify", "plain.csv", "--rotors", *chosen)

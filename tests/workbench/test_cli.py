@@ -337,9 +337,23 @@ def test_effects_lists_every_effect_with_its_law(capsys):
         assert id in out and kind.law in out
 
 
+def test_effects_tells_how_one_shows_and_refuses_what_is_none(capsys):
+    assert main(["effects", "backlash"]) == 0
+    out, kind = capsys.readouterr().out, effects()["backlash"]
+    assert kind.signature in out and kind.reveal in out and "joint flexibility" in out and "stribeck:" not in out
+    assert main(["effects", "backlahs"]) == 2
+    assert "did you mean backlash?" in capsys.readouterr().err
+
+
 def test_unwrap_mends_wrapped_angles(wrapped, capsys):
     assert main(["identify", "--unwrap", str(wrapped), "--scheme", "filtered_power"]) == 0
     assert "unwrapped" in capsys.readouterr().out
+
+
+def test_an_axis_that_slides_is_told_how_to_read_units(runs, capsys):
+    named = ("--columns", "position=position:m,torque=torque:N", "--scheme", "filtered_dynamic")
+    assert main(["identify", str(runs / "train.csv"), *named]) == 0
+    assert "read kg for kg m^2, N for N m" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -4,10 +4,12 @@ import html
 import json
 import re
 import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.two_link import TwoLink
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.recording import read_recording
 from workbench.cli import main
@@ -28,6 +30,28 @@ def bench(tmp_path_factory):
     model = str(folder / "model.json")
     assert main(["identify", str(folder / "monday.csv"), "--columns", COLUMNS, "-o", model]) == 0
     return folder
+
+
+def test_the_next_log_of_an_arm_is_read_alike(tmp_path, capsys):
+    pytest.importorskip("pinocchio", reason="arms need the extra arms")
+    robot = ("--robot", str(tmp_path / "arm.urdf"))
+    (tmp_path / "arm.urdf").write_text(TwoLink().urdf())
+    assert main(["record", *robot, "--seconds", "8", "-o", str(tmp_path / "plain.csv")]) == 0
+    rows = np.loadtxt(tmp_path / "plain.csv", delimiter=",", skiprows=1)
+    rows[:, 2] = np.degrees(rows[:, 2])
+    odd, model, added = (str(tmp_path / name) for name in ("odd.csv", "arm.json", "added.json"))
+    np.savetxt(odd, rows, delimiter=",", header="clock,a,b,c,d", comments="", fmt="%.12g")
+    columns = "time=clock,position_shoulder=a,position_elbow=b:deg,torque_shoulder=c,torque_elbow=d"
+    assert main(["identify", odd, *robot, "--columns", columns, "--scheme", "filtered_dynamic", "-o", model]) == 0
+    capsys.readouterr()
+    assert main(["compare", model, odd, *robot]) == 0
+    assert f"read as {model} says: time=clock" in capsys.readouterr().out
+    assert main(["add", model, "spring@elbow", odd, *robot, "-o", added]) == 0
+    kept = [json.loads(Path(path).read_text())["log_format"] for path in (model, added)]
+    assert kept[0] == kept[1] and kept[0]["columns"]["position_elbow"] == "b:deg"
+    Path(model).write_text(json.dumps(json.loads(Path(model).read_text()) | {"log_format": "clock"}))
+    assert main(["compare", model, odd, *robot, "--columns", columns]) == 2
+    assert "'log_format' of the model is 'clock': it has to be a table" in capsys.readouterr().err
 
 
 def test_the_next_log_of_the_format_is_read_alike(bench, tmp_path, capsys):

@@ -6,7 +6,6 @@ import argparse
 
 from estimators.diagnosis.addition import add
 from estimators.show.tables import errors_table
-from pendulum_env.lookup import find
 from pendulum_env.physics import addable
 from pendulum_env.words import parameters_table
 from workbench.inputs import (
@@ -15,6 +14,7 @@ from workbench.inputs import (
     given,
     in_time,
     in_torque,
+    known_effect,
     read_model,
     read_recordings,
     refuse_joint,
@@ -82,5 +82,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _effect(text: str) -> str:
-    find("effect", text.partition("@")[0], addable())
+    known_effect(text.partition("@")[0], addable())
     return text

@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import argparse
 
-from pendulum_env.physics import BASE, Term, effects
+from pendulum_env.physics import BASE, Term, effect, effects
 from pendulum_env.physics.table import TABLES
 from pendulum_env.plant import typical
-from pendulum_env.words import listing
+from pendulum_env.words import listing, name
+from workbench.inputs import argument
 from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Take no arguments."""
+    """Take effects to tell more of."""
+    parser.add_argument(
+        "effects", nargs="*", type=argument(effect), metavar="EFFECT", help="tell how this one shows, and what tells it"
+    )
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """List the effects with kind, law, parameters and units."""
+    """List the effects with kind, law, parameters and units, or tell more of some."""
+    for kind in arguments.effects:
+        terminal.heading(f"{kind.id}: {kind.law}")
+        for line in (*told(kind), f"Parameters, of typical size: {parameters(kind)}."):
+            terminal.say(line)
+    if arguments.effects:
+        return
     rows = [(id, kind.kind, kind.law, parameters(kind)) for id, kind in effects().items()]
     terminal.heading(f"torque = {' + '.join(term.law for term in BASE)} + any of {len(rows)} effects")
     terminal.table(
@@ -29,8 +39,15 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     )
     terminal.say(
         "hide one in a simulated recording: record --effect stribeck, --effect stribeck=0.4,0.3 (parameters in this "
-        "order), --effect cogging:order=14,sin=0.2 or, with one stop alone, --effect hard_stop:upper=0.9,lower=-inf"
+        "order), --effect cogging:order=14,sin=0.2 or, with one stop alone, --effect hard_stop:upper=0.9,lower=-inf; "
+        "how one shows, and what tells it from others: effects stribeck"
     )
+
+
+def told(kind: type[Term]) -> list[str]:
+    """How an effect shows, with what it is confused, and what tells it, a sentence each."""
+    alike = f"Confused with {listing([name(id) for id in kind.resembles])}." if kind.resembles else ""
+    return [line for line in (kind.signature, alike, f"What tells: {kind.reveal}.") if line]
 
 
 def parameters(kind: type[Term]) -> str:

@@ -70,3 +70,14 @@ def test_an_unknown_name_of_a_column_is_refused(tmp_path):
         read_arm_recording(path, JOINTS, columns={"torque_elbo": "x"})
     with pytest.raises(RecordingError, match="position has shape"):
         ArmRecording.of("run", JOINTS, TIME, POSITION[:, :1], TORQUE)
+
+
+def test_what_is_noted_of_a_column_can_be_pasted_for_its_joint(tmp_path):
+    time, q, v = np.arange(4000) / 200.0, np.empty(4000), 0.0
+    torque, q[0] = 40 * np.sin(0.4 * time) * np.sin(2 * time), 1.0
+    for k in range(3999):  # a motor of 1 kg m^2 on a spring, more than a turn: it could be degrees
+        v += (torque[k] - 9.81 * q[k] - 0.2 * v) / 200.0
+        q[k + 1] = q[k] + v / 200.0
+    path = table(tmp_path / "run.csv", time=time, position_hip=q, torque_hip=torque)
+    (hip,) = read_arm_recording(path, ("hip",)).joints
+    assert "read it with --columns position_hip=position_hip:deg,torque_hip=torque_hip" in hip.notes[-1]

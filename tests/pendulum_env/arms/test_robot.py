@@ -72,6 +72,12 @@ def test_mjcf_says_the_same_by_an_equality(tmp_path):
     assert np.abs(other.torque(q, v, a) @ other.values - told).max() < 1e-6 * np.abs(told).max()
 
 
+AXIS = """<robot name="axis"><link name="base"/><link name="carriage"><inertial><mass value="95"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<joint name="screw" type="prismatic"><parent link="base"/><child link="carriage"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="500" velocity="1"/></joint></robot>"""
+
+
 def test_a_joint_that_slides_is_said_in_metres_and_newtons(tmp_path):
     body = read_body(written(tmp_path, urdf(TORSO)), joints=moving(TORSO), rotors=True)
     assert body.slides == (True, False, False)
@@ -89,11 +95,20 @@ def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp
     assert {"spring@torso", "stribeck@torso", "cogging@elbow"} <= offered
     assert not {"cogging@torso", "torque_ripple@torso", "position_dependent_friction@torso"} & offered
     assert {kind.at for kind in couplings(body)} == {"shoulder,elbow", "shoulder,-elbow"}
+    assert {kind.id for kind in couplings(body)} <= offered
     for text in ("cogging@torso", "coupling@torso,shoulder"):
         with pytest.raises(ValueError, match="is of joints that turn: it cannot be at 'torso', which slides"):
             kind_at(text, body)
     (speed,) = [shape for shape in kind_at("stribeck@torso", body).shapes if shape.name == "stribeck_velocity"]
     assert speed.unit == "m/s"
+
+
+def test_a_single_axis_that_slides_is_a_mass(tmp_path):
+    body = read_body(written(tmp_path, AXIS))
+    q, v, a = np.random.default_rng(0).normal(size=(3, 20, 1))
+    assert body.joints == ("screw",) and [own.unit for own in body.base] == ["kg"]
+    assert body.torque(q, v, a) @ body.values == pytest.approx(95 * a)
+    assert body.mass_matrix(q, body.values) == pytest.approx(np.full((20, 1, 1), 95.0))
 
 
 def floating(text):

@@ -1,13 +1,15 @@
 """Terms: what every base term and every effect of the library promises, and how users add their own."""
 
 from dataclasses import FrozenInstanceError, fields
+from typing import get_args
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from pendulum_env.physics import BASE, Column, Model, Samples, Term, effect, effects, library, register
-from pendulum_env.physics.term import trace
+from pendulum_env.physics.library import BUILT_IN
+from pendulum_env.physics.term import Symptom, trace
 from tests.terms import CubicDamping
 
 TERMS = {term.id: term for term in BASE} | {id: kind() for id, kind in effects().items()}
@@ -87,6 +89,19 @@ def test_term_says_its_law_its_kind_and_what_would_reveal_it(id):
     assert type(term).__doc__.strip()
     assert all(c.name.split(".")[0] == id and c.unit for c in (*term.columns, *term.fixed))
     assert term.columns or term.fixed
+
+
+@pytest.mark.parametrize("id", [kind.id for kind in BUILT_IN])
+def test_effect_says_how_it_shows_and_with_what_it_is_confused(id):
+    kind = effects()[id]
+    assert kind.symptom in get_args(Symptom)
+    assert kind.signature.endswith(".") and kind.signature.count(". ") <= 1  # a sentence or two
+    assert kind.resembles and id not in kind.resembles and set(kind.resembles) <= set(TERMS)
+    assert all(id in effects()[other].resembles for other in kind.resembles if other in effects())
+
+
+def test_every_symptom_is_some_effect_s():
+    assert {kind.symptom for kind in BUILT_IN} == set(get_args(Symptom))
 
 
 @every_term

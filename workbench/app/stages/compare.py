@@ -14,6 +14,7 @@ from dash.exceptions import PreventUpdate
 
 from estimators.checks.residual import AXES, Region, profiles, stand_out
 from pendulum_env._typing import JSON, Mask
+from pendulum_env.physics import effect
 from pendulum_env.recording import Recording
 from workbench.app.brushing import MAP, PHASE, TIME, VIEWS, Points, figures, inside, lit, within
 from workbench.app.parts import LINKED, button, dropdown, effects_to_choose, graph, labelled, panel
@@ -94,7 +95,17 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     axes = profiles(points.samples, points.residuals[shown][2], points.noise, tuple(AXES))
     own = b64encode(picture("What is left here", axes).encode()).decode()
     rows = [
-        html.Li([names[id], html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")])
+        html.Li(
+            [
+                names[id],
+                html.Div(
+                    [
+                        html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves"),
+                        html.P(effect(id).signature, className="note"),
+                    ]
+                ),
+            ]
+        )
         for id in ranked
         if (GALLERY / f"{id}.svg").is_file()
     ]
