@@ -278,6 +278,11 @@ def schemes_table(found: ArmIdentification) -> Table:
         for name, own in first.estimates.items()
     ]
     rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
+    errors = np.array([[own.std for own in one.model.estimates.values()] for one in found.schemes.values()])
+    times = np.median(
+        errors / np.maximum(errors.min(axis=0), 1e-300), axis=1
+    )  # where few lie near 1, those are to trust
+    rows.append(("errors, times the least", *(f"{own:.2g}" for own in times.tolist()), ""))
     return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
 
 

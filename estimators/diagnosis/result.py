@@ -19,9 +19,7 @@ from pendulum_env.words import json_per, listing, name, opening
 
 SCHEMA = "pendulum-ident/diagnosis@1"
 SETTLED = "nothing is left open that an experiment would settle"
-KEPT = (
-    "no effect is such a law: `pendulum-ident add MODEL.json {table}` keeps it as a table, and tells what it looks like"
-)
+KEPT = "keep that law as a table, which also says what it looks like: `pendulum-ident add MODEL.json {table} ...`"
 UNNAMED = "no effect of the library is open, so that no experiment would name what is left"
 
 

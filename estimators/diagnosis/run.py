@@ -301,9 +301,10 @@ def _examine(
     if impossible(steps[-1].model, models.train.motions):
         asked = []  # nobody knows what motion to expect
     table = getattr(found.unnamed, "table", None)
+    kept = None if table is None else KEPT.format(table=table)
     suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, setting.usual, left)
     if left and not asked:
-        forbidden = _of_held_out(models, final) or (UNNAMED if table is None else KEPT.format(table=table))
+        forbidden = _of_held_out(models, final) or kept or UNNAMED
     look_alike = [
         f"{' and '.join(group)} look the same in these data; to tell them apart: {models.library[group[-1]].reveal}"
         for group in groups
@@ -321,6 +322,7 @@ def _examine(
             *filter(None, (term.beyond(*evidence[0].reach) for term in steps[-1].model.terms)),
             *([suggestion.text] if suggestion else []),
             *([forbidden] if forbidden else []),
+            *([kept] if kept and kept != forbidden else []),
         ),
         detectable=() if left or len(final) > len(models.base) else detectable(models, tuple(final), models.library),
         suggestion=suggestion,
