@@ -316,7 +316,9 @@ def story(found: ArmDiagnosis, every: bool = False) -> Story:
     said = found.model.body.said
     lines = [f"{own.id}: {own.law}" for own in found.model.terms if own.id in found.selected]
     lines += [f"error held out: {falls}", *parameters_line(found.parameters, bool(found.unexplained))]
-    lines += [f"left: {size:.2g} {said(joint, NEWTON_METRE)} at {joint}" for joint, size in found.unexplained.items()]
+    for joint, size in found.unexplained.items():
+        where = f"; {said(joint, found.regions[joint].text)}" if joint in found.regions else ""
+        lines.append(f"left: {size:.2g} {said(joint, NEWTON_METRE)} at {joint}{where}")
     parameters = [(name, one.text, one.unit) for name, one in found.model.estimates.items()]
     parts: list[tuple[str, Sequence[Table | str]]] = [
         (

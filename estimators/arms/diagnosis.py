@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from estimators.arms.identification import JointError, compare_arm
+from estimators.checks.residual import Region, stand_out
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, SETTLED, UNNAMED, Candidate
 from estimators.diagnosis.setting import HELD_OUT
@@ -44,6 +45,7 @@ class ArmDiagnosis:
         ambiguous: groups of effects that these data cannot tell apart, a selected one first.
         before, after: torque errors on held-out data without and with them, joint by joint.
         unexplained: torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
+        regions: where it stands out most, of these joints where it does.
         tables: functions that no effect is and that would explain most of it, `torque_by_angle@elbow`.
     """
 
@@ -55,6 +57,7 @@ class ArmDiagnosis:
     before: tuple[JointError, ...]
     after: tuple[JointError, ...]
     unexplained: Mapping[str, float]
+    regions: Mapping[str, Region] = field(default_factory=dict)
     tables: tuple[str, ...] = ()
 
     @property
@@ -93,6 +96,7 @@ class ArmDiagnosis:
             "candidates": [candidate.json() for candidate in self.candidates],
             "errors": {"before": [e.json() for e in self.before], "after": [e.json() for e in self.after]},
             "unexplained": dict(self.unexplained),
+            "regions": {joint: region.json() for joint, region in self.regions.items()},
             "tables": list(self.tables),
             "model": self.model.json(),
         }
@@ -108,6 +112,16 @@ def kept_as_table(models: Models, terms: Terms, joint: str) -> str | None:
     trials = [best(models, terms, foil) for foil in models.foils if foil.at == joint]
     found = [trial.terms for trial in trials if trial is not None and is_needed(models, trial.terms, terms)]
     return min(found, key=models.promise)[-1].id if found else None
+
+
+def where_it_stands_out(models: Models, terms: Terms, joints: Sequence[str]) -> dict[str, Region]:
+    """Where what terms leave stands out most of the noise, of the joints where it does."""
+    data, residual = models.train.data, models.screen.residual(terms)
+    found = {
+        at: stand_out(data.part(at).samples, residual[data.where(at)], models.left.noise_of(models.train, at), most=1)
+        for at in joints
+    }
+    return {at: regions[0] for at, regions in found.items() if regions}
 
 
 def parted(
@@ -215,5 +229,6 @@ def diagnose_arm(
         before=compare_arm(lacking, held),
         after=compare_arm(model, held),
         unexplained=unexplained,
+        regions=where_it_stands_out(models, found.terms, list(unexplained)),
         tables=tuple(filter(None, (kept_as_table(models, found.terms, joint) for joint in unexplained))),
     )

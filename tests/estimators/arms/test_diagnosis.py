@@ -80,6 +80,7 @@ def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_pa
     found = diagnose_arm(recording, six, library={"stribeck": Stribeck})
     assert found.selected == () and "elbow" in found.unexplained
     assert found.tables == ("torque_by_angle@elbow",) and "add MODEL.json torque_by_angle@elbow" in found.next_step
+    assert found.regions["elbow"].axis == "position"
     added = add_arm(found.model, "torque_by_angle@elbow", recording)
     assert added.objection is None and added.looks_like is not None
     before, after = (side.holdout[2].torque_rms for side in (added.before, added.after))
