@@ -11,11 +11,11 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.columns import OPTIONAL, UNUSED, is_told
-from pendulum_env.recording.expression import NUMBER, Expression, parse
+from pendulum_env.recording.columns import OPTIONAL, UNUSED, is_told, named_column
+from pendulum_env.recording.expression import NUMBER, Expression, letters, parse
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import ColumnError
-from pendulum_env.recording.vocabulary import ALIASES, LINEAR, RAW, TOLD, UNITS
+from pendulum_env.recording.vocabulary import ALIASES, LINEAR, RAW, SI, TOLD, UNITS
 from pendulum_env.words import listing
 
 ROLES = tuple(ALIASES)
@@ -44,6 +44,21 @@ class Choice:
         gain = "".join([*(["*-1"] if told.negative else []), *told.factors])
         offset = (told.offset or "") + ("" if told.offset_unit is None else f":{told.offset_unit}")
         return cls(role, told.unit or "", gain + offset)
+
+
+def understood(role: str, text: str, headers: Sequence[str]) -> tuple[str, bool]:
+    """Unit in which an expression's column is read, as people write it, and whether anything tells it; else SI's.
+
+    Empty where there is none, or where it cannot be read as it is.
+    """
+    try:
+        column = named_column(role, text, headers)
+    except RecordingError:
+        return "", False
+    if column.unit is None:
+        return SI[role], column.is_unit_told
+    written = {letters(unit): unit for unit in units(role)}
+    return written.get(column.unit, column.unit), True
 
 
 def units(role: str) -> list[str]:

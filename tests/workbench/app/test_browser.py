@@ -497,7 +497,7 @@ def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser: "sync_
     with served("--fleet", str(survey.folder)) as address:
         tab = Tab(browser, address)
         page = tab.page
-        page.click("#to-export")
+        page.click("#to-live")
         page.click("#to-fleet")
         page.wait_for_selector(".kicker:has-text('Survey of 4 recordings')")
         assert tab.title() == "Stribeck friction is missing in 1"
