@@ -22,6 +22,7 @@ COLUMN = "column"  # kind of a plot that a range is brushed in
 ROWS = 4  # that are shown
 POINTS = 300  # of a plot
 HINTS = {  # of what is done with a column
+    "time": "*0.001",
     "position": "/6 or *-1 or +90",
     "velocity": "/6 or *-1",
     "torque": "*0.091, *? or *-1",
@@ -108,12 +109,8 @@ def _row(card: Card, k: int, seconds: Array | None) -> tuple[Any, ...]:
 def _unsaid(card: Card, k: int) -> str:
     """How a column's unit is understood while nobody says it."""
     choice, header = card.choices[k], card.preview.headers[k]
-    if not choice.role:
-        return "–"
-    unit, is_told = understood(choice.role, replace(choice, unit="").expression(header), card.preview.headers)
-    if not unit:
-        return "as named"
-    return f"{unit}, {'as it is named' if is_told else 'as none is named'}"
+    text = replace(choice, unit="").expression(header)
+    return (understood(choice.role, text, card.preview.headers) if choice.role else "") or "–"
 
 
 def _plot(k: int, header: str, values: Array, seconds: Array | None) -> Figure:

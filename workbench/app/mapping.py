@@ -46,19 +46,18 @@ class Choice:
         return cls(role, told.unit or "", gain + offset)
 
 
-def understood(role: str, text: str, headers: Sequence[str]) -> tuple[str, bool]:
-    """Unit in which an expression's column is read, as people write it, and whether anything tells it; else SI's.
-
-    Empty where there is none, or where it cannot be read as it is.
-    """
+def understood(role: str, text: str, headers: Sequence[str]) -> str:
+    """How the unit of an expression's column is understood, in words; empty where there is none."""
     try:
         column = named_column(role, text, headers)
     except RecordingError:
-        return "", False
-    if column.unit is None:
-        return SI[role], column.is_unit_told
-    written = {letters(unit): unit for unit in units(role)}
-    return written.get(column.unit, column.unit), True
+        return "not clear yet"
+    if column.unit is not None:
+        written = {letters(unit): unit for unit in units(role)}
+        return f"{written.get(column.unit, column.unit)}, as it is named"
+    if not (unit := SI[role]):
+        return ""
+    return f"{unit} after the gain" if column.is_unit_told else f"{unit}, as none is named"
 
 
 def units(role: str) -> list[str]:

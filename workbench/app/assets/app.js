@@ -115,12 +115,14 @@
   const ask = window.fetch;
   let waiting = 0;
   const wait = (more) => root.classList.toggle("waiting", (waiting += more) > 0);
-  window.fetch = async (address, options) => {
+  window.fetch = (address, options) => {
+    const gone = "the workbench does not answer any more: start it again in the terminal, then load this page again";
+    const told = (error) => { window.dash_clientside.set_props("notice", { children: gone }); throw error; };
     const body = typeof options?.body === "string" ? options.body : "";
     const changed = body.match(/"changedPropIds":\[([^\]]*)\]/)?.[1];
-    if (!changed || /^"[\w-]+\.n_intervals"$/.test(changed)) return ask(address, options);
+    if (!changed || /^"[\w-]+\.n_intervals"$/.test(changed)) return ask(address, options).catch(told);
     wait(1);
-    try { return await ask(address, options); } finally { wait(-1); }
+    return ask(address, options).catch(told).finally(() => wait(-1));
   };
 
   // Where the stages do not fit in, the one that is shown is in sight.
