@@ -54,10 +54,10 @@ def understood(role: str, text: str, headers: Sequence[str]) -> str:
         return "not clear yet"
     if column.unit is not None:
         written = {letters(unit): unit for unit in units(role)}
-        return f"{written.get(column.unit, column.unit)}, as it is named"
+        return f"{written.get(column.unit, column.unit)} (named)"
     if not (unit := SI[role]):
         return ""
-    return f"{unit} after the gain" if column.is_unit_told else f"{unit}, as none is named"
+    return f"{unit} (after gain)" if column.is_unit_told else f"{unit} (assumed)"
 
 
 def units(role: str) -> list[str]:
