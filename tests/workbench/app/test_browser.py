@@ -68,9 +68,11 @@ def served(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
     ) as server:
         assert server.stdout is not None
         said = (re.search(r"http://127\.0\.0\.1:\d+/", line) for line in server.stdout)
-        yield next(found[0] for found in said if found), server
-        server.terminate()
-        assert server.wait(PATIENCE) == 0
+        try:
+            yield next(found[0] for found in said if found), server
+        finally:
+            server.terminate()
+            assert server.wait(PATIENCE) == 0
 
 
 @pytest.fixture(scope="module")
@@ -297,7 +299,7 @@ def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(
         tab.go("diagnose")
         tab.page.click("#diagnose")
         tab.page.wait_for_selector("#job progress")
-        tab.page.route(asks := re.compile("_dash-update-component"), held.append)
+        tab.page.route(asks := re.compile("_dash-update-component"), lambda route: held.append(route))
         with tab.page.expect_request(asks):
             pass
         tab.page.wait_for_timeout(500)  # what the page asks by itself, it asks unseen
@@ -358,7 +360,9 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, fold
     page.click("#card-load")
     page.wait_for_selector(".why:has-text(\"torque cannot be column 'iq' without a gain\")")
     page.fill(of("then", 2), "0.091")
-    area = page.locator(".card .nsewdrag").nth(1).bounding_box()
+    plot = page.locator(".card .nsewdrag").nth(1)
+    plot.evaluate("one => one.scrollIntoView({block: 'center', behavior: 'instant'})")
+    area = plot.bounding_box()
     for k, share in enumerate((0.1, 0.9)):
         page.mouse.move(area["x"] + share * area["width"], area["y"] + area["height"] / 2, steps=5)
         page.mouse.up() if k else page.mouse.down()
