@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import dash
@@ -11,7 +12,7 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from pendulum_env._typing import Array
-from workbench.app.mapping import ROLES, Card, Choice, units
+from workbench.app.mapping import ROLES, Card, Choice, understood, units
 from workbench.app.parts import UNWRAP, aria, button, graph, labelled, panel, table
 from workbench.app.session import Session
 from workbench.app.stage import Bench
@@ -21,12 +22,13 @@ COLUMN = "column"  # kind of a plot that a range is brushed in
 ROWS = 4  # that are shown
 POINTS = 300  # of a plot
 HINTS = {  # of what is done with a column
+    "time": "*0.001",
     "position": "/6 or *-1 or +90",
     "velocity": "/6 or *-1",
     "torque": "*0.091, *? or *-1",
     "reference": "/6 or *-1 or +90",
 }
-CALLED = {"": "as named", "A": "A: current", "V": "V: voltage", "duty": "duty: share of the supply"}
+CALLED = {"A": "A: current", "V": "V: voltage", "duty": "duty: share of the supply"}
 
 
 def show(card: Card) -> Component:
@@ -81,7 +83,9 @@ def _row(card: Card, k: int, seconds: Array | None) -> tuple[Any, ...]:
         first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:ROWS]) + ", …"
         plot = graph(_plot(k, header, values, seconds), kind=COLUMN, bar=False)
     roles = {"": "unused"} | {role: role for role in ROLES}
-    known = {unit: CALLED.get(unit, unit) for unit in ["", *units(choice.role), choice.unit]}
+    known = {"": _unsaid(card, k)} | {
+        unit: CALLED.get(unit, unit) for unit in [*units(choice.role), choice.unit] if unit
+    }
     more: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": values is None}
     then = dcc.Input(
         choice.then,
@@ -100,6 +104,13 @@ def _row(card: Card, k: int, seconds: Array | None) -> tuple[Any, ...]:
         html.Div(dcc.Dropdown(known, choice.unit, id=_id("unit", k), **more), **aria(label=f"Unit of {header}")),
         then,
     )
+
+
+def _unsaid(card: Card, k: int) -> str:
+    """How a column's unit is understood while nobody says it."""
+    choice, header = card.choices[k], card.preview.headers[k]
+    text = replace(choice, unit="").expression(header)
+    return (understood(choice.role, text, card.preview.headers) if choice.role else "") or "–"
 
 
 def _plot(k: int, header: str, values: Array, seconds: Array | None) -> Figure:

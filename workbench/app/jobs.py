@@ -15,15 +15,14 @@ from workbench.processes import Done, Failed, Worker, attend
 Task = Callable[[Progress], Any]  # what a worker does; it travels to another process, and so does what it returns
 
 LIBRARIES = ("workbench.cli", "estimators.diagnosis.addition", "workbench.app.live")  # what tasks need
-SURE = 0.08  # share of the work before which the time left is anyone's guess
 
 
 class Pace:
-    """What is being done, how much of it is done, and how long the rest may take."""
+    """What is being done, how much of it is done, and for how long; how many rounds a search takes, nobody knows."""
 
     def __init__(self) -> None:
         """Start the clock."""
-        self.began = time.monotonic()
+        self._began = time.monotonic()
         self.what, self.share = "starting", 0.0
 
     def tell(self, what: str, share: float) -> None:
@@ -31,10 +30,9 @@ class Pace:
         self.what, self.share = what, max(self.share, min(share, 1.0))
 
     @property
-    def left(self) -> float | None:
-        """Seconds that the work will take at this pace; None while nobody can tell."""
-        elapsed = time.monotonic() - self.began
-        return elapsed * (1.0 - self.share) / self.share if self.share > SURE else None
+    def elapsed(self) -> float:
+        """How long the work has gone on [s]."""
+        return time.monotonic() - self._began
 
 
 class Workers:

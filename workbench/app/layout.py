@@ -15,6 +15,7 @@ from workbench.app.parts import LINKED, PLOT, SPEC, aria, button, saves
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.stages import STAGES
+from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
 from workbench.report.page import shared
 from workbench.report.sections.story import changes
@@ -68,13 +69,16 @@ def page(has_fleet: bool) -> Component:
                 html.Div(
                     [
                         html.Span(TITLE, className="brand"),
-                        html.Nav(navigation(STAGES[0], has_fleet), id="nav", **aria(label="Stages")),
-                        html.Button("Theme", id="theme", type="button", title="Switch between light and dark"),
+                        html.Nav(navigation(STAGES[0], has_fleet, NO_RECORDING), id="nav", **aria(label="Stages")),
+                        html.Button(
+                            html.Span("Theme"), id="theme", type="button", **aria(label="Switch between light and dark")
+                        ),
                     ],
                     className="inner",
                 ),
                 className="bar",
             ),
+            html.Div("Working …", id="waiting", role="status"),
             html.Main(
                 [
                     html.Div(id="story", className="so-far", **aria(live="polite")),
@@ -88,17 +92,18 @@ def page(has_fleet: bool) -> Component:
     )
 
 
-def navigation(here: Stage, has_fleet: bool) -> list[Component]:
-    """Links to the stages, and to the page of a fleet if there is one."""
-    stages: list[Component] = [
-        html.A(
-            stage.title,
-            href=f"#{stage.id}",
-            id=f"to-{stage.id}",
-            **(aria(current="page") if stage is here else {}),
-        )
-        for stage in STAGES
-    ]
+def navigation(here: Stage, has_fleet: bool, trouble: str) -> list[Component]:
+    """Links to the stages that can be entered, and to a fleet if there is one; `trouble`: why there is no model."""
+
+    def link(stage: Stage) -> Component:
+        now = aria(current="page") if stage is here else {}
+        if stage.needs_model and trouble:
+            now |= {"title": opening(trouble), **aria(disabled="true")}
+        else:
+            now["href"] = f"#{stage.id}"
+        return html.A(stage.title, id=f"to-{stage.id}", **now)
+
+    stages = [link(stage) for stage in STAGES]
     return [*stages, html.A("Fleet", href=fleet.PAGE, id="to-fleet")] if has_fleet else stages
 
 
@@ -152,13 +157,13 @@ def _b(value: float, unit: str) -> Component:
 
 
 def running(session: Session) -> list[Component]:
-    """What is being done, how long it will take, and a way out."""
+    """What is being done, how long it has taken, and a way out."""
     job = session.job
     if job is None or not job.running:
         return []
     pace = job.pace
-    left = "" if pace.left is None else f" · about {max(1, round(pace.left))} s left"
-    what = html.Div([html.Strong(job.title), html.Span(f" {pace.what}{left}", className="note")])
+    said = f" {pace.what} · {pace.elapsed:.0f}{NBSP}s so far"
+    what = html.Div([html.Strong(job.title), html.Span(said, className="note")])
     bar = html.Progress(value=str(round(pace.share, 3)), max="1", **aria(label=job.title))
     return [html.Div([what, bar], className="running-text"), button("Cancel", "cancel")]
 
@@ -200,7 +205,7 @@ def _connect_page(bench: Bench) -> None:
             if ctx.triggered_id == "url":
                 session.notice = ""  # it was about another stage
             return (
-                navigation(stage, bench.survey is not None),
+                navigation(stage, bench.survey is not None, session.state.trouble),
                 [*story_so_far(session.state, stage), *steps(session)],
                 session.notice,
                 html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
@@ -247,5 +252,6 @@ def _connect_scripts(bench: Bench) -> None:
     linked_spec = Input({"kind": f"{LINKED}-{SPEC}", "of": MATCH}, "data")
     in_the_page("brush", Output(linked, "figure"), linked_spec, theme, Input("lit", "data"), State(linked, "id"))
     in_the_page("fragment", Output(text, "title"), Input({"kind": "markup", "of": MATCH}, "data"), State(text, "id"))
+    in_the_page("reveal", Output("nav", "title"), Input("nav", "children"))
     in_the_page("warm", Output("warm", "children"), Input("stage", "children"))
     in_the_page("swing", Output("pendulum", "title"), Input("live-motion", "data"))

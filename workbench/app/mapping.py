@@ -11,11 +11,11 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.columns import OPTIONAL, UNUSED, is_told
-from pendulum_env.recording.expression import NUMBER, Expression, parse
+from pendulum_env.recording.columns import OPTIONAL, UNUSED, is_told, named_column
+from pendulum_env.recording.expression import NUMBER, Expression, letters, parse
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import ColumnError
-from pendulum_env.recording.vocabulary import ALIASES, LINEAR, RAW, TOLD, UNITS
+from pendulum_env.recording.vocabulary import ALIASES, LINEAR, RAW, SI, TOLD, UNITS
 from pendulum_env.words import listing
 
 ROLES = tuple(ALIASES)
@@ -44,6 +44,20 @@ class Choice:
         gain = "".join([*(["*-1"] if told.negative else []), *told.factors])
         offset = (told.offset or "") + ("" if told.offset_unit is None else f":{told.offset_unit}")
         return cls(role, told.unit or "", gain + offset)
+
+
+def understood(role: str, text: str, headers: Sequence[str]) -> str:
+    """How the unit of an expression's column is understood, in words; empty where there is none."""
+    try:
+        column = named_column(role, text, headers)
+    except RecordingError:
+        return "not clear yet"
+    if column.unit is not None:
+        written = {letters(unit): unit for unit in units(role)}
+        return f"{written.get(column.unit, column.unit)} (named)"
+    if not (unit := SI[role]):
+        return ""
+    return f"{unit} (after gain)" if column.is_unit_told else f"{unit} (assumed)"
 
 
 def units(role: str) -> list[str]:

@@ -31,6 +31,7 @@ MOST_RECORDINGS = 12  # in one session
 MOST_UNDONE = 20  # changes
 MOST_SAMPLES = 20_000_000  # of all recordings of a state, and of all past states
 SPACE = 300_000_000  # bytes of its files
+GRACE = 1.0  # [s] that an end waits for an answer that is being made
 SPARE = 100_000_000  # bytes that are left to the disk
 
 
@@ -352,9 +353,17 @@ class Session:
             self.version += 1
 
     def end(self) -> None:
-        """Stop what runs and delete the folder; nothing begins any more."""
+        """Stop what runs and delete the folder; nothing begins any more. No answer that takes long is waited for."""
         self._over = True
-        self.halt()
-        with self.lock:
-            self.cancel()
-            shutil.rmtree(self.folder, ignore_errors=True)
+        run, job = self.run, self.job
+        if run is not None:
+            run.stop()
+        if job is not None:
+            job.cancel()
+        if self.lock.acquire(timeout=GRACE):
+            try:
+                self.halt()  # a run that was just being started
+                self.cancel()
+            finally:
+                self.lock.release()
+        shutil.rmtree(self.folder, ignore_errors=True)

@@ -27,7 +27,7 @@ class Sessions:
         """Make a folder for their folders; every session begins with the recordings, and may run the rig."""
         self._initial, self._rig = tuple(recordings), rig
         self.workers = Workers()
-        self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-")
+        self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-", ignore_cleanup_errors=True)
         self._all: dict[str, Session] = {}  # the one used last is last
         self._lock = RLock()
 

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -54,23 +55,24 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    with served() as address:
+    with served() as (address, _):
         yield address
 
 
 @contextmanager
-def served(*options: str) -> Iterator[str]:
-    """A server of its own, started as a user starts it."""
+def served(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+    """Address of a server of its own, started as a user starts it, and its process."""
     command = [sys.executable, "-m", "workbench.cli", "app", "--port", "0", "--no-browser", *options]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}
     ) as server:
         assert server.stdout is not None
-        found = re.search(r"http://127\.0\.0\.1:\d+/", server.stdout.readline())
-        assert found is not None
-        yield found[0]
-        server.terminate()
-        assert server.wait(PATIENCE) == 0
+        said = (re.search(r"http://127\.0\.0\.1:\d+/", line) for line in server.stdout)
+        try:
+            yield next(found[0] for found in said if found), server
+        finally:
+            server.terminate()
+            assert server.wait(PATIENCE) == 0
 
 
 @pytest.fixture(scope="module")
@@ -259,6 +261,58 @@ def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
     assert number_after("fitted to, the torque error is", page.inner_text("#story")) == before
 
 
+def test_an_answer_that_takes_long_is_seen_to_be_waited_for(tab: Tab, folder: Path) -> None:
+    page, held, holds = tab.page, [], [True]
+    address = re.compile("_dash-update-component")
+    page.route(address, lambda route: held.append(route) if holds[0] else route.continue_())
+    tab.load(folder / "swing.csv")
+    page.wait_for_selector("#waiting:visible")
+    holds[0] = False
+    for route in held:
+        route.continue_()
+    page.wait_for_selector("td:has-text('swing')")
+    page.wait_for_selector("#waiting", state="hidden")
+
+
+def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_shows_where_one_is(
+    tab: Tab, folder: Path
+) -> None:
+    page = tab.page
+    page.set_viewport_size({"width": 420, "height": 900})
+    page.wait_for_selector("#to-compare[aria-disabled=true][title='Load a recording first']")
+    page.click("#to-compare", force=True)
+    tab.go("live")
+    place, holder = (page.locator(which).bounding_box() for which in ("#to-live", "#nav"))
+    assert place["x"] >= holder["x"] and place["x"] + place["width"] <= holder["x"] + holder["width"] + 1
+    page.click("#to-data")
+    tab.load(folder / "swing.csv")
+    page.wait_for_selector("td:has-text('swing')")
+    tab.go("compare")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
+def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(
+    browser: "sync_api.Browser", folder: Path
+) -> None:
+    with served(str(folder / "swing.csv")) as (address, server):
+        tab, held = Tab(browser, address), []
+        tab.go("diagnose")
+        tab.page.click("#diagnose")
+        tab.page.wait_for_selector("#job progress")
+        tab.page.route(asks := re.compile("_dash-update-component"), lambda route: held.append(route))
+        with tab.page.expect_request(asks):
+            pass
+        tab.page.wait_for_timeout(500)  # what the page asks by itself, it asks unseen
+        assert not tab.page.is_visible("#waiting")
+        for route in held:
+            route.continue_()
+        tab.page.unroute(asks)
+        server.send_signal(signal.SIGINT)
+        assert server.wait(PATIENCE) == 0
+        tab.page.wait_for_selector("#notice:has-text('does not answer any more')")
+        tab.context.close()
+
+
 def number_after(words: str, text: str) -> float:
     return float(re.search(rf"{words} ([\d.]+)", text.replace("\N{NO-BREAK SPACE}", " "))[1])
 
@@ -278,7 +332,7 @@ def test_a_broken_file_is_refused_in_the_words_of_the_command_line(
     assert tab.page.inner_text("#notice") == ""
 
 
-@pytest.mark.parametrize("width", slow.but_first([1400, 1024]))
+@pytest.mark.parametrize("width", slow.but_first([1400, 1024, 420]))
 def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, folder: Path, width: int) -> None:
     swing = recorded("swing", 1, 10.0)  # logged by a servo with a gear of 6, its current 8 ms late
     rows = zip(1e3 * swing.time[4:], np.degrees(-6 * swing.position[4:]), swing.torque[:-4] / 0.091, strict=True)
@@ -296,14 +350,19 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, fold
     tab.load(folder / "servo.csv")
     page.wait_for_selector(".card .js-line >> nth=2")
     assert page.inner_text(".card .why").startswith("servo.csv: no column for time, torque among")
+    assert [page.inner_text(of("unit", k)) for k in range(3)] == ["–", "deg (named)", "not clear yet"]
+    assert page.get_attribute(of("then", 2), "placeholder") == "*0.091, *? or *-1"
     pick("role", 0, "time")
     page.wait_for_selector(".card:has-text('Drag over a plot')")
+    assert page.inner_text(of("unit", 0)) == "s (assumed)"
     pick("unit", 0, "ms")
     page.fill(of("then", 1), "*-1/6")
     page.click("#card-load")
     page.wait_for_selector(".why:has-text(\"torque cannot be column 'iq' without a gain\")")
     page.fill(of("then", 2), "0.091")
-    area = page.locator(".card .nsewdrag").nth(1).bounding_box()
+    plot = page.locator(".card .nsewdrag").nth(1)
+    plot.evaluate("one => one.scrollIntoView({block: 'center', behavior: 'instant'})")
+    area = plot.bounding_box()
     for k, share in enumerate((0.1, 0.9)):
         page.mouse.move(area["x"] + share * area["width"], area["y"] + area["height"] / 2, steps=5)
         page.mouse.up() if k else page.mouse.down()
@@ -494,10 +553,10 @@ def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(
 @pytest.mark.slow
 def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser: "sync_api.Browser", tmp_path: Path) -> None:
     survey = surveyed(tmp_path, weeks=4)
-    with served("--fleet", str(survey.folder)) as address:
+    with served("--fleet", str(survey.folder)) as (address, _):
         tab = Tab(browser, address)
         page = tab.page
-        page.click("#to-export")
+        page.click("#to-live")
         page.click("#to-fleet")
         page.wait_for_selector(".kicker:has-text('Survey of 4 recordings')")
         assert tab.title() == "Stribeck friction is missing in 1"

@@ -8,7 +8,7 @@ import shlex
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ from workbench.app import state as state_module
 from workbench.app import uploads
 from workbench.app.brushing import MAP, PHASE, TIME, inside, lit, within
 from workbench.app.layout import story_so_far
-from workbench.app.mapping import Choice
+from workbench.app.mapping import Choice, understood
 from workbench.app.parts import UNWRAP
 from workbench.app.recorder import options
 from workbench.app.server import make_app
@@ -249,6 +249,39 @@ def test_columns_of_a_loaded_recording_can_be_named_anew_over_a_range(
     kept = swing.time - swing.time[0] >= 2.0 - 1e-9
     assert one.recording.velocity is None
     np.testing.assert_allclose(one.recording.torque, 2 * swing.torque[kept], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("role", "text", "said"),
+    [
+        ("position", "phi [deg]", "deg (named)"),
+        ("position", "phi [deg]:rev", "rev (named)"),
+        ("velocity", "w_rpm", "rpm (named)"),
+        ("time", "clock", "s (assumed)"),
+        ("torque", "iq", "not clear yet"),  # a current is no torque
+        ("torque", "iq*0.091", "N m (after gain)"),
+        ("segment", "clock", ""),
+    ],
+)
+def test_the_card_says_in_which_unit_a_column_is_understood(role: str, text: str, said: str) -> None:
+    assert understood(role, text, ("clock", "phi [deg]", "w_rpm", "iq")) == said
+
+
+def test_an_end_waits_for_no_answer_that_takes_long() -> None:
+    sessions, held, let_go = Sessions(), Event(), Event()
+    session = sessions.of("0" * 32)
+
+    def answer() -> None:
+        session.act(lambda: (held.set(), let_go.wait(PATIENCE)))
+
+    answering, closing = Thread(target=answer), Thread(target=sessions.close)
+    answering.start()
+    assert held.wait(PATIENCE)
+    closing.start()
+    closing.join(PATIENCE / 3)
+    assert not closing.is_alive()
+    let_go.set()
+    answering.join()
 
 
 def test_two_columns_cannot_have_one_role(session: Session, swing: Recording) -> None:

@@ -111,6 +111,26 @@
     window.dash_clientside.set_props("notice", { children: text });
   }
 
+  // What somebody did is seen to be worked on until its answer comes; what the page asks by itself, it asks unseen.
+  const ask = window.fetch;
+  let waiting = 0;
+  const wait = (more) => root.classList.toggle("waiting", (waiting += more) > 0);
+  window.fetch = (address, options) => {
+    const gone = "the workbench does not answer any more: start it again in the terminal, then load this page again";
+    const told = (error) => { window.dash_clientside.set_props("notice", { children: gone }); throw error; };
+    const body = typeof options?.body === "string" ? options.body : "";
+    const changed = body.match(/"changedPropIds":\[([^\]]*)\]/)?.[1];
+    if (!changed || /^"[\w-]+\.n_intervals"$/.test(changed)) return ask(address, options).catch(told);
+    wait(1);
+    return ask(address, options).catch(told).finally(() => wait(-1));
+  };
+
+  // Where the stages do not fit in, the one that is shown is in sight.
+  function reveal() {
+    document.querySelector("nav [aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" });
+    return same();
+  }
+
   // Another stage is another page, which begins at its top.
   addEventListener("hashchange", () => scrollTo({ top: 0, behavior: "instant" }));
 
@@ -121,5 +141,5 @@
     document.getElementById("stage").focus();
   }, true);
 
-  window.dash_clientside = { ...window.dash_clientside, app: { session, theme, draw, brush, warm, fragment, swing } };
+  window.dash_clientside = { ...window.dash_clientside, app: { session, theme, draw, brush, reveal, warm, fragment, swing } };
 })();

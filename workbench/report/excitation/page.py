@@ -18,7 +18,7 @@ from workbench.report.section import Section
 
 COLORS = ("--base", "--final", "--low", "--high", "--measured", "--train")  # the baseline's first
 DASHES = ("solid", "dash", "dot")
-TICKS = (0.125, 0.25, 0.5, 1, 1.5, 2, 3, 4, 8)  # of the gains
+TICKS = (0.125, 0.25, 0.5, 1, 2, 4, 8)  # of the gains
 SHOWN = 2  # s of torque and motion
 
 
@@ -74,7 +74,7 @@ def gain_figure(gains: Mapping[str, JSON], base: str) -> Figure:
         })  # fmt: skip
     shapes = [{"type": "line", "x0": 1, "x1": 1, "y0": 0, "y1": 1, "yref": "paper", "line": {"color": "--line"}}]
     layout = {
-        "xaxis": axis(f"gain over {base}, right of 1 is better", type="log", tickvals=TICKS, ticktext=TICKS),
+        "xaxis": axis(f"gain over {base}<br>right of 1 is better", type="log", tickvals=TICKS, ticktext=TICKS),
         "yaxis": {"autorange": "reversed", "type": "category", "automargin": True},
         "scattermode": "group",
         "shapes": shapes,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from textwrap import wrap
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from workbench.report.section import Section
 from workbench.report.words import name, number
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
+BROADEST = 14  # characters of a label's line
 
 
 def errors(case: Case) -> Section:
@@ -100,7 +102,8 @@ def ladder(case: Case, quantity: str, title: str, floor: float | None) -> Figure
         "xaxis": axis(
             "",
             tickvals=list(range(len(steps))),
-            ticktext=labels,
+            ticktext=["<br>".join(wrap(label, BROADEST)) for label in labels],
+            ticklabeloverflow="allow",
             range=[-0.3, len(steps) - 0.7],
             showgrid=False,
             zeroline=False,

@@ -3,13 +3,17 @@
   const root = document.documentElement;
   const plots = [...document.querySelectorAll(".plot")];
   const specs = new Map(plots.map((plot) => [plot, JSON.parse(plot.querySelector("script").textContent)]));
+  const heights = new Map(plots.map((plot) => [plot, plot.offsetHeight]));
   const drawn = new Set();
 
   function draw(plot) {
     const { data, layout } = figures.themed(specs.get(plot));
-    if (!drawn.has(plot)) plot.replaceChildren();
+    if (drawn.has(plot)) return Plotly.react(plot, data, layout, figures.config);
     drawn.add(plot);
-    return Plotly.react(plot, data, layout, figures.config);
+    plot.replaceChildren();
+    const done = Plotly.react(plot, data, layout, figures.config);
+    plot.on("plotly_afterplot", () => figures.grow(plot, heights.get(plot)));
+    return done.then(() => figures.grow(plot, heights.get(plot)));
   }
 
   async function unpack() {

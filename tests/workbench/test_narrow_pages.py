@@ -1,0 +1,108 @@
+"""Every report at the width of a telephone: no plot, legend or label is cut, and what goes on sideways shows it."""
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimators import compare, fit, gather
+from estimators.schemes.identification import identify
+from tests import slow
+from tests.cases import diagnosed
+from tests.patience import wait_until
+from tests.workbench.app.fleets import surveyed
+from tests.workbench.test_report import recorded
+from workbench.cli import main
+from workbench.report import render
+from workbench.report.case import Case
+from workbench.report.comparison import write_comparison_report
+from workbench.report.figure import Figure, axis, line
+from workbench.report.fleet import write_fleet_report
+from workbench.report.page import assemble
+from workbench.report.section import Section
+from workbench.report.sections.errors import ladder
+from workbench.survey import Fleet
+
+sync_api = pytest.importorskip("playwright.sync_api")
+CHROMIUM = shutil.which("chromium")
+if CHROMIUM is None:
+    pytest.skip("chromium is not installed", allow_module_level=True)
+
+TELEPHONE = {"width": 420, "height": 900}  # [px]
+FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync"]
+CUT = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
+  const whole = plot.querySelector(".main-svg").getBoundingClientRect();
+  const beyond = (box) => box.width && (box.left < whole.left - 1 || box.right > whole.right + 1 ||
+    box.top < whole.top - 1 || box.bottom > whole.bottom + 1);
+  const parts = [...plot.querySelectorAll("svg text:not(.modebar *):not(.legendtext), .legend .bg")];
+  const found = parts.filter((part) => beyond(part.getBoundingClientRect())).map((part) => `cut: ${part.textContent}`);
+  const legend = plot.querySelector(".legend .bg")?.getBoundingClientRect();
+  const field = plot.querySelector(".nsewdrag").getBoundingClientRect();
+  if (legend && legend.bottom > field.top + 2) found.push("the legend lies on the plot");
+  const names = [...plot.querySelectorAll(".legendtext")].map((name) => name.getBoundingClientRect());
+  if (names.some((name) => name.bottom > legend.bottom + 2)) found.push("the legend is cut");
+  if (field.height < 60) found.push(`${field.height} px are left to the plot`);
+  return found.map((what) => `${plot.id}: ${what}`);
+})"""
+
+
+def of_a_pendulum(folder: Path) -> str:
+    train, holdout = recorded("run one", 1), recorded("run two", 2)
+    diagnosis = diagnosed([train], [holdout])
+    return render([train], [holdout], diagnosis, identify([train], diagnosis.model.terms))
+
+
+def of_many_curves(folder: Path) -> str:
+    """A legend of ten names, and a ladder of four models with long names."""
+    train, holdout = recorded("run one", 1), recorded("run two", 2)
+    diagnosis = diagnosed([train], [holdout])
+    base, step = diagnosis.steps[:2]
+    several = tuple(replace(step, added=id) for id in ("coulomb_asymmetry", "position_dependent_friction", "stribeck"))
+    case = Case.of([train], [holdout], replace(diagnosis, steps=(base, *several)))
+    time = np.linspace(0.0, 10.0, 50)
+    curves = [line(time, np.sin(k + time), f"a policy with a name, {k}", "--base", "rad") for k in range(10)]
+    many = Figure("many", "Many", curves, {"xaxis": axis("time [s]"), "yaxis": axis("angle [rad]")})
+    figures = [many, ladder(case, "torque_rms", "torque error [N m]", 0.01)]
+    return assemble([Section("course", "Over time", "Many", {"figures": figures})], "curves")
+
+
+def of_a_comparison(folder: Path) -> str:
+    train, holdout = recorded("run one", 1), recorded("run two", 2)
+    model = fit(*gather([train], [holdout])).model
+    write_comparison_report(folder / "page.html", compare(model, [holdout]), [holdout])
+    return (folder / "page.html").read_text(encoding="utf-8")
+
+
+def of_a_fleet(folder: Path) -> str:
+    write_fleet_report(folder / "page.html", Fleet.of(surveyed(folder, weeks=4)))
+    return (folder / "page.html").read_text(encoding="utf-8")
+
+
+def of_an_arm(folder: Path) -> str:
+    assert main(["demo", "--robot", "two-link", "-o", str(folder / "page.html")]) == 0
+    return (folder / "page.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator["sync_api.Page"]:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield browser.new_page(viewport=TELEPHONE)
+        browser.close()
+
+
+@pytest.mark.parametrize(
+    "write", slow.but_first([of_many_curves, of_a_pendulum, of_a_comparison, of_a_fleet, of_an_arm])
+)
+def test_nothing_is_cut(page: "sync_api.Page", tmp_path: Path, write) -> None:
+    (tmp_path / "shown.html").write_text(write(tmp_path), encoding="utf-8")
+    page.goto((tmp_path / "shown.html").as_uri())
+    page.evaluate("() => document.querySelectorAll('details').forEach((one) => one.remove())")  # drawn once opened
+    for place in page.query_selector_all(".plot"):
+        place.scroll_into_view_if_needed()
+        place.wait_for_selector(".nsewdrag", state="attached")
+    wait_until(lambda: not page.evaluate(CUT), lambda: "\n".join(page.evaluate(CUT)))  # heights settle
+    assert page.evaluate("document.documentElement.scrollWidth") <= TELEPHONE["width"]
