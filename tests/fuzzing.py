@@ -7,24 +7,32 @@ is kept in tests/corpus, which the tests read every time; a file there is `READE
 from __future__ import annotations
 
 import argparse
+import errno
 import functools
 import hashlib
 import io
 import json
+import math
 import random
+import shutil
 import signal
 import struct
 import subprocess
 import sys
 import tempfile
 import time
+import warnings
 import zipfile
 from collections.abc import Callable
-from contextlib import suppress
-from pathlib import Path
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from pathlib import Path, PurePosixPath
 from typing import Any
+from unittest import mock
+from xml.sax.saxutils import escape
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
@@ -34,12 +42,19 @@ from agents.network import SHIPPED, Network
 from benchmarks.two_link import TwoLink
 from pendulum_env.arms import read_body
 from pendulum_env.backends.hardware.config import load as load_rig
-from pendulum_env.physics import Model
+from pendulum_env.physics import Model, library, plugin
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording, read_recording, write_recording
+from pendulum_env.recording.columns import named_column
 from pendulum_env.recording.study import read_sources
+from tests.pendulum_env.physics.test_limits import PLUGIN
+from tests.workbench.app.plants import recorded, url, written
+from workbench import cli
 from workbench.inputs import read_suggestion
-from workbench.mistakes import sentence
+from workbench.mistakes import InputError, sentence
+from workbench.report.fleet import write_fleet_report
+from workbench.survey import Dataset, Fleet, find_cases
+from workbench.survey.names import matched
 
 CORPUS = Path(__file__).parent / "corpus"
 MEMORY = 4_000_000_000  # bytes that a reader may map, libraries included
@@ -72,6 +87,163 @@ def train(path: Path) -> Config:
     return Config.of(read_settings(path))
 
 
+# ---------------------------------------------------------------------------------------------- doors of other kinds
+
+
+class Leaving(io.RawIOBase):
+    """A pipe whose reader leaves after so many bytes."""
+
+    def __init__(self, most: float = math.inf) -> None:
+        self.left = most
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        if self.left <= 0:
+            raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+        taken = int(min(len(data), self.left))
+        self.left -= taken
+        return taken
+
+
+def command(*argv: str, until: float = math.inf) -> str:
+    """What a command says, whose reader leaves after so many bytes: nothing, or what is wrong, in a line."""
+    out, err = io.TextIOWrapper(io.BufferedWriter(Leaving(until), 64), "utf-8", write_through=True), io.StringIO()
+    with warnings.catch_warnings(), redirect_stdout(out), redirect_stderr(err):
+        warnings.simplefilter("ignore")  # what Python says of a user's own code
+        code = cli.main(argv)
+    said = err.getvalue()
+    assert (code, said) == (0, "") or (code == 2 and said.count("\n") == 1), (code, said)
+    if code:
+        raise InputError(said.strip())
+    return said
+
+
+def read_plugin(path: Path) -> str:
+    with mock.patch.dict(library._registered), mock.patch.dict(plugin._loaded, clear=True):
+        return command("effects", "--plugin", str(path))
+
+
+@functools.cache
+def swing() -> Recording:
+    return recorded("run", 1, 4.0, rate=250.0)
+
+
+def leave(path: Path) -> Model:
+    """Leave a command after as many bytes as are in a file: it writes its model all the same."""
+    with tempfile.TemporaryDirectory() as folder:
+        source, model = written(swing(), Path(folder)), Path(folder, "model.json")
+        command("identify", str(source.file), "-o", str(model), until=path.stat().st_size)
+        return Model.load(model)
+
+
+def read_name(path: Path) -> object:
+    """A name and what it is to be read as, below each other."""
+    name, _, pattern = path.read_text(errors="replace").partition("\n")
+    return matched(PurePosixPath(name), pattern)
+
+
+def read_expression(path: Path) -> object:
+    return named_column("torque", path.read_text(errors="replace"), ["time", "a/b", "i", "i:A", "-x"])
+
+
+def read_cases(path: Path) -> object:
+    return find_cases([str(path)], argparse.Namespace(columns=None, unwrap=False, max_size=500))
+
+
+def read_rows(path: Path) -> object:
+    """The page of a fleet whose dataset holds a stranger's rows beside its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        dataset = Dataset(Path(folder))
+        dataset.create()
+        if path.suffix == ".json":
+            try:
+                pq.write_table(pa.Table.from_pylist(json.loads(path.read_bytes())), f"{folder}/cases/other.parquet")
+            except Exception:  # no rows that Parquet could hold
+                return None
+        else:
+            shutil.copy(path, f"{folder}/cases/other.parquet")
+        fleet = Fleet.of(dataset)
+        write_fleet_report(Path(folder, "fleet.html"), fleet)
+        dataset.merge()
+        return fleet
+
+
+def rows(kind: str) -> bytes:
+    from tests.workbench.app.fleets import surveyed
+
+    with tempfile.TemporaryDirectory() as folder:
+        dataset = surveyed(Path(folder), 4)
+        told = [row | {"diagnosis": "{}"} for row in dataset.rows()]
+        return json.dumps(told, default=str).encode() if kind == "json" else dataset.parts[0].read_bytes()
+
+
+@functools.cache
+def worked() -> bytes:
+    """A session with a recording and an effect that was added."""
+    from estimators import add
+    from workbench.app.session import Session
+
+    with tempfile.TemporaryDirectory() as folder:
+        session = Session(Path(folder) / "session")
+        session.load([written(swing(), Path(folder))])
+        session.state = session.state.with_step(add(session.state.model, "stribeck", session.state.train))
+        return session.save()
+
+
+def contents() -> bytes:
+    with zipfile.ZipFile(io.BytesIO(worked())) as archive:
+        return archive.read("session.json")
+
+
+def open_session(path: Path) -> object:
+    """A session in a ZIP archive, or what one of JSON says beside a good study and recording."""
+    from workbench.app.session import Session
+
+    content = path.read_bytes()
+    if path.suffix == ".json":
+        packed = io.BytesIO()
+        with zipfile.ZipFile(io.BytesIO(worked())) as good, zipfile.ZipFile(packed, "w") as archive:
+            for name in good.namelist():
+                archive.writestr(name, content if name == "session.json" else good.read(name))
+        content = packed.getvalue()
+    with tempfile.TemporaryDirectory() as folder:
+        session = Session(Path(folder) / "session")
+        session.open(f"{path.name}.zip", url(content))
+        return session.state
+
+
+def read_chain(path: Path) -> object:
+    """A robot in a row: its format, how many joints, and what stands in each."""
+    kind, count, *words = [*path.read_text(errors="replace").split(), *CHAIN.split()][: len(CHAIN.split())]
+    many = range(min(int(count), 20_000) if count.isdecimal() else 3)
+    numbers = dict(zip(("axis", "x", "mass", "inertia", "type"), map(escape, words), strict=True))
+    one = MJCF_JOINT if kind == "mjcf" else URDF_JOINT
+    body = "".join(one.format(k=k, next=k + 1, **numbers) for k in many)
+    whole = (
+        f"<mujoco><worldbody>{body}{'</body>' * len(many)}</worldbody></mujoco>"
+        if kind == "mjcf"
+        else (f'<robot name="chain"><link name="l0"/>{body}</robot>')
+    )
+    robot = path.with_name(f"{path.name}.{'xml' if kind == 'mjcf' else 'urdf'}")
+    robot.write_text(whole)
+    return read_body(robot)
+
+
+CHAIN = "urdf 5 1 -0.2 1.5 0.01 revolute"
+URDF_JOINT = (
+    '<link name="l{next}"><inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/>'
+    '<inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    '<joint name="j{k}" type="{type}"><parent link="l{k}"/><child link="l{next}"/><origin xyz="{x} 0 0"/>'
+    '<axis xyz="0 {axis} 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/></joint>'
+)
+MJCF_JOINT = (
+    '<body name="l{k}" pos="{x} 0 0"><joint name="j{k}" axis="0 {axis} 0"/>'
+    '<inertial pos="{x} 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>'
+)
+
+
 # ------------------------------------------------------------------------------------------------------ good files
 
 
@@ -80,7 +252,7 @@ def signals() -> dict[str, np.ndarray]:
     return {"time": at, "position": np.sin(3 * at), "torque": np.cos(3 * at)}
 
 
-def written(path: Path) -> bytes:
+def stored(path: Path) -> bytes:
     write_recording(Recording("run", **signals()), path)
     return path.read_bytes()
 
@@ -158,7 +330,7 @@ ALL: dict[str, tuple[str, Reader, Callable[[Path], bytes]]] = {  # a file's endi
     "study": (".toml", read_sources, lambda _: STUDY.encode()),
     "training": (".toml", train, lambda _: TRAINING.encode()),
     "policy": (".npz", Network.load, lambda _: (SHIPPED / "peak.npz").read_bytes()),
-    **{f"recording{end}": (end, read_recording, written) for end in (".csv", ".csv.gz", ".npz", ".parquet")},
+    **{f"recording{end}": (end, read_recording, stored) for end in (".csv", ".csv.gz", ".npz", ".parquet")},
     # what a helper reads with the libraries of others
     "recording.mat": (".mat", read_recording, matlab),
     "recording.h5": (".h5", read_recording, hdf5),
@@ -168,7 +340,23 @@ ALL: dict[str, tuple[str, Reader, Callable[[Path], bytes]]] = {  # a file's endi
     "recording.db3": (".db3", read_elbow, functools.partial(bag, kind="sqlite3")),
     "robot.urdf": (".urdf", read_body, lambda _: TwoLink().urdf().encode()),
     "robot.xml": (".xml", read_body, lambda _: MJCF.encode()),
+    "chain": (".txt", read_chain, lambda _: CHAIN.encode()),
+    "plugin": (".py", read_plugin, lambda _: PLUGIN.encode()),
+    "pipe": (".txt", leave, lambda _: b"x" * 500),
+    "names": (".txt", read_name, lambda _: b"arm3/elbow_2026-03-01\n{robot}/*{joint}_{date}"),
+    "expression": (".txt", read_expression, lambda _: b"-i:A*0.091/6+0.1:Nm"),
+    "table": (".csv", read_cases, lambda _: b"file,robot,joint,date\na.csv,one,elbow,2026-03-01\nb.npz,two,,\n"),
+    "dataset.parquet": (".parquet", read_rows, lambda _: rows("parquet")),
+    "dataset.json": (".json", read_rows, lambda _: rows("json")),
+    "session.zip": (".zip", open_session, lambda _: worked()),
+    "session.json": (".json", open_session, lambda _: contents()),
 }
+NAMELESS = (
+    train,
+    read_name,
+    read_expression,
+    read_cases,
+)  # what is wrong there may be told of another file, or of none
 
 
 @functools.cache
@@ -186,8 +374,8 @@ def check(read: Reader, path: Path) -> None:
     except ValueError as error:
         told = sentence(error)
         assert len(told) <= 500 and told.isprintable()
-        if read is not train:  # whose settings may come from elsewhere
-            assert str(path) in str(error)
+        if read not in NAMELESS:
+            assert path.name in str(error)
         assert type(error) is not ValueError or read is train
 
 
@@ -213,7 +401,8 @@ def changed(draw: Any, content: bytes) -> bytes:
             case "end":
                 content = content[:place] if draw(st.booleans()) else content[place:]
             case "again":
-                content = content[:place] + content[place : place + 64] * draw(st.integers(2, 50)) + content[place:]
+                times = draw(st.integers(2, 50) | st.just(3000))
+                content = content[:place] + content[place : place + 64] * times + content[place:]
     return content if draw(st.integers(0, 19)) else draw(st.binary(max_size=40))
 
 

@@ -21,6 +21,7 @@ def test_what_was_found_before_is_read_or_refused_in_one_sentence(path):
     check(reader, path)
 
 
+@pytest.mark.filterwarnings("ignore:Generating overly large repr")
 @pytest.mark.parametrize("name", ALL)
 def test_files_that_were_changed_are_read_or_refused_in_one_sentence(name, tmp_path_factory):
     ending, read, _ = ALL[name]

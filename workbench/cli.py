@@ -13,6 +13,7 @@ from typing import NoReturn, TextIO
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import load_plugin
+from pendulum_env.physics.plugin import fault
 from workbench.commands import COMMANDS, load
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.terminal import Terminal
@@ -91,11 +92,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as done:
         if isinstance(done.code, int) and done.code > 128:  # a signal: see `entry.py`
             return done.code
-        return _complain("a plugin ended it by sys.exit: take that out", BAD_INPUT)
+        return _complain(sentence(fault(done) or InputError("a plugin ended it by sys.exit: take that out")), BAD_INPUT)
     except MISTAKES as mistake:
         if isinstance(mistake, OSError) and mistake.errno == errno.ENOSPC and mistake.filename is None:
             mistake.filename = "standard output"  # whoever writes a file names it
         return _complain(sentence(mistake), BAD_INPUT)
+    except BaseException as error:
+        if (of_plugin := fault(error)) is None:
+            raise
+        return _complain(sentence(of_plugin), BAD_INPUT)
 
 
 def _run(argv: Sequence[str]) -> int:
@@ -113,7 +118,7 @@ def _complain(message: str, code: int) -> int:
     """Say what went wrong, as far as anybody can be told."""
     try:
         sys.stdout.flush()
-    except OSError:
+    except (OSError, ValueError):  # full, or closed by a plugin
         _abandon(sys.stdout)
     try:
         print(f"{PROGRAM}: {message}", file=sys.stderr, flush=True)

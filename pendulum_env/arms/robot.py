@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -86,6 +87,10 @@ def _told(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], b
         raise BodyError(f"is no XML ({error}): a robot is read from URDF or MJCF") from None
     if tree.tag not in ("robot", "mujoco"):
         raise BodyError(f"holds <{tree.tag}>, neither <robot> (URDF) nor <mujoco> (MJCF)")
+    if tree.find(".//include") is not None:
+        raise BodyError(
+            "has an <include>, which is not followed: write all of it into one file, as MuJoCo's compile does"
+        )
     ties = _ties(tree)
     build = pin.buildModelFromUrdf if tree.tag == "robot" else pin.buildModelFromMJCF
     try:
@@ -109,6 +114,8 @@ def _told(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], b
     sliding = [joint for joint in robot if _kind(model, joint) == SLIDES]
     model = _holding(model, still)
     _refuse_others(model)
+    if (option := tree.find("option[@gravity]")) is not None:  # which Pinocchio passes over
+        model.gravity.linear = np.array(_numbers(option.get("gravity", ""), "gravity of <option>", 3))
     ratios = np.array([[leads[link].ratio * (leads[link].joint == joint) for joint in moves] for link in links])
     offsets = np.array([leads[link].offset for link in links])
     places, bodies, kinds = (list(of)[1:] for of in (model.jointPlacements, model.inertias, model.joints))
@@ -226,24 +233,25 @@ def _ties(tree: ElementTree.Element) -> dict[str, _Tie]:
     for joint in tree.iterfind("joint"):
         if (mimic := joint.find("mimic")) is not None:
             name, words = joint.get("name", ""), (mimic.get("multiplier", "1"), mimic.get("offset", "0"))
-            ratio, offset = _numbers(" ".join(words), name)
+            ratio, offset = _numbers(" ".join(words), f"joint '{name}' mimics another by", 2)
             ties[name] = _Tie(mimic.get("joint", ""), ratio, offset)
     if any(link.get("name") is None for link in tree.iterfind("worldbody//body")):
         raise BodyError("a <body> has no name, by which Pinocchio tells them apart: give each one")
     for tie in tree.iterfind("equality/*"):
         name, leader = tie.get("joint1", ""), tie.get("joint2", "")
-        offset, ratio, *higher = _numbers(f"{tie.get('polycoef', '0 1')} 0 0", name)
+        offset, ratio, *higher = _numbers(f"{tie.get('polycoef', '0 1')} 0 0", f"joint '{name}' mimics another by")
         if tie.tag != "joint" or not leader or any(higher):
             raise BodyError(f"<{tie.tag}> of <equality> closes a loop, which cannot be identified: leave it out")
         ties[name] = _Tie(leader, ratio, offset)
     return ties
 
 
-def _numbers(text: str, joint: str) -> list[float]:
-    try:
-        return [float(word) for word in text.split()]
-    except ValueError:
-        raise BodyError(f"joint '{joint}' mimics another by {shown(text)}: give numbers") from None
+def _numbers(text: str, what: str, count: int | None = None) -> list[float]:
+    with suppress(ValueError):
+        numbers = [float(word) for word in text.split()]
+        if count in (None, len(numbers)):
+            return numbers
+    raise BodyError(f"{what} {shown(text)}: give {'' if count is None else f'{count} '}numbers")
 
 
 def _refuse_others(model: Any) -> None:

@@ -8,6 +8,7 @@ from importlib.metadata import entry_points
 from types import ModuleType
 
 from pendulum_env.lookup import find
+from pendulum_env.mistake import told
 from pendulum_env.physics.actuation import (
     ActuatorLag,
     BackEmf,
@@ -82,8 +83,10 @@ def _installed() -> tuple[type[Term], ...]:
     for point in entry_points(group=ENTRY_POINTS):
         try:
             kind = point.load()
-        except Exception as error:  # whatever another package does wrong must not end this one
-            warnings.warn(f"the effects of '{point.value}' cannot be loaded: {error}", stacklevel=2)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever another package does wrong must not end this one
+            warnings.warn(f"the effects of '{point.value}' cannot be loaded: {told(error)}", stacklevel=2)
             continue
         if isinstance(kind, type) and issubclass(kind, Term):
             found.append(kind)

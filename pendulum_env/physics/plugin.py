@@ -5,11 +5,17 @@ from __future__ import annotations
 import importlib.util
 import sys
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from pendulum_env.mistake import Mistake
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.mistake import Mistake, told
 from pendulum_env.physics import library
-from pendulum_env.physics.term import Term
+from pendulum_env.physics.term import Samples, Term
+from pendulum_env.reading import shown
 
 _loaded: dict[Path, tuple[type[Term], ...]] = {}
 
@@ -29,8 +35,11 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
     file = Path(path).resolve()
     if file not in _loaded:
         before = set(library.effects().values())
-        _run(file, path)
-        kinds = tuple(kind for kind in library.effects().values() if kind not in before)
+        with _telling(file, path):
+            _run(file, path)
+            kinds = tuple(kind for kind in library.effects().values() if kind not in before)
+            for kind in kinds:
+                _try(kind)
         if not kinds:
             raise PluginError(f"{path}: registers no effect: put @register from pendulum_env.physics above its class")
         _loaded[file] = kinds
@@ -40,6 +49,11 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
 def plugins() -> tuple[Path, ...]:
     """Files whose effects this process knows: what a process that it starts has to load, too."""
     return tuple(_loaded)
+
+
+def fault(error: BaseException) -> PluginError | None:
+    """What an effect of a file did wrong where it was used; None if the error does not come from one."""
+    return next((_fault(error, file, file) for file in _loaded if _lines(error, file)), None)
 
 
 def _run(file: Path, path: str | Path) -> None:
@@ -52,11 +66,38 @@ def _run(file: Path, path: str | Path) -> None:
     try:
         spec.loader.exec_module(module)
     except SyntaxError as error:
-        raise PluginError(f"{path}, line {error.lineno}: {error.msg}") from None
-    except KeyboardInterrupt:
+        where = f", line {error.lineno}" if error.lineno else ""
+        raise PluginError(f"{path}{where}: {error.msg}") from None
+
+
+def _try(kind: type[Term]) -> None:
+    """See that words are words, and that each law gives a torque for each sample."""
+    words = {name: getattr(kind, name) for name in ("id", "law", "kind", "reveal")}
+    if wrong := [name for name, word in words.items() if not isinstance(word, str)]:
+        raise TypeError(f"{wrong[0]} of {kind.__name__} is {shown(words[wrong[0]])}: it has to be a text")
+    time: Array = np.arange(1000) / 100.0
+    x = Samples(time, np.sin(time), np.cos(time), np.sin(3 * time))
+    for term in kind.grid(x, x.torque):
+        for column in () if term.remembers else (*term.columns, *term.fixed):
+            np.broadcast_to(np.asarray(column.torque(x, x.torque), dtype=float), time.shape)
+
+
+@contextmanager
+def _telling(file: Path, path: str | Path) -> Iterator[None]:
+    """Whatever a user's file does wrong is told in a sentence, sys.exit as well."""
+    try:
+        yield
+    except (KeyboardInterrupt, PluginError):
         raise
-    except BaseException as error:  # whatever a user's file does wrong is told in a sentence, sys.exit as well
-        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
-        where = f", line {lines[-1]}" if lines else ""
-        told = "".join(traceback.format_exception_only(error)).strip()  # of any exception, even if it cannot say it
-        raise PluginError(f"{path}{where}: {told}") from None
+    except BaseException as error:
+        raise _fault(error, file, path) from None
+
+
+def _fault(error: BaseException, file: Path, path: str | Path) -> PluginError:
+    where = f", line {lines[-1]}" if (lines := _lines(error, file)) else ""
+    return PluginError(f"{path}{where}: {told(error)}")
+
+
+def _lines(error: BaseException, file: Path) -> list[int | None]:
+    """Lines of a file that an error came through."""
+    return [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]

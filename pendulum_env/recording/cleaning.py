@@ -21,6 +21,7 @@ SAMPLE = 100_000  # deviations that tell what is usual
 FAR = 10.0  # times what the neighbours and the rest of the recording show, from which a sample is a glitch
 PAUSE = 1.0  # [s] between runs whose clocks all begin anew
 MOVING = 3.0  # times the usual deviation from steady motion that a step has, if the joint is sure to move
+SAME = 1e-6  # of the usual step of time, up to which it stands still
 ALIKE = 0.25  # of a step, up to which others are the same motion
 
 
@@ -117,9 +118,9 @@ def ordered(values: dict[str, Array], rows: Rows) -> tuple[dict[str, Array], Row
             f"time falls from {time[first]:.9g} to {time[first + 1]:.9g} s at data row {rows[first + 1]} "
             "(header not counted): sort the rows, or name a column segment that counts the runs"
         )
-    if steps.min() > 0:
+    new = np.append(True, steps > SAME * np.median(steps))
+    if new.all():
         return values, rows, ()
-    new = np.append(True, steps > 0)
     if np.count_nonzero(new) < 2:
         raise RecordingError(f"time is {time[0]:.9g} s in every row: write it with more decimals")
     note = f"time repeats that of the row before in {rows_of(np.asarray(rows)[~new])}: left out"

@@ -11,7 +11,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
-from pendulum_env.recording.expression import Expression, UnknownColumnError, UnknownUnitError, letters, parse
+from pendulum_env.recording.expression import (
+    LONGEST_UNIT,
+    Expression,
+    UnknownColumnError,
+    UnknownUnitError,
+    letters,
+    parse,
+)
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.vocabulary import (
     ALIASES,
@@ -276,9 +283,6 @@ def named_column(quantity: str, text: str, headers: Sequence[str]) -> Column:
     if expression.offset_unit is not None and letters(expression.offset_unit) in raw:
         raise ColumnError(f"the offset in {text.strip()!r} is added after the gain: give it in {SI[quantity]}")
     return Column(quantity, name, names.index(name), unit, expression=expression)
-
-
-LONGEST_UNIT = 64  # characters at the end of a name: to search a long one takes the square of its length
 
 
 def _unit_at_the_end(units: Mapping[str, float], name: str) -> str | None:

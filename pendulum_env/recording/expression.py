@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pendulum_env.recording.record import ColumnError
 
 GRAMMAR = "NAME:UNIT*GAIN/RATIO+OFFSET:UNIT"
+LONGEST_UNIT = 64  # characters: to look for one in a long text takes the square of its length
 NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|pi\b")
 FACTOR = re.compile(rf"\s*([*/])\s*([+-]?(?:{NUMBER.pattern})|\?)\s*")
 OFFSET = re.compile(rf"\s*([+-])\s*({NUMBER.pattern})\s*(?::(.*))?$", re.S)
@@ -134,7 +135,7 @@ def _unit(text: str, units: Collection[str]) -> tuple[str, str]:
 
     Units contain signs, too: `rad/s/6` is radians per second, a sixth of them.
     """
-    ends = [*(match.start() for match in re.finditer(r"[*/+-]", text)), len(text)]
+    ends = [*(match.start() for match in re.finditer(r"[*/+-]", text[:LONGEST_UNIT])), len(text)]
     for end in reversed(ends):
         unit = text[:end].strip()
         if letters(unit) in units and unit[-1] not in "*/+-":

@@ -202,6 +202,8 @@ def read_here(path: Path, find: Find) -> Table:
         raise
     except MemoryError:
         raise RecordingError(f"it takes more memory than there is: {REMEDY}") from None
+    except UnicodeEncodeError:
+        raise RecordingError("its name is no UTF-8, which libraries need: rename it") from None
     except Exception as error:  # a damaged file may fail anywhere in zlib, zipfile, numpy or arrow
         raise RecordingError(
             f"it cannot be read as {suffix} ({one_line(error)}): it may be damaged, export it again"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from pendulum_env.physics import plugin
 from tests.disks import full_after
 from tests.patience import PATIENCE
 from workbench.cli import main
@@ -67,6 +68,17 @@ def test_an_effect_that_ends_the_program_is_told(monkeypatch, capsys, code):
     monkeypatch.setattr("workbench.commands.effects.run", lambda arguments, terminal: sys.exit(code))
     assert main(["effects"]) == 2
     assert capsys.readouterr().err == "pendulum-ident: a plugin ended it by sys.exit: take that out\n"
+
+
+@pytest.mark.parametrize("what", ["SystemExit(0)", "BaseException('x')", "ZeroDivisionError"])
+def test_what_an_effect_of_a_file_does_wrong_is_told_with_its_line(monkeypatch, capsys, tmp_path, what):
+    path, module = tmp_path / "mine.py", {}
+    exec(compile(f"def law(*_):\n    raise {what}\n", path, "exec"), module)
+    monkeypatch.setattr(plugin, "_loaded", {path: ()})
+    monkeypatch.setattr("workbench.commands.effects.run", module["law"])
+    assert main(["effects"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"pendulum-ident: {path}, line 2: {what[:9]}") and error.count("\n") == 1
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import socket
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Thread
@@ -26,6 +27,7 @@ log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")  # by which a browser may call it; another name is a trick of a foreign page
 LARGEST = 4 * UPLOAD // 3 + 1_000_000  # bytes of a request: an upload in base64, and what goes with it
+SILENCE = 60.0  # [s] in the middle of a request, after which it is not waited for
 POLICY = (  # nothing comes from elsewhere, and nothing goes there
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self'; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
@@ -67,7 +69,8 @@ def _excuse(error: Exception) -> None:
     if isinstance(error, MISTAKES):
         text = sentence(error)
     else:
-        log.error("an answer to the page failed", exc_info=error)
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        log.error("an answer to the page failed: %s, in %s, line %d", _told(error), last.filename, last.lineno)
         text = "something went wrong, which the terminal tells: load the page again"
     set_props("notice", {"children": text})
 
@@ -80,13 +83,13 @@ def _guard(server: flask.Flask) -> None:
     def senseless(error: Exception) -> flask.Response | HTTPException:
         if isinstance(error, HTTPException):
             return error
-        log.warning("a request made no sense: %s", " ".join(repr(error).split())[:200])
+        log.warning("a request made no sense: %s", _told(error))
         return flask.Response("this request makes no sense", status=400, mimetype="text/plain")
 
     @server.before_request
     def only_from_here() -> None:
-        asked = [f"//{flask.request.host}", *flask.request.headers.getlist("Origin")]
-        if any(urlsplit(address).hostname not in NAMES for address in asked):
+        own = f"http://{flask.request.host}"
+        if urlsplit(own).hostname not in NAMES or any(one != own for one in flask.request.headers.getlist("Origin")):
             flask.abort(403)
 
     @server.after_request
@@ -97,10 +100,17 @@ def _guard(server: flask.Flask) -> None:
         return response
 
 
-class _Silent(WSGIRequestHandler):
-    """Says nothing about requests that went well."""
+def _told(error: Exception) -> str:
+    """What failed in a line, whatever a request had in it."""
+    return sentence(InputError(repr(error)))
 
-    def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
+
+class _Silent(WSGIRequestHandler):
+    """Says nothing about requests, and ends those that do not go on."""
+
+    timeout = SILENCE
+
+    def log(self, type: str, message: str, *args: object) -> None:
         """Say nothing."""
 
 

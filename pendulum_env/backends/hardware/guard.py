@@ -187,8 +187,7 @@ class Guard:
             )
         if overruns > self.limits.overruns:
             self.trip(
-                f"{overruns} ticks were missed, {self.limits.overruns} are allowed (limits.overruns): lower the rate, "
-                "or free the machine of other work",
+                f"{overruns} ticks were missed, {self.limits.overruns} are allowed (limits.overruns): {self._remedy}",
                 braking=True,
             )
 
@@ -196,7 +195,13 @@ class Guard:
         """Who kept the loop waiting for so long [s]: the drive if most of it passed between question and answer."""
         if self._waited > 0.5 * passed:
             return f"{1e3 * self._waited:.0f} ms of it the drive took to answer, or the program was held up meanwhile"
-        return "the program was held up or is too slow for its rate"
+        return f"the program was held up or is too slow for its rate: {self._remedy}"
+
+    @property
+    def _remedy(self) -> str:
+        """What helps a loop that is late."""
+        more = "" if self.config.realtime else ", or ask for real-time priority (realtime = true)"
+        return f"lower the rate, free the machine of other work{more}"
 
     def disable(self, why: str = "disabled", level: int = logging.INFO, *, brake: bool = False) -> None:
         """Zero torque and no power, braked first if asked to; never raises: it is the last resort everywhere."""

@@ -78,6 +78,19 @@ AXIS = """<robot name="axis"><link name="base"/><link name="carriage"><inertial>
 <limit lower="-1" upper="1" effort="500" velocity="1"/></joint></robot>"""
 
 
+def test_gravity_of_mjcf_is_that_of_the_file(tmp_path):
+    spec = mujoco.MjSpec.from_string(urdf(TORSO[:3]))
+    spec.option.gravity = [0.5, 3.0, -9.0]
+    model = spec.compile()
+    body, data = read_body(written(tmp_path, spec.to_xml(), "arm.xml")), mujoco.MjData(model)
+    data.qpos[:] = q = np.linspace(-0.4, 0.5, model.nq)
+    mujoco.mj_forward(model, data)
+    still = np.zeros((1, len(body.joints)))
+    assert body.torque(q[None], still, still)[0] @ body.values == pytest.approx(data.qfrc_bias, abs=1e-4)
+    with pytest.raises(BodyError, match=r"gravity of <option> '0\.5 3': give 3 numbers"):
+        read_body(written(tmp_path, spec.to_xml().replace("0.5 3 -9", "0.5 3"), "arm.xml"))
+
+
 def test_a_joint_that_slides_is_said_in_metres_and_newtons(tmp_path):
     body = read_body(written(tmp_path, urdf(TORSO)), joints=moving(TORSO), rotors=True)
     assert body.slides == (True, False, False)
@@ -122,9 +135,14 @@ def floating(text):
         (urdf(PARALLEL), {"joints": ["shoulder", "right"]}, "'right' mimics 'left': name that one"),
         (urdf(PARALLEL).replace('joint="left" m', 'joint="right" m'), {}, "'right' mimics itself in a loop"),
         (urdf(PARALLEL).replace('joint="left" m', 'joint="none" m'), {}, "'right' mimics 'none', which is no joint"),
-        (urdf(PARALLEL).replace('multiplier="1.0"', 'multiplier="one"'), {}, "mimics another by 'one 0.0': give num"),
+        (urdf(PARALLEL).replace('multiplier="1.0"', 'multiplier="one"'), {}, "mimics another by 'one 0.0': give 2 num"),
         (floating(urdf(PARALLEL)), {}, "'shoulder' lets the base float: say --base fixed"),
         (floating(urdf(PARALLEL)), {"joints": ["elbow"]}, "'shoulder' lets the base float: say --base fixed"),
+        (
+            "<mujoco><include file='arm.xml'/></mujoco>",
+            {},
+            "<include>, which is not followed: write all of it into one",
+        ),
         (urdf(PARALLEL).replace('type="revolute"', 'type="planar"', 1), {}, "'shoulder' is Planar: .*--joints A,B,C"),
     ],
 )

@@ -110,6 +110,11 @@ def test_a_file_of_effects_is_known_and_may_be_loaded_twice(tmp_path, own_librar
         ("import sys\nsys.exit(0)\n", "line 2: SystemExit: 0"),
         ("raise BaseException('x')\n", "line 1: BaseException: x"),
         ("class E(Exception):\n    def __str__(self): raise ValueError\nraise E\n", "line 3: .*E: <exception str"),
+        ("\0", "py: source code string cannot contain null bytes"),
+        (PLUGIN.replace('"c q\'^3"', "None"), "law of Cubic is None: it has to be a text"),
+        (PLUGIN.replace("x.velocity**3", "None"), "TypeError: unsupported operand"),
+        (PLUGIN.replace("x.velocity**3", "x.velocity[:3]"), "ValueError: operands could not be broadcast"),
+        (PLUGIN.replace("x.velocity**3", "exit(0)"), "line 17: SystemExit: 0"),
     ],
 )
 def test_a_file_that_is_of_no_use_is_refused(tmp_path, own_library, content, what):
@@ -120,6 +125,23 @@ def test_a_file_that_is_of_no_use_is_refused(tmp_path, own_library, content, wha
     with pytest.raises(PluginError, match="no Python file"):
         load_plugin(tmp_path / "absent.py")
     assert not plugin.plugins()  # or each process that is started would stumble over it
+
+
+class OfAPackage:
+    value = "package.effects"
+
+    def load(self):
+        class NoText(BaseException):
+            def __str__(self):
+                raise ValueError
+
+        raise NoText
+
+
+def test_a_package_whose_effects_cannot_be_loaded_ends_nothing(monkeypatch):
+    monkeypatch.setattr(library, "entry_points", lambda group: [OfAPackage()])
+    with pytest.warns(UserWarning, match="'package.effects' cannot be loaded: .*NoText: <exception str"):
+        assert library._installed.__wrapped__() == ()
 
 
 def test_a_transmission_is_also_told_as_a_spring_and_a_damper():

@@ -190,3 +190,8 @@ def test_one_of_several_joints_has_to_be_chosen() -> None:
     named = {"position": "/joint_states/position[1]", "torque": "-/joint_states/effort[1]*2"}
     columns = find_columns(["__time", *headers], named)
     assert (columns["position"].index, columns["torque"].index, columns["torque"].scale) == (2, 5, -2.0)
+
+
+def test_a_long_expression_takes_no_more_than_its_length():
+    with pytest.raises(RecordingError, match="unit 'V' of position is not known"):
+        find_columns(["time", "q", "torque"], {"position": "q:V" + "/6+0.1:Nm" * 100_000})

@@ -431,6 +431,15 @@ def test_misnamed_and_foreign_text(tmp_path: Path) -> None:
         read_recording(path)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are text")
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_name_that_is_no_utf_8_is_told(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"\udcff{ending}"
+    path.write_bytes(b"time,position,torque\n")
+    with pytest.raises(RecordingError, match="its name is no UTF-8, which libraries need: rename it"):
+        read_recording(path)
+
+
 @pytest.mark.parametrize(
     ("change", "match"),
     [

@@ -150,9 +150,11 @@ def test_topics_in_rows_of_their_own_are_brought_together(tmp_path: Path) -> Non
     assert "torque stands in other rows than position: taken as it was last" in recording.notes
 
 
-def test_rows_that_came_twice_are_left_out(save) -> None:
+@pytest.mark.parametrize("later", [0.0, 1e-12, 1e-10])
+def test_rows_that_came_twice_are_left_out(save, later) -> None:
     columns = motion(np.arange(5000) / 1000)
     twice = {quantity: np.repeat(values, 1 + (np.arange(5000) % 1000 == 7)) for quantity, values in columns.items()}
+    twice["time"][8] += later
     recording = read_recording(save(twice))
     np.testing.assert_array_equal(recording.position, columns["position"])
     assert recording.notes[0].startswith("time repeats that of the row before in 5 data rows (9, 1010,")

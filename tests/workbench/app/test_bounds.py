@@ -4,8 +4,10 @@ import json
 import os
 import shutil
 import signal
+import socket
 from collections import namedtuple
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from plotly.utils import PlotlyJSONEncoder
 
 from tests.fuzzing import Page
 from tests.workbench.app.plants import files_of, upload
+from workbench.app import server
 from workbench.app import session as session_module
 from workbench.app import sessions as sessions_module
 from workbench.app.jobs import Job, Workers
@@ -102,6 +105,35 @@ def test_a_file_that_has_vanished_is_a_sentence_and_no_failure():
         assert answer.status_code == 400
     finally:
         page.close()
+
+
+@pytest.mark.parametrize(
+    "begun", [b"GET / HT", b"GET / HTTP/1.1\r\nHost: a", b"POST / HTTP/1.1\r\nContent-Length: 9\r\n\r\n{"]
+)
+def test_a_request_that_does_not_go_on_is_not_waited_for(monkeypatch, capfd, begun):
+    monkeypatch.setattr(server._Silent, "timeout", 0.05)
+    here = server.Server()
+    thread = Thread(target=here._server.serve_forever)
+    thread.start()
+    with socket.create_connection(here._server.server_address, PATIENCE) as half:
+        half.sendall(begun)
+        while half.recv(1000):
+            pass  # ends when the server has closed its side
+    here._server.shutdown()
+    thread.join()
+    here.close()
+    assert capfd.readouterr().err == ""
+
+
+def test_a_fault_of_a_callback_is_one_line_on_the_terminal(caplog):
+    page = Page()
+    try:
+        (one,) = [one for one in page.callbacks if one["inputs"][0]["id"] == "card-load"]
+        assert page.ask(one, [1] * 99) == 200
+    finally:
+        page.close()
+    (record,) = caplog.records
+    assert "IndexError" in record.getMessage() and record.exc_info is None and "\n" not in record.getMessage()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of Unix")

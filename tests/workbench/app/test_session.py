@@ -437,7 +437,10 @@ def test_only_this_computer_is_answered() -> None:
     assert client.get("/").status_code == 200
     assert client.get("/", headers={"Host": "localhost:8050"}).status_code == 200
     assert client.get("/", headers={"Host": "rebound.example"}).status_code == 403
-    assert client.post("/_dash-update-component", headers={"Origin": "https://other.example"}).status_code == 403
+    for origin in ("https://other.example", "http://localhost:8051", "https://localhost:8050", "null"):
+        foreign = {"Host": "localhost:8050", "Origin": origin}
+        assert client.post("/_dash-update-component", headers=foreign).status_code == 403
+    assert client.get("/", headers={"Host": "localhost:8050", "Origin": "http://localhost:8050"}).status_code == 200
     page = client.get("/")
     assert "default-src 'self'" in page.headers["Content-Security-Policy"]
     assert "https://" not in page.text and "http://" not in page.text.replace("http://www.w3.org", "")
