@@ -124,9 +124,11 @@ def _numbers(arrays: Mapping[str, NDArray[Any]], name: str, axes: int) -> Array:
     array = arrays[name]
     if array.dtype.kind not in "iuf" or array.ndim != axes or not array.size:
         raise ValueError(f"{name} has type {shown(str(array.dtype))} and shape {shown(array.shape)}")
-    if not (np.abs(array) <= LARGEST_WEIGHT).all():  # nor NaN
+    with np.errstate(over="ignore"):
+        numbers = array.astype(float)
+    if not (np.abs(numbers) <= LARGEST_WEIGHT).all():  # nor NaN
         raise ValueError(f"{name} holds a number that is not finite, or beyond {LARGEST_WEIGHT:g}")
-    return array.astype(float)
+    return numbers
 
 
 def load(name: str) -> Network:

@@ -269,6 +269,7 @@ def edited(**changes: object) -> Callable[[dict[str, Any]], None]:
         (edited(weight1=np.zeros((64, 63))), r"weight1 has shape \(64, 63\), where \(64, 64\) follows"),
         (edited(weight1=np.full((64, 64), np.inf)), "weight1 holds a number that is not finite"),
         (edited(weight1=np.full((64, 64), 1e30)), r"weight1 holds a number that is not finite, or beyond 1e\+06"),
+        (edited(bias0=np.full(64, np.longdouble("1e4000"))), "bias0 holds a number that is not finite"),
         (edited(bias0=np.zeros((64, 1))), "bias0 has type"),
         (edited(bias0=np.zeros(0)), "bias0 has type"),
         (edited(bias0=np.zeros(64, dtype=complex)), "bias0 has type 'complex128'"),
@@ -282,6 +283,14 @@ def test_what_makes_no_policy_is_refused_with_the_reason(tmp_path: Path, edit: A
     np.savez(path, **arrays)
     with pytest.raises(Unreadable, match=rf"policy\.npz: is no policy: {match}"):
         Network.load(path)
+
+
+def test_numbers_of_a_policy_may_be_of_any_kind(tmp_path: Path) -> None:
+    path = tmp_path / "policy.npz"
+    with np.load(SHIPPED / "peak.npz") as file:
+        np.savez(path, **{k: v.astype(np.float16) if v.dtype.kind == "f" else v for k, v in file.items()})
+    for weight, own in zip(Network.load(path).weights, Network.load(SHIPPED / "peak.npz").weights, strict=True):
+        np.testing.assert_allclose(weight, own, rtol=1e-3, atol=1e-6)
 
 
 def test_a_policy_cut_or_with_a_flipped_byte_is_never_used(tmp_path: Path) -> None:

@@ -1,6 +1,10 @@
 """Input that once ended a command in a traceback, a hang, gigabytes or a wrong result: now one line and exit 2."""
 
 import json
+import os
+import signal as signals
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -9,6 +13,7 @@ import numpy as np
 import pytest
 
 from agents.config import Config
+from pendulum_env import isolated
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording, write_recording
 from workbench.cli import main
@@ -227,6 +232,41 @@ def test_a_recording_above_the_size_that_is_allowed_is_refused_with_the_option(
     assert "run.csv" in refused(["identify", "run.csv", "--max-size", "1"], "allow more by --max-size", capsys)
     Path("study.toml").write_text('[[recording]]\nfile = "run.csv"\n')
     assert "run.csv" in refused(["identify", "study.toml", "--max-size", "1"], "allow more by --max-size", capsys)
+
+
+def killed(helper: Any, *arguments: Any) -> Any:
+    os.kill(helper._process.pid, signals.SIGKILL)
+    return HEARD(helper, *arguments)
+
+
+HEARD = isolated._Helper._heard
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits and signals of Linux")
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (("PATIENCE", 0), "run.npz: it takes more than 20 s to read: shorten it"),
+        (("ROOM", -499_000_000), "memory"),  # some library or other finds none
+        (("_Helper._heard", killed), "run.npz: what reads it crashed (SIGKILL): it is damaged, or takes more than"),
+    ],
+    ids=["clock", "memory", "kill"],
+)
+def test_whatever_ends_the_process_that_reads_a_file_is_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    change: tuple[str, Any],
+    reason: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(100_000) / 1000
+    write_recording(Recording("run", time, np.sin(3 * time), np.cos(3 * time)), "run.npz")
+    isolated._end()
+    monkeypatch.setattr(f"pendulum_env.isolated.{change[0]}", change[1])
+    refused(["identify", "run.npz", "-o", "model.json"], reason, capsys)
+    isolated._end()  # as at the end of a command
+    assert subprocess.run(["pgrep", "-P", str(os.getpid()), "-f", "serve[(][)]"]).returncode == 1
 
 
 def test_a_sentence_is_short_and_holds_nothing_that_a_terminal_obeys() -> None:

@@ -232,6 +232,26 @@ def test_a_file_that_no_survey_wrote_is_one_row_that_says_so(folder, tmp_path, c
     assert told.count("it is damaged, or no survey wrote it") == 9
 
 
+@pytest.mark.skipif(os.name != "posix", reason="pipes of Unix")
+def test_a_pipe_in_a_dataset_is_not_waited_for(tmp_path):
+    dataset = Dataset(tmp_path)
+    dataset.create()
+    os.mkfifo(tmp_path / "cases" / "pipe.parquet")
+    assert [row["name"] for row in dataset.rows()] == ["cases/pipe.parquet"]
+
+
+@pytest.mark.parametrize("most", ["MOST", "LARGEST"])
+def test_a_dataset_is_read_up_to_its_bounds(tmp_path, monkeypatch, most):
+    dataset = Dataset(tmp_path)
+    dataset.create()
+    told = {"date": BEGAN, "finished": BEGAN, "status": "refused"}
+    dataset.append([{**dict.fromkeys(stored.SCHEMA.names), **told, "name": str(k)} for k in range(1000)])
+    assert len(dataset.rows()) == 1000
+    monkeypatch.setattr(stored, most, {"MOST": 999, "LARGEST": 50_000}[most])
+    (row,) = dataset.rows()
+    assert row["name"].startswith("cases/") and "no survey wrote it" in row["reason"]
+
+
 def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_path, client):
     elbow = folder / "arm" / "elbow"
     for name, text in (("2026-01-05", "corrupt"), ("2026-01-12", "full"), ("2026-01-19", "fault")):

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pendulum_env.files import replacing, write_whole
+from pendulum_env.reading import regular_size
 from workbench.mistakes import printable
 from workbench.survey.cases import file_time
 
@@ -71,7 +72,8 @@ SCHEMA = pa.schema(
 OWN = ("name", "status", "verdict", "date", "finished")  # columns without which no row makes sense
 FULL = {"selected": (), "candidates": ("effect", "verdict"), "parameters": ("name", "value", "unit")}  # lists, likewise
 FILES = 16  # that a dataset is left with: each takes two milliseconds whenever it is read
-GROUP = 500  # rows that are copied at a time
+GROUP = 500  # rows that are read at a time
+MOST, LARGEST = 500_000, 2_000_000_000  # rows of a file, and bytes of them in memory: some 2 kB each
 
 
 @dataclass(frozen=True)
@@ -144,9 +146,16 @@ def _last(rows: Iterable[Row]) -> dict[str, Row]:
 
 def _rows(path: Path, columns: Collection[str]) -> list[dict[str, Any]]:
     """Rows of a file; none if it is damaged, or no survey wrote it: its cases are then diagnosed again."""
+    rows: list[dict[str, Any]] = []
     try:
+        left = LARGEST - regular_size(path, LARGEST)  # nor is a pipe waited for
         with pq.ParquetFile(path) as file:
-            rows: list[dict[str, Any]] = _chosen(file.read(columns=list(columns)), columns).to_pylist()
+            for batch in file.iter_batches(GROUP, columns=list(columns)) if file.metadata.num_rows <= MOST else ():
+                table = _chosen(pa.Table.from_batches([batch]), columns)
+                left -= table.nbytes  # what stands there often is stored once
+                if left < 0:
+                    return []
+                rows += table.to_pylist()
     except (OSError, ValueError, KeyError, OverflowError, pa.ArrowException):
         return []
     return rows if all(map(_makes_sense, rows)) else []
