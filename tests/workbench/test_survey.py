@@ -9,6 +9,7 @@ import subprocess
 import sys
 from datetime import UTC, datetime, timedelta
 from itertools import product
+from pathlib import PurePosixPath
 
 import numpy as np
 import pyarrow as pa
@@ -27,6 +28,7 @@ from workbench.mistakes import InputError
 from workbench.report.fleet import write_fleet_report
 from workbench.survey import Dataset, Fleet, Settings, find_cases, survey, work
 from workbench.survey import dataset as stored
+from workbench.survey.names import matched
 from workbench.survey.run import watch
 from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
 from workbench.survey.work import examined
@@ -409,9 +411,17 @@ def test_loops_of_links_and_names_that_are_no_text_cost_no_other_case(folder, tm
     assert "arm/elbow/2026-01-05 \\udcff\\x1b.csv" in {row["name"] for row in dataset.rows(["name"])}
     assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6
     assert len(cases(folder / "**" / "*.csv")) == 6  # `**` goes round no loop either
-    with pytest.raises(InputError, match=r"holds more than 3 \*: write names as"):
-        cases(folder, options=["--names", "*a*a*a*a*a*b"])
+    for pattern in ("*a*a*a*a*a*b", "*{robot}*{joint}*{date}{kind}b"):
+        with pytest.raises(InputError, match=r"holds more than 4 words and \* between slashes: write names as"):
+            cases(folder, options=["--names", pattern])
     assert len(cases(folder, options=["--names", "*" * 100 + "{joint}/" + "*" * 100])) == 7
+
+
+def test_a_long_path_is_soon_found_not_to_match():
+    long = PurePosixPath("/".join(["a" * 100] * 5 + ["b.csv"]))
+    with pytest.raises(InputError, match="does not read as"):
+        matched(long, "{robot}*/{joint}*/{kind}*/{date}*/*/c")
+    assert matched(PurePosixPath("x/a_b/c-1.csv"), "*_*/{joint}-{date}") == {"joint": "c", "date": "1"}
 
 
 def test_a_table_and_a_study_say_what_no_path_does(tmp_path):

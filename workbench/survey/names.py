@@ -13,7 +13,7 @@ from workbench.mistakes import InputError
 
 LABELS = ("robot", "joint", "kind", "date")
 DATE = re.compile(r"(?<!\d)(\d{4})(-?)(\d\d)\2(\d\d)(?:[T_ -](\d\d)[-:h]?(\d\d)(?:[-:m]?(\d\d))?)?(?!\d)")
-STARS = 3  # in a pattern: every further one multiplies the ways in which a name can be tried
+WILD = 4  # words and stars between slashes: every further one multiplies the ways in which a name can be tried
 
 
 def date_of(text: str) -> datetime | None:
@@ -60,19 +60,23 @@ def matched(path: PurePosixPath, pattern: str) -> dict[str, str]:
 
 @cache
 def _expression(pattern: str) -> re.Pattern[str]:
-    parts = re.split(r"(\{\w*\}|\*+)", pattern)
-    words = [part[1:-1] for part in parts[1::2] if part[0] == "{"]
-    hint = "write names as {robot}/{joint}_{date}"
-    if len(parts[1::2]) - len(words) > STARS:
-        raise InputError(f"{pattern}: holds more than {STARS} *: {hint}, or use a table")
     try:
-        for word in words:
-            find("part of a name", word, dict.fromkeys(LABELS))
-        wild = [f"(?P<{part[1:-1]}>[^/]+?)" if part[0] == "{" else "[^/]*" for part in parts[1::2]]
-        plain = map(re.escape, parts[::2])
-        return re.compile("(?:.*/)?" + next(plain) + "".join(a + b for a, b in zip(wild, plain, strict=True)))
+        folders = (f"(?>{_folder(folder)}(?=/|\\Z))" for folder in pattern.split("/"))  # each is tried by itself
+        return re.compile("(?:.*/)?" + "/".join(folders))
     except (ValueError, re.error) as error:
-        raise InputError(f"{pattern}: {error}: {hint}") from None
+        raise InputError(f"{pattern}: {error}: write names as {{robot}}/{{joint}}_{{date}}, or use a table") from None
+
+
+def _folder(pattern: str) -> str:
+    parts = re.split(r"(\{\w*\}|\*+)", pattern)
+    if len(parts) // 2 > WILD:
+        raise InputError(f"holds more than {WILD} words and * between slashes")
+    for part in parts[1::2]:
+        if part[0] == "{":
+            find("part of a name", part[1:-1], dict.fromkeys(LABELS))
+    wild = [f"(?P<{part[1:-1]}>[^/]+?)" if part[0] == "{" else "[^/]*" for part in parts[1::2]]
+    plain = map(re.escape, parts[::2])
+    return next(plain) + "".join(a + b for a, b in zip(wild, plain, strict=True))
 
 
 def _stem(path: PurePosixPath) -> str:
