@@ -98,7 +98,7 @@ class _Helper:
         late.start()
         try:
             limits = {"DATA": ROOM + int(size), "FSIZE": int(size), "CPU": seconds, "NOFILE": FILES, "CORE": 0}
-            self._questions.write(pickle.dumps((work, arguments, limits)))
+            self._questions.write(pickle.dumps((_folder(), work, arguments, limits)))
             self._questions.flush()
             return self._heard(size, remedy)
         except Unreadable:
@@ -171,6 +171,13 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_idle.clear)  # they are the parent's
 
 
+def _folder() -> str:
+    """The working directory; if it is gone, another one."""
+    with suppress(OSError):
+        return os.getcwd()
+    return os.sep
+
+
 def _bytes(array: NDArray[Any]) -> memoryview:
     return array.reshape(-1).view(np.uint8).data
 
@@ -184,9 +191,10 @@ def serve() -> None:
     os.dup2(2, 1)  # what a library prints is no answer
     while True:
         try:
-            work, arguments, limits = pickle.load(questions)
+            folder, work, arguments, limits = pickle.load(questions)
         except EOFError:
             return
+        os.chdir(folder)  # names of files are relative to where the parent is now
         limits["CPU"] += math.ceil(time.process_time())
         for what, most in limits.items():
             _limit(what, most)

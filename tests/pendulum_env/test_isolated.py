@@ -80,6 +80,17 @@ def test_a_helper_that_ends_takes_one_file_with_it(code, match):
 
 
 @posix
+def test_a_helper_is_where_its_parent_is_now(tmp_path, monkeypatch):
+    pid()  # begins one, here
+    for folder in (tmp_path / "first", tmp_path / "second"):
+        folder.mkdir()
+        monkeypatch.chdir(folder)
+        assert os.path.samefile(run("(os.getcwd(), [])")[0], folder)
+    if os.name == "posix":
+        folder.rmdir()
+        assert pid()
+
+
 def test_a_helper_that_dies_while_it_waits_is_no_fault_of_the_next_file():
     helper = pid()
     os.kill(helper, signal.SIGKILL)
