@@ -86,11 +86,11 @@ def test_a_helper_is_where_its_parent_is_now(tmp_path, monkeypatch):
         folder.mkdir()
         monkeypatch.chdir(folder)
         assert os.path.samefile(run("(os.getcwd(), [])")[0], folder)
-    if os.name == "posix":
-        folder.rmdir()
-        assert pid()
+    folder.rmdir()
+    assert pid()
 
 
+@posix
 def test_a_helper_that_dies_while_it_waits_is_no_fault_of_the_next_file():
     helper = pid()
     os.kill(helper, signal.SIGKILL)
