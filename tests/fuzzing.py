@@ -323,7 +323,8 @@ def read_elbow(path: Path) -> Recording:
 
 
 Reader = Callable[[Path], object]
-ALL: dict[str, tuple[str, Reader, Callable[[Path], bytes]]] = {  # a file's ending, its reader, and a good one
+Door = tuple[str, Reader, Callable[[Path], bytes]]  # a file's ending, its reader, and a good one
+FILES: dict[str, Door] = {
     "model": (".json", Model.load, lambda _: json.dumps(hide(paper_plant(), "stribeck").json()).encode()),
     "diagnosis": (".json", lambda path: read_suggestion(str(path)), lambda _: json.dumps(DIAGNOSIS).encode()),
     "rig": (".toml", load_rig, lambda _: RIG.encode()),
@@ -340,6 +341,8 @@ ALL: dict[str, tuple[str, Reader, Callable[[Path], bytes]]] = {  # a file's endi
     "recording.db3": (".db3", read_elbow, functools.partial(bag, kind="sqlite3")),
     "robot.urdf": (".urdf", read_body, lambda _: TwoLink().urdf().encode()),
     "robot.xml": (".xml", read_body, lambda _: MJCF.encode()),
+}
+ALL: dict[str, Door] = FILES | {  # and what is no file of its own, or of several
     "chain": (".txt", read_chain, lambda _: CHAIN.encode()),
     "plugin": (".py", read_plugin, lambda _: PLUGIN.encode()),
     "pipe": (".txt", leave, lambda _: b"x" * 500),
