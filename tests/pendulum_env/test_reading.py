@@ -29,7 +29,7 @@ from pendulum_env.reading import (
 )
 from pendulum_env.recording import read_recording
 from tests import slow
-from tests.fuzzing import ALL, ANYTHING, FILES, check, written
+from tests.fuzzing import ALL, ANYTHING, FILES, check, stored
 from tests.pendulum_env.recording.test_formats import write_xlsx
 
 
@@ -216,7 +216,7 @@ def test_what_unpacks_to_gigabytes_is_refused_before_it_fills_the_memory(tmp_pat
 def test_the_limit_of_a_recording_is_an_option(tmp_path: Path) -> None:
     for ending in (".csv", ".csv.gz", ".npz", ".parquet"):
         path = tmp_path / f"run{ending}"
-        written(path)
+        stored(path)
         with pytest.raises(
             ValueError, match=r"of which at most 2 kB are read: shorten it, or allow more by --max-size"
         ):
