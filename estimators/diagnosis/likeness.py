@@ -76,7 +76,7 @@ def _left(curve: Curve, columns: Array, weights: Array) -> float:
 
 
 def _families(table: Table) -> list[Family]:
-    low, high, _ = table.extent
+    low, high = table.extent[:2]
     widths = (high - low) * np.array([0.03, 0.08, 0.2, 0.5])
     places = np.linspace(low, high, 25)[1:-1]
     if table.axis == "position":
@@ -87,7 +87,7 @@ def _families(table: Table) -> list[Family]:
                 lambda q, n=order: np.column_stack([one(q), np.sin(n * q), np.cos(n * q)]),
                 [()],
             )
-            for order in ORDERS
+            for order in (() if table.slides else ORDERS)
         ]
         around = list(product(places.tolist(), widths.tolist()))
         return [

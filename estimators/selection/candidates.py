@@ -19,6 +19,7 @@ from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.shapes import Residuals, cross_entropy, gauss_newton, scan, shape_slopes
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
+from pendulum_env.physics.table import Table
 
 REACH = 0.03  # of the recording, within which an instant is scanned for
 TRIED = 3  # variants of a law of the torque that are fitted exactly, of those that promise most
@@ -389,7 +390,8 @@ class Screen:
 
     def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
         """Variants of an effect beside the terms, from which a search starts."""
-        return list(effect.grid(self.data.part(effect.at).samples, self.residual(terms)[self.data.where(effect.at)]))
+        found = effect.grid(self.data.part(effect.at).samples, self.residual(terms)[self.data.where(effect.at)])
+        return [variant.beside(terms) if isinstance(variant, Table) else variant for variant in found]
 
     def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
         """Number of variants among which `grid` chose."""

@@ -17,7 +17,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.simulation import Trajectory, simulate
-from pendulum_env.physics.table import Curve, Table, read_extent
+from pendulum_env.physics.table import Curve, Table, read_table
 from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.reading import Unreadable, Value, read_json
 from pendulum_env.words import per, plus_minus
@@ -147,9 +147,10 @@ class Model:
         shown = {name: own for name, own in self.estimates.items() if name not in entries}
         for id, (term, curve) in self.tables.items():
             k = int(np.argmax(np.abs(curve.value)))
-            is_biased = self.estimates[term.columns[0].name].is_biased
-            unit = per(term.unit, self.torque_unit)
-            shown[f"{id} (largest)"] = Estimate(float(curve.value[k]), float(curve.std[k]), unit, is_biased=is_biased)
+            entry = self.estimates[term.columns[0].name]
+            shown[f"{id} (largest)"] = replace(
+                entry, value=float(curve.value[k]), std=float(curve.std[k]), at_bound=False
+            )
         return shown
 
     @property
@@ -337,7 +338,7 @@ def _term(id: Value, data: Value) -> Term:
     """The term of an id in a model file, with its shape parameters, or its extent."""
     kind = library.term(id.text())
     if issubclass(kind, Table):
-        return kind.over(read_extent(data["tables"][kind.id]))()
+        return read_table(kind, data["tables"][kind.id])
     theta = data["theta"]
     shapes = {}
     for shape in kind.shapes:

@@ -17,8 +17,8 @@ from pendulum_env.plant import paper_plant
 from workbench.export import export
 
 KINDS = [
-    TorqueByAngle.over(Extent(-1.2, 2.1, 9)),
-    TorqueByAngle.over(Extent(-np.pi, np.pi, 12)),
+    TorqueByAngle.over(Extent(-1.2, 2.1, 9, ("sine",))),
+    TorqueByAngle.over(Extent(-np.pi, np.pi, 12, ("sine",))),
     FrictionByAngle.over(Extent(-0.3, 0.9, 5)),
     FrictionByAngle.over(Extent(-np.pi, np.pi, 7)),
     FrictionBySpeed.over(Extent(0.0, 7.0, 8)),
@@ -43,7 +43,7 @@ def in_model(kind: type[Table], size: float = 0.3) -> Model:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_column_is_a_cubic_spline_and_together_they_are_all_there_are(kind):
-    low, high, pieces = kind.extent
+    low, high, pieces, _ = kind.extent
     scale = np.sqrt if kind.axis == "velocity" else np.positive
     knots = np.linspace(scale(low), scale(high), pieces + 1)
     at_knots = values(kind, knots**2 if kind.axis == "velocity" else knots)
@@ -56,7 +56,7 @@ def test_every_column_is_a_cubic_spline_and_together_they_are_all_there_are(kind
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_table_says_nothing_that_the_base_model_says(kind):
-    low, high, _ = kind.extent
+    low, high, *_ = kind.extent
     for k in range(len(kind().columns)):
         for law in SAID_ALREADY.get(kind.id, []):
             inner = quad(lambda x, k=k, law=law: values(kind, [x])[0, k] * law(x), low, high, limit=400)[0]
@@ -67,7 +67,7 @@ def test_a_table_says_nothing_that_the_base_model_says(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_beyond_its_ends_a_table_goes_on_as_it_ends_or_round_the_turn(kind):
-    _, high, _ = kind.extent
+    _, high, *_ = kind.extent
     if kind.extent.is_turn:
         x = np.linspace(-3.0, 3.0, 41)
         np.testing.assert_allclose(values(kind, x + 4 * np.pi), values(kind, x), atol=1e-9)
@@ -128,13 +128,27 @@ def test_a_model_file_keeps_a_table_and_so_does_a_process(kind, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "extent", [{"low": 1.0, "high": 0.0, "pieces": 4}, {"low": 0.0, "high": 1.0, "pieces": 4.5}, {"low": 0.0}, [1, 2]]
+    "extent",
+    [
+        {"low": 1.0, "high": 0.0, "pieces": 4},
+        {"low": 0.0, "high": 1.0, "pieces": 4.5},
+        {"low": 1.0, "high": 1.0 + 1e-15, "pieces": 4},
+        {"low": 0.0, "high": 1.0, "pieces": 4, "beside": ["tan"]},
+        {"low": 0.0},
+        [1, 2],
+    ],
 )
 def test_an_extent_that_makes_no_sense_is_one_sentence(extent):
     data = in_model(KINDS[0]).json()
     data["tables"] = {"torque_by_angle": extent}
     with pytest.raises(ModelError, match=r"tables\.torque_by_angle|lacks 'high'"):
         Model.from_json(json.loads(json.dumps(data)))
+
+
+def test_no_speed_is_below_zero():
+    data = in_model(KINDS[4]).json() | {"tables": {"friction_by_speed": {"low": -1.0, "high": 1.0, "pieces": 8}}}
+    with pytest.raises(ModelError, match=r"tables\.friction_by_speed\.low"):
+        Model.from_json(data)
 
 
 @pytest.mark.parametrize("kind", KINDS)
