@@ -202,10 +202,13 @@ class Model:
         """Model with one more term, its linear parameters at `theta`; fit it to recordings to get real values.
 
         Raises:
-            ModelError: if the model has a term of that id already.
+            ModelError: if the model has a term of that id already, or a table that may be all that the term is.
         """
         if term.id in {old.id for old in self.terms}:
             raise ModelError(f"the model has '{term.id}' already: each effect can be added once")
+        for table in (old for old in self.terms if isinstance(old, Table)):
+            if set(table.beside([term]).extent.beside) - set(table.extent.beside):
+                raise ModelError(f"'{table.id}' holds all that '{term.id}' is: add '{term.id}' first, then the table")
         added = Model.build([term], theta)
         new = added.per(self.torque_unit).estimates
         return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **new}, correlation=())

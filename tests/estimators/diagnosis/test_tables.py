@@ -113,6 +113,12 @@ def test_a_power_of_the_speed_is_told_from_its_table(power):
     assert nearest.share > 0.999
 
 
+def test_a_line_looks_like_a_line_and_not_like_a_bend_or_half_a_bump():
+    table = TorqueByAngle.over(Extent(-1.0, 0.5, 12))()
+    curve = table.curve(np.zeros(len(table.columns)))
+    assert [one.words for one in likenesses(table, curve._replace(value=0.3 - 2.0 * curve.x))] == ["a straight line"]
+
+
 def test_noise_looks_like_nothing():
     table = TorqueByAngle.over(Extent(-3.0, 3.0, 48))()
     curve = table.curve(np.random.default_rng(3).normal(size=len(table.columns)))

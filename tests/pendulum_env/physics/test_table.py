@@ -11,6 +11,9 @@ from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
 
 from pendulum_env.physics import Model, ModelError, Samples
+from pendulum_env.physics.actuation import TorqueOffset
+from pendulum_env.physics.friction import QuadraticDrag
+from pendulum_env.physics.potential import GravityTilt, Spring
 from pendulum_env.physics.simulation import prepared
 from pendulum_env.physics.table import Extent, FrictionByAngle, FrictionBySpeed, GainBySpeed, Table, TorqueByAngle
 from pendulum_env.plant import paper_plant
@@ -143,6 +146,17 @@ def test_an_extent_that_makes_no_sense_is_one_sentence(extent):
     data["tables"] = {"torque_by_angle": extent}
     with pytest.raises(ModelError, match=r"tables\.torque_by_angle|lacks 'high'"):
         Model.from_json(json.loads(json.dumps(data)))
+
+
+def test_what_a_table_may_be_is_added_before_it():
+    by_angle, friction = in_model(KINDS[0]), in_model(KINDS[2])
+    for known in (TorqueOffset(), Spring(), GravityTilt()):
+        with pytest.raises(
+            ModelError, match=f"'torque_by_angle' holds all that '{known.id}' is: add '{known.id}' first"
+        ):
+            by_angle.add(known)
+        assert friction.add(known).terms[-1] == known
+    assert by_angle.add(QuadraticDrag()).terms[-1] == QuadraticDrag()
 
 
 def test_no_speed_is_below_zero():
