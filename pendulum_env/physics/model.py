@@ -17,13 +17,14 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.simulation import Trajectory, simulate
-from pendulum_env.physics.table import Curve, Table, read_table
+from pendulum_env.physics.table import Curve, Table, read_table, refuse_held
 from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.reading import Unreadable, Value, read_json
 from pendulum_env.words import per, plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
 ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_env.arms` reads
+PARAMETERS = 1000  # of a model in a file; a table has up to a hundred
 WORST = 1e100  # standard error in a file: what the data do not show may have any, but its square is finite
 
 
@@ -202,13 +203,12 @@ class Model:
         """Model with one more term, its linear parameters at `theta`; fit it to recordings to get real values.
 
         Raises:
-            ModelError: if the model has a term of that id already, or a table that may be all that the term is.
+            ModelError: if the model has a term of that id already.
+            Mistake: if it has a table that may be all that the term is.
         """
         if term.id in {old.id for old in self.terms}:
             raise ModelError(f"the model has '{term.id}' already: each effect can be added once")
-        for table in (old for old in self.terms if isinstance(old, Table)):
-            if set(table.beside([term]).extent.beside) - set(table.extent.beside):
-                raise ModelError(f"'{table.id}' holds all that '{term.id}' is: add '{term.id}' first, then the table")
+        refuse_held(self.terms, term)
         added = Model.build([term], theta)
         new = added.per(self.torque_unit).estimates
         return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **new}, correlation=())
@@ -361,10 +361,10 @@ def _term(id: Value, data: Value) -> Term:
 
 def _covariance(data: Value, known: Sequence[str]) -> tuple[list[str], Array]:
     """The known parameters, and their covariance, of which a model file may tell more."""
-    names = [name.text() for name in data["parameters"].items(100)]
+    names = [name.text() for name in data["parameters"].items(PARAMETERS)]
     if missing := [name for name in known if name not in names]:
         raise ModelError(f"'covariance' does not tell of {', '.join(missing)}: add it, or leave the whole key out")
-    rows = [[value.number() for value in row.items(100)] for row in data["matrix"].items(100)]
+    rows = [[value.number() for value in row.items(PARAMETERS)] for row in data["matrix"].items(PARAMETERS)]
     if [len(row) for row in rows] != [len(names)] * len(names):
         raise ModelError(f"'covariance' should have {len(names)} rows of as many numbers")
     matrix = np.array(rows)

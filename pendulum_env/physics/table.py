@@ -17,6 +17,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.mistake import Mistake
 from pendulum_env.physics.term import Column, Kind, Samples, Term
 from pendulum_env.reading import Value
 
@@ -316,6 +317,17 @@ class GainBySpeed(FrictionBySpeed):
     @classmethod
     def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
         return Column(name, cls.unit, force=lambda x: x.torque * law(x), of_torque=True)
+
+
+def refuse_held(terms: Iterable[Term], new: Term) -> None:
+    """Refuse a term beside a table that may be all that it is: no data could tell them apart.
+
+    Raises:
+        Mistake: with both, and the order in which they can be added.
+    """
+    for table in terms:
+        if isinstance(table, Table) and set(table.beside([new]).extent.beside) - set(table.extent.beside):
+            raise Mistake(f"'{table.id}' holds all that '{new.id}' is: add '{new.id}' first, then the table")
 
 
 TABLES: dict[str, type[Term]] = {

@@ -10,12 +10,21 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
 
+from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Model, ModelError, Samples
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import QuadraticDrag
 from pendulum_env.physics.potential import GravityTilt, Spring
 from pendulum_env.physics.simulation import prepared
-from pendulum_env.physics.table import Extent, FrictionByAngle, FrictionBySpeed, GainBySpeed, Table, TorqueByAngle
+from pendulum_env.physics.table import (
+    TABLES,
+    Extent,
+    FrictionByAngle,
+    FrictionBySpeed,
+    GainBySpeed,
+    Table,
+    TorqueByAngle,
+)
 from pendulum_env.plant import paper_plant
 from workbench.export import export
 
@@ -148,12 +157,18 @@ def test_an_extent_that_makes_no_sense_is_one_sentence(extent):
         Model.from_json(json.loads(json.dumps(data)))
 
 
+def test_a_model_of_many_tables_and_their_covariance_can_be_read_again():
+    plant, kinds = paper_plant(), [kind.over(Extent(0.0, 2.0, 48)) for kind in TABLES.values()]
+    terms = (*plant.terms, *(kind() for kind in kinds))
+    model = Model.build(terms, np.r_[plant.theta, np.zeros(sum(len(kind().columns) for kind in kinds))], 0.01)
+    model = model.correlated(list(model.estimates), model.assumed_covariance)
+    assert Model.from_json(json.loads(json.dumps(model.json()))) == model
+
+
 def test_what_a_table_may_be_is_added_before_it():
     by_angle, friction = in_model(KINDS[0]), in_model(KINDS[2])
     for known in (TorqueOffset(), Spring(), GravityTilt()):
-        with pytest.raises(
-            ModelError, match=f"'torque_by_angle' holds all that '{known.id}' is: add '{known.id}' first"
-        ):
+        with pytest.raises(Mistake, match=f"'torque_by_angle' holds all that '{known.id}' is: add '{known.id}' first"):
             by_angle.add(known)
         assert friction.add(known).terms[-1] == known
     assert by_angle.add(QuadraticDrag()).terms[-1] == QuadraticDrag()
@@ -161,7 +176,7 @@ def test_what_a_table_may_be_is_added_before_it():
 
 def test_no_speed_is_below_zero():
     data = in_model(KINDS[4]).json() | {"tables": {"friction_by_speed": {"low": -1.0, "high": 1.0, "pieces": 8}}}
-    with pytest.raises(ModelError, match=r"tables\.friction_by_speed\.low"):
+    with pytest.raises(Mistake, match=r"tables\.friction_by_speed\.low"):
         Model.from_json(data)
 
 
