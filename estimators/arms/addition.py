@@ -20,6 +20,7 @@ from pendulum_env.arms.joints import Links, kind_at
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Estimate, ModelError
+from pendulum_env.physics.table import refuse_held
 from pendulum_env.physics.term import loads
 
 
@@ -91,7 +92,7 @@ def add_arm(
         rng: of the bootstrap.
 
     Raises:
-        ValueError: if there is no such effect or joint, or it cannot be there.
+        ValueError: if there is no such effect or joint, it cannot be there, or a table there holds all that it is.
         ModelError: if the model has the effect already.
         IdentificationError: if a joint hardly moves, or its motion does not show the effect at all.
     """
@@ -99,6 +100,7 @@ def add_arm(
     kind = kind_at(effect, body)
     if any(own.id == effect for own in model.terms):
         raise ModelError(f"the model has {effect} already")
+    refuse_held(model.terms, kind())
     train, held = parted(recordings, holdout)
     base = (Links(body), *model.terms)
     models = models_of_arm(train, held, base, {kind.id: kind}, criterion, rng, progress)

@@ -9,7 +9,7 @@ from estimators.selection.criterion import Criterion
 from estimators.selection.data import Step
 from pendulum_env.notebook import shown
 from pendulum_env.physics import Model
-from pendulum_env.words import listing
+from pendulum_env.words import along, listing
 
 CHANCE = "lowers the held-out errors by no more than chance would"
 
@@ -18,7 +18,8 @@ def looks(step: Step) -> str | None:
     """The formulas that a table which was added comes nearest to, in a sentence; None of an effect."""
     if step.added not in step.model.tables:
         return None
-    near = [one.text for one in likenesses(*step.model.tables[step.added])]
+    table, curve = step.model.tables[step.added]
+    near = [along(one.text) if table.slides else one.text for one in likenesses(table, curve)]
     nearest = f"{listing(near, 'or')} of its shape" if near else "no formula that is known here"
     return f"{step.added} looks like {nearest}"
 

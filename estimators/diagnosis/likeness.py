@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -14,6 +14,9 @@ from pendulum_env.physics.table import Curve, Table
 
 SHOWN = 3
 LEAST = 0.5  # share of the shape, below which it looks like nothing of the kind
+ALIKE = 1e-3  # share that is left, below which none is nearer than another
+WIDE = (0.02, 1.0)  # shares of the table, from which to which a bump or a step may reach
+POWERS = (0.1, 9.0)  # of the speed
 ORDERS = range(1, 25)  # of waves over a turn
 
 Formula = Callable[..., Array]  # of the argument (N,) and shape parameters; columns (N, K)
@@ -21,11 +24,15 @@ Formula = Callable[..., Array]  # of the argument (N,) and shape parameters; col
 
 @dataclass(frozen=True)
 class Family:
-    """Formulas of one kind, `f = a + b |q'|^p`: `words` takes the shape parameters, starts are searched from."""
+    """Formulas of one kind, `f = a + b |q'|^p`: `words` takes the shape parameters.
+
+    These are searched for between their ends, from the starts.
+    """
 
     words: str
     formula: Formula
     starts: Iterable[tuple[float, ...]]
+    ends: Sequence[tuple[float, float]] = ()
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,7 @@ class Likeness:
 
     words: str
     share: float
+    parameters: int
 
     @property
     def text(self) -> str:
@@ -44,7 +52,8 @@ class Likeness:
 def likenesses(table: Table, curve: Curve) -> list[Likeness]:
     """The formulas of three kinds that come nearest to a table, the nearest first; fewer where nothing comes near.
 
-    They are fitted to the table where it is told best, beside what the base model has of its argument.
+    They are fitted to the table where it is told best, beside what the model has of its argument. Of a formula with
+    more parameters nothing is said unless it leaves less than half of what simpler ones do: a line is also a bend.
     """
     base = np.column_stack([np.empty((len(curve.x), 0)), *(law(curve.x) for law in type(table).laws())])
     usual = max(float(np.median(curve.std)), 1e-3 * float(np.ptp(curve.value)), 1e-300)
@@ -59,11 +68,20 @@ def likenesses(table: Table, curve: Curve) -> list[Likeness]:
             return _left(curve, np.column_stack([base, columns]), weights)
 
         start = min(family.starts, key=lambda values: left(np.array(values)))
-        ends = minimize(left, start, method="Nelder-Mead", options={"maxiter": 200}) if start else None
-        shape, rest = (ends.x, float(ends.fun)) if ends is not None else ((), left(np.array(())))
-        found.append(Likeness(family.words.format(*(f"{value:.3g}" for value in shape)), 1.0 - rest / whole))
+        shape = np.array(start)
+        if start:
+            shape = minimize(left, start, method="Nelder-Mead", bounds=family.ends, options={"maxiter": 200}).x
+        count = family.formula(curve.x[:1], *shape).shape[1] + len(shape)
+        words = family.words.format(*(f"{value:.3g}" for value in shape))
+        found.append(Likeness(words, 1.0 - left(shape) / whole, count))
     found.sort(key=lambda one: -one.share)
-    return [one for one in found[:SHOWN] if one.share > LEAST]
+    return [one for one in found if one.share > LEAST and not any(_is_enough(other, one) for other in found)][:SHOWN]
+
+
+def _is_enough(simple: Likeness, other: Likeness) -> bool:
+    """Whether one formula makes another needless."""
+    left, less = (max(1.0 - one.share, ALIKE) for one in (simple, other))
+    return simple.parameters < other.parameters and left < 2.0 * less
 
 
 def _left(curve: Curve, columns: Array, weights: Array) -> float:
@@ -76,7 +94,7 @@ def _left(curve: Curve, columns: Array, weights: Array) -> float:
 
 
 def _families(table: Table) -> list[Family]:
-    low, high, _ = table.extent
+    low, high = table.extent[:2]
     widths = (high - low) * np.array([0.03, 0.08, 0.2, 0.5])
     places = np.linspace(low, high, 25)[1:-1]
     if table.axis == "position":
@@ -87,9 +105,10 @@ def _families(table: Table) -> list[Family]:
                 lambda q, n=order: np.column_stack([one(q), np.sin(n * q), np.cos(n * q)]),
                 [()],
             )
-            for order in ORDERS
+            for order in (() if table.slides else ORDERS)
         ]
         around = list(product(places.tolist(), widths.tolist()))
+        at, wide = (low, high), ((high - low) * WIDE[0], (high - low) * WIDE[1])
         return [
             *waves,
             Family("a straight line", lambda q: np.column_stack([one(q), q]), [()]),
@@ -98,28 +117,32 @@ def _families(table: Table) -> list[Family]:
                 "a bump at {0} rad, {1} rad wide",
                 lambda q, at, wide: np.column_stack([one(q), np.exp(-(((q - at) / wide) ** 2))]),
                 around,
+                (at, wide),
             ),
             Family(
                 "a step at {0} rad, {1} rad wide",
                 lambda q, at, wide: np.column_stack([one(q), np.tanh((q - at) / wide)]),
                 around,
+                (at, wide),
             ),
             Family(
                 "a bend at {0} rad",
                 lambda q, at: np.column_stack([one(q), np.maximum(q - at, 0.0), np.minimum(q - at, 0.0)]),
                 [(place,) for place in places.tolist()],
+                (at,),
             ),
         ]
-    scales = [(share * high,) for share in (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)]
+    scales, ends = [(share * high,) for share in (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)], ((0.01 * high, 2.0 * high),)
     fall = "exp(-|q'| / {0} rad/s)"
     return [
-        Family("|q'|^{0}", lambda v, p: v[:, None] ** p, [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)]),
-        Family(fall, lambda v, s: np.exp(-v / s)[:, None] - (table.zero is not None), scales),
+        Family("|q'|^{0}", lambda v, p: v[:, None] ** p, [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (POWERS,)),
+        Family(fall, lambda v, s: np.exp(-v / s)[:, None] - (table.zero is not None), scales, ends),
         Family(
             "exp(-(q' / {0} rad/s)^2)",
             lambda v, s: np.exp(-((v / s) ** 2))[:, None] - (table.zero is not None),
             scales,
+            ends,
         ),
-        Family("tanh(|q'| / {0} rad/s)", lambda v, s: np.tanh(v / s)[:, None], scales),
-        Family("a bend at {0} rad/s", lambda v, s: np.maximum(v - s, 0.0)[:, None], scales),
+        Family("tanh(|q'| / {0} rad/s)", lambda v, s: np.tanh(v / s)[:, None], scales, ends),
+        Family("a bend at {0} rad/s", lambda v, s: np.maximum(v - s, 0.0)[:, None], scales, ends),
     ]

@@ -14,7 +14,7 @@ import numpy as np
 from estimators.in_loop.fit import ROUGHLY, Linear, fit, likeliest, likelihood, linear
 from estimators.in_loop.rollouts import Rollouts
 from estimators.regression.least_squares import Balance, Columns
-from estimators.selection.candidates import Screen, Trial, best_of_forms, bounds
+from estimators.selection.candidates import Screen, Trial, best_of_forms, bounds, by_class
 from estimators.selection.score import FOLDS, STRETCH
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
@@ -184,15 +184,13 @@ class LoopScreen:
         """The terms with each variant of the grid of an effect, the smallest error as foreseen first."""
         key = tuple(terms), effect.id
         if key not in self._ranked:
-            variants = self.grid(terms, effect)
-            found = [self._trial((*key[0], variant), error) for variant, error in self._foreseen(key[0], variants)]
+            foreseen = (one for same in by_class(self.grid(terms, effect)) for one in self._foreseen(key[0], same))
+            found = [self._trial((*key[0], variant), error) for variant, error in foreseen]
             self._ranked[key] = sorted(found, key=lambda trial: trial.fitted_rms)
         return self._ranked[key]
 
     def _foreseen(self, terms: Terms, variants: Sequence[Term]) -> list[tuple[Term, Array]]:
         """Each variant with the errors that a linear fit beside the terms foresees (R,)."""
-        if not variants:
-            return []
         near, columns = self.near(terms), self.columns(variants, terms)
         found = []
         for variant, own in zip(variants, columns, strict=True):

@@ -6,7 +6,7 @@ variants costs one batch of small solves.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
@@ -19,6 +19,7 @@ from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.shapes import Residuals, cross_entropy, gauss_newton, scan, shape_slopes
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
+from pendulum_env.physics.table import Table
 
 REACH = 0.03  # of the recording, within which an instant is scanned for
 TRIED = 3  # variants of a law of the torque that are fitted exactly, of those that promise most
@@ -380,16 +381,14 @@ class Screen:
         """The terms with each variant of the grid of an effect, the smallest error first."""
         key = (tuple(terms), effect.id)
         if key not in self._ranked:
-            alike: dict[int, list[Term]] = {}  # in the number of their parameters
-            for variant in self.grid(terms, effect):
-                alike.setdefault(len(variant.columns), []).append(variant)
-            trials = [trial for variants in alike.values() for trial in self.trials(terms, variants)]
+            trials = [trial for same in by_class(self.grid(terms, effect)) for trial in self.trials(terms, same)]
             self._ranked[key] = sorted(trials, key=lambda trial: trial.fitted_rms)
         return self._ranked[key]
 
     def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
         """Variants of an effect beside the terms, from which a search starts."""
-        return list(effect.grid(self.data.part(effect.at).samples, self.residual(terms)[self.data.where(effect.at)]))
+        found = effect.grid(self.data.part(effect.at).samples, self.residual(terms)[self.data.where(effect.at)])
+        return [variant.beside(terms) if isinstance(variant, Table) else variant for variant in found]
 
     def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
         """Number of variants among which `grid` chose."""
@@ -507,6 +506,14 @@ def bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     """Bounds of the linear parameters (P,) of some terms."""
     columns = [column for term in terms for column in term.columns]
     return np.array([column.least for column in columns]), np.array([column.most for column in columns])
+
+
+def by_class(variants: Iterable[Term]) -> Iterable[list[Term]]:
+    """Variants that are computed at once: tables over several extents are of several classes."""
+    found: dict[type[Term], list[Term]] = {}
+    for variant in variants:
+        found.setdefault(type(variant), []).append(variant)
+    return found.values()
 
 
 def best_of_forms(ranked: Sequence[Trial], effect: type[Term], refine: Callable[[Trial, str], Trial]) -> list[Trial]:

@@ -67,6 +67,7 @@ def _at_joint(effect: type[Term], joint: str, said: Callable[[str], str]) -> typ
         "__reduce__": lambda term: (placed, (effect(**term.shape), joint, said is along)),
         "id": f"{effect.id}@{joint}",
         "at": joint,
+        "slides": said is along,
         "shapes": tuple(replace(shape, unit=said(shape.unit)) for shape in effect.shapes if not shape.follows),
         "beyond": lambda term, low, high: said(effect.beyond(term, low, high)),
         "columns": property(lambda term: named(cast(Any, effect).columns.fget(term))),
@@ -232,3 +233,13 @@ class Links(Term):
     def shape(self) -> dict[str, float]:
         """It has none."""
         return {}
+
+    def of_angle(self, at: str) -> tuple[str, ...]:
+        """Weight, where it loads a joint alike wherever the others are, as the first one whose axis lies level."""
+        joint = self.body.joints.index(at)
+        one, other = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, DRAWS, len(self.body.joints)))
+        other[:, joint] = one[:, joint]
+        here, there = (self.body.torque(q, 0 * q, 0 * q)[:, joint] for q in (one, other))  # (DRAWS, P)
+        if not np.any((np.abs(here - there).max(axis=0) < OF_NO_LINK) & (np.abs(here).max(axis=0) > OF_NO_LINK)):
+            return ()
+        return ("one",) if self.body.slides[joint] else ("sine", "cosine")

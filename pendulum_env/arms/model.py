@@ -16,7 +16,7 @@ from pendulum_env.arms.joints import Coupling, Links, at_joint, coupled
 from pendulum_env.files import write_whole
 from pendulum_env.physics import Estimate, Model, ModelError, Term, library
 from pendulum_env.physics.model import ARM_SCHEMA
-from pendulum_env.physics.table import Table, read_extent
+from pendulum_env.physics.table import Table, read_table
 from pendulum_env.physics.term import loads
 from pendulum_env.reading import Unreadable, Value, read_json
 
@@ -175,4 +175,4 @@ def _term(item: Value, body: Body, is_heavy: bool) -> Term:
     kind = library.term(item["id"].text())
     values = {known.name: shape[known.name].number(known.low, known.high) for known in kind.shapes}
     there = at_joint(kind, joint, body.slides[body.joints.index(joint)])
-    return there.over(read_extent(item["extent"]))() if issubclass(there, Table) else there(**values)
+    return read_table(there, item["extent"]) if issubclass(there, Table) else there(**values)

@@ -25,6 +25,9 @@ class TorqueOffset(Term):
     signature = "At every angle and speed the joint needs the same torque more, or less, than the model says."
     resembles = ("coulomb_asymmetry", "gravity_tilt")
 
+    def of_angle(self, at: str) -> tuple[str, ...]:
+        return ("one",)
+
     @property
     def columns(self) -> tuple[Column, ...]:
         return (Column("torque_offset", "N m", force=one),)

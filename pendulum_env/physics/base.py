@@ -30,6 +30,9 @@ class Gravity(Term):
     kind = "potential"
     reveal = "swings beyond 30 degrees"
 
+    def of_angle(self, at: str) -> tuple[str, ...]:
+        return ("sine",)
+
     @property
     def columns(self) -> tuple[Column, ...]:
         return (

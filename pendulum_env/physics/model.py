@@ -17,13 +17,14 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import library
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.simulation import Trajectory, simulate
-from pendulum_env.physics.table import Curve, Table, read_extent
+from pendulum_env.physics.table import Curve, Table, read_table, refuse_held
 from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.reading import Unreadable, Value, read_json
 from pendulum_env.words import per, plus_minus
 
 SCHEMA = "pendulum-ident/model@1"
 ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_env.arms` reads
+PARAMETERS = 1000  # of a model in a file; a table has up to a hundred
 WORST = 1e100  # standard error in a file: what the data do not show may have any, but its square is finite
 
 
@@ -147,9 +148,10 @@ class Model:
         shown = {name: own for name, own in self.estimates.items() if name not in entries}
         for id, (term, curve) in self.tables.items():
             k = int(np.argmax(np.abs(curve.value)))
-            is_biased = self.estimates[term.columns[0].name].is_biased
-            unit = per(term.unit, self.torque_unit)
-            shown[f"{id} (largest)"] = Estimate(float(curve.value[k]), float(curve.std[k]), unit, is_biased=is_biased)
+            entry = self.estimates[term.columns[0].name]
+            shown[f"{id} (largest)"] = replace(
+                entry, value=float(curve.value[k]), std=float(curve.std[k]), at_bound=False
+            )
         return shown
 
     @property
@@ -202,9 +204,11 @@ class Model:
 
         Raises:
             ModelError: if the model has a term of that id already.
+            Mistake: if it has a table that may be all that the term is.
         """
         if term.id in {old.id for old in self.terms}:
             raise ModelError(f"the model has '{term.id}' already: each effect can be added once")
+        refuse_held(self.terms, term)
         added = Model.build([term], theta)
         new = added.per(self.torque_unit).estimates
         return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **new}, correlation=())
@@ -337,7 +341,7 @@ def _term(id: Value, data: Value) -> Term:
     """The term of an id in a model file, with its shape parameters, or its extent."""
     kind = library.term(id.text())
     if issubclass(kind, Table):
-        return kind.over(read_extent(data["tables"][kind.id]))()
+        return read_table(kind, data["tables"][kind.id])
     theta = data["theta"]
     shapes = {}
     for shape in kind.shapes:
@@ -357,10 +361,10 @@ def _term(id: Value, data: Value) -> Term:
 
 def _covariance(data: Value, known: Sequence[str]) -> tuple[list[str], Array]:
     """The known parameters, and their covariance, of which a model file may tell more."""
-    names = [name.text() for name in data["parameters"].items(100)]
+    names = [name.text() for name in data["parameters"].items(PARAMETERS)]
     if missing := [name for name in known if name not in names]:
         raise ModelError(f"'covariance' does not tell of {', '.join(missing)}: add it, or leave the whole key out")
-    rows = [[value.number() for value in row.items(100)] for row in data["matrix"].items(100)]
+    rows = [[value.number() for value in row.items(PARAMETERS)] for row in data["matrix"].items(PARAMETERS)]
     if [len(row) for row in rows] != [len(names)] * len(names):
         raise ModelError(f"'covariance' should have {len(names)} rows of as many numbers")
     matrix = np.array(rows)

@@ -25,6 +25,9 @@ class GravityTilt(Term):
     signature = "Over the angle lies a cosine, largest where the arm hangs and changing sign where it is level."
     resembles = ("torque_offset", "coulomb_asymmetry", "spring", "encoder_eccentricity")
 
+    def of_angle(self, at: str) -> tuple[str, ...]:
+        return ("cosine",)
+
     @property
     def columns(self) -> tuple[Column, ...]:
         return (
@@ -86,6 +89,9 @@ class Spring(Term):
         "Over the angle lies a line that goes on rising where gravity turns back, and adds up from turn to turn."
     )
     resembles = ("gravity", "gravity_tilt", "hard_stop")
+
+    def of_angle(self, at: str) -> tuple[str, ...]:
+        return ("one", "line")
 
     @property
     def columns(self) -> tuple[Column, ...]:

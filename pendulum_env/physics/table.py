@@ -1,8 +1,8 @@
 """Functions that no effect is, kept as they are: of the angle or of the speed, by cubic B-splines.
 
-They are terms like any other, which are fitted, confirmed on held-out data, simulated and exported, but no effects that
-a diagnosis proposes: they tell what is there, not why. A table is orthogonal to the base law that it would else pass
-for, as gravity or Coulomb friction, and natural at its ends, beyond which it goes on as it ends.
+They are terms like any other, which are fitted, confirmed on held-out data, simulated and exported, but no effects
+that a diagnosis proposes: they tell what is there, not why. A table is orthogonal to what it would else share with the
+model, as gravity, an offset or Coulomb friction, and natural at its ends, beyond which it stays at what it is there.
 Source: de Boor, A Practical Guide to Splines, 2001.
 """
 
@@ -17,20 +17,32 @@ import numpy as np
 from scipy.linalg import qr
 
 from pendulum_env._typing import Array, ArrayLike
+from pendulum_env.mistake import Mistake
 from pendulum_env.physics.term import Column, Kind, Samples, Term
 from pendulum_env.reading import Value
 
 FINE = 2000  # points over which functions are orthogonal
 DRAWN = 241  # points of a curve
+FARTHEST, NARROWEST = 1e6, 1e-6  # of a table in a file [rad, rad/s]
 ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces that are tried
+OF_ANGLE: dict[str, Callable[[Array], Array]] = {
+    "one": np.ones_like,
+    "line": np.positive,
+    "sine": np.sin,
+    "cosine": np.cos,
+}
 
 
 class Extent(NamedTuple):
-    """Where a table is told, in rad or rad/s, and in how many pieces; angles from -pi to pi go on round the turn."""
+    """Where a table is told, in rad or rad/s, and in how many pieces; angles from -pi to pi go on round the turn.
+
+    A torque by angle leaves the functions named `beside` to terms that have them already.
+    """
 
     low: float
     high: float
     pieces: int
+    beside: tuple[str, ...] = ()
 
     @property
     def is_turn(self) -> bool:
@@ -38,17 +50,22 @@ class Extent(NamedTuple):
         return self.low == -np.pi and self.high == np.pi
 
 
-def read_extent(data: Value) -> Extent:
-    """Where a table of a model file is told.
+def read_table(kind: type[Table], data: Value) -> Table:
+    """A table over the extent that a model file tells.
 
     Raises:
         Unreadable: if it makes no sense.
     """
-    low, high, pieces = (data[name] for name in Extent._fields)
-    extent = Extent(low.number(-1e6, 1e6), high.number(-1e6, 1e6), int(pieces.number(3, 100)))
-    if not (extent.low < extent.high and extent.pieces == pieces.content):
+    low, high, pieces = (data[name] for name in ("low", "high", "pieces"))
+    beside = () if (told := data.get("beside")) is None else tuple(name.text() for name in told.items(len(OF_ANGLE)))
+    least = 0.0 if kind.axis == "velocity" else -FARTHEST
+    extent = Extent(low.number(least, FARTHEST), high.number(least, FARTHEST), int(pieces.number(3, 100)), beside)
+    is_wide = extent.high - extent.low > NARROWEST * max(1.0, abs(extent.low))
+    if not (is_wide and extent.pieces == pieces.content and set(beside) <= OF_ANGLE.keys()):
         raise data.fault("a table with low < high and a whole number of pieces")
-    return extent
+    if extent.pieces <= len(beside):
+        raise data.fault("a table of more pieces than it leaves functions to others")
+    return kind.over(extent)()
 
 
 class Curve(NamedTuple):
@@ -73,6 +90,10 @@ class Table(Term):
         """The same table over another extent."""
         return cast(type[Self], _over(cls.__dict__.get("bare_table", cls), extent))
 
+    def beside(self, terms: Sequence[Term]) -> Table:
+        """The same table, which leaves to terms of a model what they have of its argument."""
+        return self
+
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
         """What it is a function of."""
@@ -80,7 +101,7 @@ class Table(Term):
 
     @classmethod
     def laws(cls) -> Sequence[Callable[[Array], Array]]:
-        """Functions of the argument that the base model has already, to which the table is orthogonal."""
+        """Functions of the argument that the model has already, to which the table is orthogonal."""
         return ()
 
     @classmethod
@@ -115,7 +136,8 @@ class _Splines:
     """Cubic B-splines at an argument, each computed once."""
 
     def __init__(self, kind: type[Table], argument: ArrayLike) -> None:
-        low, high, pieces = extent = kind.extent
+        extent = kind.extent
+        low, high, pieces = extent[:3]
         self._round = pieces if extent.is_turn else None
         if extent.is_turn:
             inside: Any = 2.0 * np.arctan(np.tan(0.5 * argument))
@@ -162,7 +184,7 @@ def _again(bare: Table, extent: Extent) -> Table:
 @cache
 def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
     """What each coefficient of a table weighs each spline by: those that meet all conditions, and are few."""
-    low, high, pieces = kind.extent
+    low, high, pieces = kind.extent[:3]
     knots = range(pieces) if kind.extent.is_turn else range(-1, pieces + 2)
     x = low + (high - low) * (np.arange(FINE) + 0.5) / FINE
 
@@ -177,7 +199,7 @@ def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
         bend = np.zeros(len(knots))
         bend[:3] = 1.0, -2.0, 1.0
         conditions += [bend, bend[::-1]]
-    rows = np.array(conditions)
+    rows = np.array(conditions).reshape(-1, len(knots))  # of a turn alone there may be none
     order = qr(rows, mode="r", pivoting=True)[1]
     bound, free = order[: len(rows)], np.sort(order[len(rows) :])
     shares = np.linalg.solve(rows[:, bound], rows[:, free])  # of each bound coefficient, by the free ones
@@ -210,14 +232,19 @@ class TorqueByAngle(Table):
     def argument(cls, x: Samples) -> ArrayLike:
         return x.position
 
+    def beside(self, terms: Sequence[Term]) -> Table:
+        names = (name for term in terms if term.at in ("", self.at) for name in term.of_angle(self.at))
+        return self.over(self.extent._replace(beside=tuple(dict.fromkeys(names))))()
+
     @classmethod
     def laws(cls) -> Sequence[Callable[[Array], Array]]:
-        return (np.sin,)
+        # no line goes on round the turn
+        return [OF_ANGLE[name] for name in cls.extent.beside if not (name == "line" and cls.extent.is_turn)]
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         low, high = float(np.min(x.position)), float(np.max(x.position))
-        spans = [(low, high)] + [(-np.pi, np.pi)] * (high - low >= 2 * np.pi)
+        spans = [(low, high)] + [(-np.pi, np.pi)] * (high - low >= 2 * np.pi and not cls.slides)
         return [cls.over(Extent(*span, pieces))() for span in spans for pieces in ANGLES]
 
 
@@ -228,6 +255,9 @@ class FrictionByAngle(TorqueByAngle):
     id = "friction_by_angle"
     law = "f(q) sgn q'"
     kind = "dissipative"
+
+    def beside(self, terms: Sequence[Term]) -> Table:
+        return self
 
     @classmethod
     def laws(cls) -> Sequence[Callable[[Array], Array]]:
@@ -287,6 +317,17 @@ class GainBySpeed(FrictionBySpeed):
     @classmethod
     def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
         return Column(name, cls.unit, force=lambda x: x.torque * law(x), of_torque=True)
+
+
+def refuse_held(terms: Iterable[Term], new: Term) -> None:
+    """Refuse a term beside a table that may be all that it is: no data could tell them apart.
+
+    Raises:
+        Mistake: with both, and the order in which they can be added.
+    """
+    for table in terms:
+        if isinstance(table, Table) and set(table.beside([new]).extent.beside) - set(table.extent.beside):
+            raise Mistake(f"'{table.id}' holds all that '{new.id}' is: add '{new.id}' first, then the table")
 
 
 TABLES: dict[str, type[Term]] = {

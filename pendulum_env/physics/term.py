@@ -172,6 +172,7 @@ class Term:
     id: ClassVar[str]
     at: ClassVar[str] = ""  # the joint where it is, of an arm of several; its id then ends with it, `stribeck@elbow`;
     # of what loads two joints both, the second with its sign, `coupling@elbow,-wrist`
+    slides: ClassVar[bool] = False  # whether that joint does
     law: ClassVar[str]  # added to the torque that the motion needs
     kind: ClassVar[Kind]
     reveal: ClassVar[str] = "a richer excitation"  # the experiment that shows the effect
@@ -212,6 +213,10 @@ class Term:
     def has_state(cls) -> bool:
         """Whether it has state variables along a motion, those of a dead time included."""
         return cls.advance is not Term.advance or cls.trace is not Term.trace
+
+    def of_angle(self, at: str) -> tuple[str, ...]:
+        """Functions of the angle of a joint alone that it may be there, by name: `one`, `line`, `sine` or `cosine`."""
+        return ()
 
     @property
     def fault(self) -> str:

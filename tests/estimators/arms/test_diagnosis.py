@@ -93,6 +93,17 @@ def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_pa
     assert compare_arm(again, recording) == compare_arm(added.after.model, recording)
 
 
+def test_where_no_weight_acts_a_table_may_be_a_line(six):
+    recording = six_joint.simulate(6, Hidden("spring", 0, share=0.6), seconds=12.0)
+    found = diagnose_arm(recording, six, library={"stribeck": Stribeck})
+    assert found.tables == ("torque_by_angle@base",)
+    model = add_arm(found.model, found.tables[0], recording).after.model
+    *_, table = model.terms
+    curve = table.curve(np.array([model.estimates[column.name].value for column in table.columns]))
+    slope = np.polyfit(curve.x, curve.value, 1)[0]
+    assert slope == pytest.approx(0.6 * six_joint.COULOMB[0], rel=0.03)
+
+
 @pytest.fixture(scope="module")
 def two(tmp_path_factory):
     path = tmp_path_factory.mktemp("robot") / "two.urdf"

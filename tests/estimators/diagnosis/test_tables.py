@@ -88,6 +88,15 @@ def test_the_band_of_a_table_holds_the_law():
     assert np.sqrt(np.mean((apart / curve.std[inside]) ** 2)) < 3.0
 
 
+def test_a_table_leaves_to_an_offset_and_to_gravity_what_is_theirs():
+    fitted, unseen = recordings("nothing")
+    model = add(diagnosed("nothing").model, "torque_offset", fitted, unseen).after.model
+    told = add(model, "torque_by_angle", fitted, unseen).after.model.estimates
+    plant = Plant()
+    for name, true in (("gravity", plant.gravity), ("torque_offset", 0.0)):
+        assert abs(told[name].value - true) < 4 * told[name].std < 0.1
+
+
 def test_a_table_says_what_it_looks_like():
     said = kept("friction_by_angle", "friction_by_angle").looks_like
     assert said is not None and said.startswith("friction_by_angle looks like a bump at 0.5")
@@ -102,6 +111,12 @@ def test_a_power_of_the_speed_is_told_from_its_table(power):
     kind, told = nearest.words.split("^")
     assert kind == "|q'|" and float(told) == pytest.approx(power, rel=0.02)
     assert nearest.share > 0.999
+
+
+def test_a_line_looks_like_a_line_and_not_like_a_bend_or_half_a_bump():
+    table = TorqueByAngle.over(Extent(-1.0, 0.5, 12))()
+    curve = table.curve(np.zeros(len(table.columns)))
+    assert [one.words for one in likenesses(table, curve._replace(value=0.3 - 2.0 * curve.x))] == ["a straight line"]
 
 
 def test_noise_looks_like_nothing():

@@ -63,6 +63,16 @@ def pressed() -> list[Recording]:
     return recorded({"load_dependent_friction": {"load_mu": 0.0, "load_w": 0.0, "load_out": 0.3}})
 
 
+def test_a_law_without_a_name_is_kept_as_a_table_of_a_servo():
+    rubs = recorded({"friction_spot": {"spot_f": 0.08, "spot_q": 0.3, "spot_w": 0.2}})
+    added = add(Model.build(BASE, list(TRUE.values())), "friction_by_angle", rubs[:2], rubs[2:])
+    assert added.objection is None and added.is_in_loop
+    before, after = (step.errors["holdout"].in_loop for step in (added.before, added.after))
+    assert after < 0.5 * before
+    curve = added.after.model.tables["friction_by_angle"][1]
+    assert abs(curve.x[np.argmax(curve.value)] - 0.3) < 0.1
+
+
 def test_parameters_come_back_from_goals_and_positions(plain):
     found = diagnose(plain[:2], plain[2:], only=FEW)
     assert found.headline == "Nothing is missing" and found.is_in_loop

@@ -6,7 +6,8 @@ import pinocchio
 import pytest
 
 from pendulum_env.arms.body import BodyError, read_body
-from pendulum_env.arms.joints import at_joints, couplings, friction, joint_effects, kind_at
+from pendulum_env.arms.joints import Links, at_joints, couplings, friction, joint_effects, kind_at
+from pendulum_env.physics.table import Extent
 from tests import robots
 from tests.robots import ANGULAR, DRIVEN, PARALLEL, TORSO, urdf
 
@@ -109,6 +110,12 @@ def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp
     assert not {"cogging@torso", "torque_ripple@torso", "position_dependent_friction@torso"} & offered
     assert {kind.at for kind in couplings(body)} == {"shoulder,elbow", "shoulder,-elbow"}
     assert {kind.id for kind in couplings(body)} <= offered
+    links = Links(body)
+    assert [links.of_angle(joint) for joint in body.joints] == [("one",), ("sine", "cosine"), ()]
+    table = kind_at("torque_by_angle@torso", body).over(Extent(-0.3, 0.3, 6))().beside([links])
+    assert {column.unit for column in table.columns} == {"N"}
+    curve = table.curve(np.arange(1.0, 7.0))
+    assert np.trapezoid(curve.value, curve.x) == pytest.approx(0.0, abs=1e-3)  # a weight is the links'
     for text in ("cogging@torso", "coupling@torso,shoulder"):
         with pytest.raises(ValueError, match="is of joints that turn: it cannot be at 'torso', which slides"):
             kind_at(text, body)

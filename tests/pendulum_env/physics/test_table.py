@@ -10,15 +10,27 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
 
+from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Model, ModelError, Samples
+from pendulum_env.physics.actuation import TorqueOffset
+from pendulum_env.physics.friction import QuadraticDrag
+from pendulum_env.physics.potential import GravityTilt, Spring
 from pendulum_env.physics.simulation import prepared
-from pendulum_env.physics.table import Extent, FrictionByAngle, FrictionBySpeed, GainBySpeed, Table, TorqueByAngle
+from pendulum_env.physics.table import (
+    TABLES,
+    Extent,
+    FrictionByAngle,
+    FrictionBySpeed,
+    GainBySpeed,
+    Table,
+    TorqueByAngle,
+)
 from pendulum_env.plant import paper_plant
 from workbench.export import export
 
 KINDS = [
-    TorqueByAngle.over(Extent(-1.2, 2.1, 9)),
-    TorqueByAngle.over(Extent(-np.pi, np.pi, 12)),
+    TorqueByAngle.over(Extent(-1.2, 2.1, 9, ("sine",))),
+    TorqueByAngle.over(Extent(-np.pi, np.pi, 12, ("sine",))),
     FrictionByAngle.over(Extent(-0.3, 0.9, 5)),
     FrictionByAngle.over(Extent(-np.pi, np.pi, 7)),
     FrictionBySpeed.over(Extent(0.0, 7.0, 8)),
@@ -43,7 +55,7 @@ def in_model(kind: type[Table], size: float = 0.3) -> Model:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_column_is_a_cubic_spline_and_together_they_are_all_there_are(kind):
-    low, high, pieces = kind.extent
+    low, high, pieces, _ = kind.extent
     scale = np.sqrt if kind.axis == "velocity" else np.positive
     knots = np.linspace(scale(low), scale(high), pieces + 1)
     at_knots = values(kind, knots**2 if kind.axis == "velocity" else knots)
@@ -56,7 +68,7 @@ def test_every_column_is_a_cubic_spline_and_together_they_are_all_there_are(kind
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_table_says_nothing_that_the_base_model_says(kind):
-    low, high, _ = kind.extent
+    low, high, *_ = kind.extent
     for k in range(len(kind().columns)):
         for law in SAID_ALREADY.get(kind.id, []):
             inner = quad(lambda x, k=k, law=law: values(kind, [x])[0, k] * law(x), low, high, limit=400)[0]
@@ -67,7 +79,7 @@ def test_a_table_says_nothing_that_the_base_model_says(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_beyond_its_ends_a_table_goes_on_as_it_ends_or_round_the_turn(kind):
-    _, high, _ = kind.extent
+    _, high, *_ = kind.extent
     if kind.extent.is_turn:
         x = np.linspace(-3.0, 3.0, 41)
         np.testing.assert_allclose(values(kind, x + 4 * np.pi), values(kind, x), atol=1e-9)
@@ -128,13 +140,44 @@ def test_a_model_file_keeps_a_table_and_so_does_a_process(kind, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "extent", [{"low": 1.0, "high": 0.0, "pieces": 4}, {"low": 0.0, "high": 1.0, "pieces": 4.5}, {"low": 0.0}, [1, 2]]
+    "extent",
+    [
+        {"low": 1.0, "high": 0.0, "pieces": 4},
+        {"low": 0.0, "high": 1.0, "pieces": 4.5},
+        {"low": 1.0, "high": 1.0 + 1e-15, "pieces": 4},
+        {"low": 0.0, "high": 1.0, "pieces": 4, "beside": ["tan"]},
+        {"low": 0.0},
+        [1, 2],
+    ],
 )
 def test_an_extent_that_makes_no_sense_is_one_sentence(extent):
     data = in_model(KINDS[0]).json()
     data["tables"] = {"torque_by_angle": extent}
     with pytest.raises(ModelError, match=r"tables\.torque_by_angle|lacks 'high'"):
         Model.from_json(json.loads(json.dumps(data)))
+
+
+def test_a_model_of_many_tables_and_their_covariance_can_be_read_again():
+    plant, kinds = paper_plant(), [kind.over(Extent(0.0, 2.0, 48)) for kind in TABLES.values()]
+    terms = (*plant.terms, *(kind() for kind in kinds))
+    model = Model.build(terms, np.r_[plant.theta, np.zeros(sum(len(kind().columns) for kind in kinds))], 0.01)
+    model = model.correlated(list(model.estimates), model.assumed_covariance)
+    assert Model.from_json(json.loads(json.dumps(model.json()))) == model
+
+
+def test_what_a_table_may_be_is_added_before_it():
+    by_angle, friction = in_model(KINDS[0]), in_model(KINDS[2])
+    for known in (TorqueOffset(), Spring(), GravityTilt()):
+        with pytest.raises(Mistake, match=f"'torque_by_angle' holds all that '{known.id}' is: add '{known.id}' first"):
+            by_angle.add(known)
+        assert friction.add(known).terms[-1] == known
+    assert by_angle.add(QuadraticDrag()).terms[-1] == QuadraticDrag()
+
+
+def test_no_speed_is_below_zero():
+    data = in_model(KINDS[4]).json() | {"tables": {"friction_by_speed": {"low": -1.0, "high": 1.0, "pieces": 8}}}
+    with pytest.raises(Mistake, match=r"tables\.friction_by_speed\.low"):
+        Model.from_json(data)
 
 
 @pytest.mark.parametrize("kind", KINDS)
