@@ -152,7 +152,7 @@ def which_effect() -> str:
         "[app](app.md) and `pendulum-ident compare --report` draw the same four curves for your recordings. An effect "
         "that looks flat here needs another motion to show. A motor that turns with two joints of an arm leaves "
         "friction in both that goes with the sum of their speeds, [a coupling](how-to/arms.md#diagnose); what no "
-        "effect explains is [reported as such](theory.md).",
+        "effect explains is reported as such, and [kept as a table](how-to/unknown-law.md).",
     ]
     parts[2] += "".join(f"\n| {symptom} | {', '.join(ids)} |" for symptom, ids in rows.items())
     for id, kind in library.items():

@@ -290,6 +290,19 @@ def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_s
     tab.go("compare")
 
 
+def test_a_long_button_is_no_wider_than_a_narrow_window(tab: Tab, folder: Path) -> None:
+    tab.load(folder / "swing.csv")
+    tab.page.wait_for_selector("td:has-text('swing')")
+    tab.go("diagnose")
+    tab.page.set_viewport_size({"width": 420, "height": 900})
+    tab.page.evaluate(
+        """() => document.querySelectorAll("#stage .action:not(td *)").forEach(
+          (one) => one.textContent = "Keep dry friction that varies with the angle and the load as a table")"""
+    )
+    assert "as a table" in tab.page.inner_text("#stage")
+    assert tab.page.evaluate("document.documentElement.scrollWidth") <= 420
+
+
 @pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
 def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(
     browser: "sync_api.Browser", folder: Path

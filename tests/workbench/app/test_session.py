@@ -601,6 +601,14 @@ def test_what_no_effect_explains_is_said_where_effects_are_added(worked: dict[st
     assert adding.settled(none) == "Something is left that no effect of the library explains."
 
 
+def test_a_table_that_was_added_says_what_it_looks_like_and_an_effect_does_not(
+    state: State, worked: dict[str, State]
+) -> None:
+    table = state.with_step(add(state.model, "friction_by_speed", state.train))
+    assert ". It looks like " in adding.said(table.ladder)
+    assert "looks like" not in adding.said(worked["paper"].ladder)
+
+
 def test_the_residual_is_the_last_model_s(session: Session, state: State, worked: dict[str, State]) -> None:
     for session.state, last in ((state, "base model"), (worked["paper"], "final model")):
         page = html.Div(compare.show(session))

@@ -9,6 +9,7 @@ from typing import Any
 from dash import Input, State, dcc, html
 from dash.development.base_component import Component
 
+from estimators.diagnosis.added import looks
 from estimators.diagnosis.addition import add
 from estimators.selection.data import Step
 from pendulum_env.lookup import find
@@ -45,7 +46,10 @@ def said(steps: Sequence[Step]) -> str:
     for part, where in (("train", "fitted"), ("holdout", "held-out")):
         old, new = (number(step.errors[part].torque_rms) for step in steps[-2:])
         told.append(f"from {old} to {new} N m on {where} data")
-    return f"With {name(steps[-1].added or '')} the torque error goes {listing(told)}."
+    added = steps[-1].added or ""
+    fall = f"With {name(added)} the torque error goes {listing(told)}."
+    shape = looks(steps[-1])
+    return fall if shape is None else f"{fall} It {shape.removeprefix(added).strip()}."
 
 
 def calls(state: Work, busy: bool) -> Component:
