@@ -17,7 +17,7 @@ from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
-from estimators.selection.moves import best, is_needed
+from estimators.selection.moves import explaining
 from estimators.selection.search import select
 from estimators.weak_form.dataset import TRIFLE
 from estimators.weak_form.links import prepare_arm
@@ -105,13 +105,6 @@ class ArmDiagnosis:
 def also(ids: Sequence[str]) -> str:
     """What else is to be done so."""
     return f" (so would {listing(list(ids))})" if ids else ""
-
-
-def kept_as_table(models: Models, terms: Terms, joint: str) -> str | None:
-    """The table that would explain most of what terms leave at a joint; None if none would explain enough."""
-    trials = [best(models, terms, foil) for foil in models.foils if foil.at == joint]
-    found = [trial.terms for trial in trials if trial is not None and is_needed(models, trial.terms, terms)]
-    return min(found, key=models.promise)[-1].id if found else None
 
 
 def where_it_stands_out(models: Models, terms: Terms, joints: Sequence[str]) -> dict[str, Region]:
@@ -230,5 +223,10 @@ def diagnose_arm(
         after=compare_arm(model, held),
         unexplained=unexplained,
         regions=where_it_stands_out(models, found.terms, list(unexplained)),
-        tables=tuple(filter(None, (kept_as_table(models, found.terms, joint) for joint in unexplained))),
+        tables=tuple(
+            filter(
+                None,
+                (explaining(models, found.terms, [foil for foil in tables if foil.at == at]) for at in unexplained),
+            )
+        ),
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from estimators.diagnosis.likeness import likenesses
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Step
@@ -11,6 +13,7 @@ from pendulum_env.notebook import shown
 from pendulum_env.physics import Model
 from pendulum_env.words import along, listing
 
+SURE = 3.0  # times its standard errors, from which a table has a shape
 CHANCE = "lowers the held-out errors by no more than chance would"
 
 
@@ -19,6 +22,8 @@ def looks(step: Step) -> str | None:
     if step.added not in step.model.tables:
         return None
     table, curve = step.model.tables[step.added]
+    if np.mean(curve.value**2) < (SURE * np.median(curve.std)) ** 2:  # at an end they may be large
+        return f"{step.added} looks like no formula: its standard errors are nearly as large as itself"
     near = [along(one.text) if table.slides else one.text for one in likenesses(table, curve)]
     nearest = f"{listing(near, 'or')} of its shape" if near else "no formula that is known here"
     return f"{step.added} looks like {nearest}"

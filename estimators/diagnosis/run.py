@@ -30,7 +30,7 @@ from estimators.selection.data import Evidence, fit_terms, noise_floor, with_kno
 from estimators.selection.foils import words
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.motion import is_astray, refine, relink, sharpen
-from estimators.selection.moves import ids, settle
+from estimators.selection.moves import explaining, ids, settle
 from estimators.selection.search import Selection, select
 from estimators.signals.measurements import measure_segments
 from estimators.weak_form.dataset import choose_half_width, prepare
@@ -38,6 +38,7 @@ from estimators.weak_form.instruments import fit_by_reference
 from estimators.weak_form.windows import SLOWEST
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Term
+from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing
@@ -301,6 +302,8 @@ def _examine(
     if impossible(steps[-1].model, models.train.motions):
         asked = []  # nobody knows what motion to expect
     table = getattr(found.unnamed, "table", None)
+    if left and table is None:
+        table = explaining(models, steps[-1].model.terms, TABLES.values())
     kept = None if table is None else KEPT.format(table=table)
     suggestion, hopeless, forbidden = suggest(models, steps[-1].model, asked, setting.limits, setting.usual, left)
     if left and not asked:

@@ -137,6 +137,13 @@ def is_needed(models: Models, terms: Terms, without: Terms) -> bool:
     return models.is_sure(terms, without) and models.left.explained(terms, without) > models.criterion.needed
 
 
+def explaining(models: Models, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
+    """The id of the law of some that would explain most of what terms leave; None if none would explain enough."""
+    trials = [best(models, terms, law) for law in laws if law.id not in ids(terms)]
+    found = [trial.terms for trial in trials if trial is not None and is_needed(models, trial.terms, terms)]
+    return min(found, key=models.promise)[-1].id if found else None
+
+
 def revise(models: Models, terms: Terms, base: Terms) -> Terms:
     """Drop effects that are not needed beside the others, and swap those in whose place another surely gains."""
     for _ in range(2 * models.criterion.most):

@@ -32,6 +32,7 @@ from estimators.selection.moves import (
 from estimators.simulation import multiple_shooting
 from estimators.simulation.link_segments import has_link
 from pendulum_env.physics import Term
+from pendulum_env.physics.term import loads
 
 ORDERED = 3  # effects up to which every order is tried
 TRIED = 8  # effects that are tried until one is confirmed
@@ -206,7 +207,7 @@ def with_foils(models: Models, base: Terms, terms: Terms) -> Iterator[tuple[Term
     """Each law without a name, and the terms with it: instead of all effects, or beside those that it leaves."""
     open_at = {at for at in models.left.joints if not models.left.is_noise_at(at, terms)}
     for foil in models.foils:
-        if foil.at and foil.at not in open_at | {term.at for term in terms[len(base) :]}:
+        if foil.at and foil.at not in open_at | {at for term in terms[len(base) :] for at in loads(term.at)}:
             continue  # nothing is left there, nor named
         for others in dict.fromkeys((base, terms)):
             trial = best(models, others, foil)
