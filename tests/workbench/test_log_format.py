@@ -147,4 +147,4 @@ def test_what_a_diagnosis_says_of_columns_can_be_pasted(bench, tmp_path, capsys)
         assert pasted in html.unescape(page.read_text(encoding="utf-8"))
         option = shlex.split(pasted)
     assert main([*log, *option, "-o", str(tmp_path / "m.json")]) == 0
-    assert "nothing: inertia, gravity, viscous and coulomb explain these recordings" in capsys.readouterr().out
+    assert "Nothing is missing" in capsys.readouterr().out
