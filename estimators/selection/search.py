@@ -181,15 +181,23 @@ def owned(models: Models, base: Terms, terms: Terms) -> tuple[Terms, Term | None
             leads.append((lead.total, left))
     if not leads:
         return terms, None
-    *_, left = max(leads, key=lambda entry: entry[0])
-    grown = grown_beside(models, base, left)
-    return named(models, grown), next(term for term in grown if is_unnamed(models, term))
+    *_, likeliest = max(leads, key=lambda entry: entry[0])
+    same = [left for _, left in leads if law_of(models, left).id == law_of(models, likeliest).id]
+    level = [left for left in same if models.is_level(left, likeliest)]  # a table may hold all that an effect is
+    grown = grown_beside(models, base, min([likeliest, *level], key=len))
+    return named(models, grown), law_of(models, grown)
+
+
+def law_of(models: Models, terms: Terms) -> Term:
+    """That of the terms which has no name."""
+    return next(term for term in terms if is_unnamed(models, term))
 
 
 def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
     """The terms, one of them a law without a name, with the effects that explain most of what they leave.
 
-    Others without a name compete: where one of them predicts surely better, no further effect is named.
+    Others without a name compete: where one of them predicts surely better, no further effect is named; nor is it where
+    the same law, told in more pieces, predicts as well.
     """
     while len(terms) - len(base) <= models.criterion.most and not models.left.fits(terms):
         needed = (longer for longer in candidates(models, terms)[:TRIED] if is_needed(models, longer, terms))
@@ -199,8 +207,18 @@ def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
         others = [best(models, terms, foil) for foil in models.foils if foil.id not in ids(terms)]
         if any(trial is not None and models.is_sure(trial.terms, longer) for trial in others):
             break
+        if any(models.is_level(finer, longer) for finer in in_other_forms(models, terms)):
+            break
         terms = settle(models, longer)
     return terms
+
+
+def in_other_forms(models: Models, terms: Terms) -> list[Terms]:
+    """The terms with each other form of their law without a name: tables have more pieces or fewer."""
+    law = law_of(models, terms)
+    foil = next(foil for foil in models.foils if foil.id == law.id)
+    others = tuple(term for term in terms if term is not law)
+    return [trial.terms for trial in models.screen.variants(others, foil) if trial.terms[-1] != law]
 
 
 def with_foils(models: Models, base: Terms, terms: Terms) -> Iterator[tuple[Term, Terms]]:
