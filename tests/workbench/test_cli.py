@@ -10,6 +10,7 @@ import pytest
 
 import estimators.arguments
 from pendulum_env.physics import BASE, Model, effects
+from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import read_recording
 from pendulum_env.words import duration
 from workbench.cli import main
@@ -343,6 +344,13 @@ def test_effects_tells_how_one_shows_and_refuses_what_is_none(capsys):
     assert kind.signature in out and kind.reveal in out and "joint flexibility" in out and "stribeck:" not in out
     assert main(["effects", "backlahs"]) == 2
     assert "did you mean backlash?" in capsys.readouterr().err
+
+
+def test_effects_tells_what_a_table_is_for(capsys):
+    for id in TABLES:
+        assert main(["effects", id]) == 0
+        told = capsys.readouterr().out
+        assert f"{id}: {TABLES[id].law}\n" in told and str(TABLES[id].__doc__).partition("\n")[0] in told
 
 
 def test_unwrap_mends_wrapped_angles(wrapped, capsys):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from pendulum_env.physics import BASE, Term, effect, effects
-from pendulum_env.physics.table import TABLES
+from pendulum_env.lookup import find
+from pendulum_env.physics import BASE, Term, addable, effects
+from pendulum_env.physics.table import TABLES, Table
 from pendulum_env.plant import typical
 from pendulum_env.words import listing, name
 from workbench.inputs import argument
@@ -15,7 +16,7 @@ from workbench.terminal import Terminal
 def configure(parser: argparse.ArgumentParser) -> None:
     """Take effects to tell more of."""
     parser.add_argument(
-        "effects", nargs="*", type=argument(effect), metavar="EFFECT", help="tell how this one shows, and what tells it"
+        "effects", nargs="*", type=argument(_known), metavar="EFFECT", help="tell how this one shows, and what tells it"
     )
 
 
@@ -23,7 +24,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """List the effects with kind, law, parameters and units, or tell more of some."""
     for kind in arguments.effects:
         terminal.heading(f"{kind.id}: {kind.law}")
-        for line in (*told(kind), f"Parameters, of typical size: {parameters(kind)}."):
+        for line in told(kind):
             terminal.say(line)
     if arguments.effects:
         return
@@ -45,9 +46,16 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def told(kind: type[Term]) -> list[str]:
-    """How an effect shows, with what it is confused, and what tells it, a sentence each."""
+    """How an effect shows, with what it is confused, what tells it, and its parameters; of a table what it is for."""
+    if issubclass(kind, Table):
+        return [str(kind.__doc__).partition("\n")[0], "Parameters: coefficients of a spline, by `add`."]
     alike = f"Confused with {listing([name(id) for id in kind.resembles])}." if kind.resembles else ""
-    return [line for line in (kind.signature, alike, f"What tells: {kind.reveal}.") if line]
+    values = f"Parameters, of typical size: {parameters(kind)}."
+    return [line for line in (kind.signature, alike, f"What tells: {kind.reveal}.", values) if line]
+
+
+def _known(id: str) -> type[Term]:
+    return find("effect", id, addable())
 
 
 def parameters(kind: type[Term]) -> str:
