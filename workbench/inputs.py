@@ -6,7 +6,7 @@ import argparse
 import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,8 +17,7 @@ from estimators.checks.torque_constant import Calibrated
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
 from pendulum_env.files import check_output
-from pendulum_env.lookup import find
-from pendulum_env.physics import Model, ModelError, Term, effects
+from pendulum_env.physics import Model, ModelError, Term, effect
 from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import DIGITS, LARGE, LARGEST, Unreadable, Value, read_json, shown
 from pendulum_env.recording import Recording, Source
@@ -279,9 +278,9 @@ def ids(text: str) -> list[str]:
     return [known_effect(id.strip()) for id in text.split(",") if id.strip()]
 
 
-def known_effect(id: str, known: Mapping[str, type[Term]] | None = None) -> str:
+def known_effect(id: str, known: Callable[[str], type[Term]] = effect) -> str:
     """Id of an effect, by default of the library, or of the one that only arms have; raises ValueError otherwise."""
-    return id if id == COUPLING else find("effect", id, known or effects()).id
+    return id if id == COUPLING else known(id).id
 
 
 def known(text: str) -> dict[str, float]:

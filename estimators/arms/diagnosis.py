@@ -23,7 +23,7 @@ from estimators.weak_form.dataset import TRIFLE
 from estimators.weak_form.links import prepare_arm
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling, Links, at_joint, at_joints, friction, joint_effects, kind_at
+from pendulum_env.arms.joints import Coupling, Links, at_joints, friction, joint_effects, kind_at
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Estimate, Model, Term
@@ -197,9 +197,7 @@ def diagnose_arm(
     train, held = parted(recordings, holdout)
     placed = at_joints((joint_effects() if library is None else library).values(), body)
     base = (Links(body), *friction(body))
-    tables = [
-        at_joint(kind, *place) for place in zip(body.joints, body.slides, strict=True) for kind in TABLES.values()
-    ]
+    tables = at_joints(TABLES.values(), body)
     models = models_of_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress, tables)
     found = select(models)
     candidates, groups = judge(found, found.terms)

@@ -19,9 +19,10 @@ CHANCE = "lowers the held-out errors by no more than chance would"
 
 def looks(step: Step) -> str | None:
     """The formulas that a table which was added comes nearest to, in a sentence; None of an effect."""
-    if step.added not in step.model.tables:
+    tables = step.model.tables
+    if step.added not in tables:
         return None
-    table, curve = step.model.tables[step.added]
+    table, curve = tables[step.added]
     if np.mean(curve.value**2) < (SURE * np.median(curve.std)) ** 2:  # at an end they may be large
         return f"{step.added} looks like no formula: its standard errors are nearly as large as itself"
     near = [along(one.text) if table.slides else one.text for one in likenesses(table, curve)]

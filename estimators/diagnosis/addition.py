@@ -21,8 +21,8 @@ from estimators.selection.models import Models
 from estimators.selection.motion import sharpen
 from estimators.selection.moves import best, is_hidden, loosened, settle
 from estimators.selection.search import Selection
-from pendulum_env.lookup import find
-from pendulum_env.physics import BASE, Model, Term, addable
+from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics.library import addition
 
 
 def fit(train: Evidence, holdout: Evidence, terms: Sequence[Term] = BASE) -> Step:
@@ -62,7 +62,7 @@ def add(
     holdout = chosen_recordings(holdout, empty=True)
     if not isinstance(id, str):
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
-    kind = find("effect", id, addable())
+    kind = addition(id)
     model.add(kind())  # raises if it is there already
     terms, library = within_limits(model.terms, {id: kind}, fixed, bounds)
     model, kind = replace(model, terms=terms), library[id]

@@ -161,7 +161,7 @@ def show_addition(found: Addition) -> str:
     """Errors before and after, what follows from them, and the parameters."""
     shown = card(
         found.text,
-        *([note(f"{found.looks_like}.")] if found.looks_like is not None else []),
+        *([note(f"{shape}.")] if (shape := found.looks_like) is not None else []),
         table(errors_table((found.before, found.after))),
         note(f"{opening(noise_text(found.noise_floor))}."),
         heading("Parameters"),

@@ -114,7 +114,12 @@ def effect(id: str) -> type[Term]:
     return find("effect", id, effects())
 
 
+def addition(id: str) -> type[Term]:
+    """Effect or table of that id; raises ValueError like `effect`."""
+    return find("effect", id, addable())
+
+
 def term(id: str) -> type[Term]:
     """Base term, effect or table of that id; raises ValueError like `effect`."""
     base = {item.id: type(item) for item in (*BASE, BackEmf())}
-    return base[id] if id in base else find("effect", id, addable())
+    return base[id] if id in base else addition(id)

@@ -133,20 +133,21 @@ class Model:
     @property
     def tables(self) -> dict[str, tuple[Table, Curve]]:
         """Functions that are kept as tables, by id, with what they are."""
-        names, covariance, found = list(self.estimates), self.assumed_covariance, {}
-        for term in self.terms:
-            if isinstance(term, Table):
-                place = [names.index(column.name) for column in term.columns]
-                theta = np.array([self.estimates[names[k]].value for k in place])
-                found[term.id] = term, term.curve(theta, covariance[np.ix_(place, place)])
+        tables = [term for term in self.terms if isinstance(term, Table)]
+        names, covariance, found = list(self.estimates), self.assumed_covariance if tables else np.empty((0, 0)), {}
+        for term in tables:
+            place = [names.index(column.name) for column in term.columns]
+            theta = np.array([self.estimates[names[k]].value for k in place])
+            found[term.id] = term, term.curve(theta, covariance[np.ix_(place, place)])
         return found
 
     @property
     def readable(self) -> dict[str, Estimate]:
         """The estimates for a reader: in the place of a table's coefficients, under its id, where it is largest."""
-        entries = {column.name for term, _ in self.tables.values() for column in term.columns}
+        tables = self.tables
+        entries = {column.name for term, _ in tables.values() for column in term.columns}
         shown = {name: own for name, own in self.estimates.items() if name not in entries}
-        for id, (term, curve) in self.tables.items():
+        for id, (term, curve) in tables.items():
             k = int(np.argmax(np.abs(curve.value)))
             entry = self.estimates[term.columns[0].name]
             shown[f"{id} (largest)"] = replace(
@@ -260,8 +261,8 @@ class Model:
             "terms": [term.id for term in self.terms],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
         }
-        if self.tables:
-            data["tables"] = {id: term.extent._asdict() for id, (term, _) in self.tables.items()}
+        if extents := {term.id: term.extent._asdict() for term in self.terms if isinstance(term, Table)}:
+            data["tables"] = extents
         if self.torque_unit != "N m":
             data["torque_unit"] = self.torque_unit
         if self.torque_constant is not None:

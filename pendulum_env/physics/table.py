@@ -14,11 +14,10 @@ from functools import cache, partial
 from typing import Any, ClassVar, NamedTuple, Self, cast
 
 import numpy as np
-from scipy.linalg import qr
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics.term import Column, Kind, Samples, Term
+from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.reading import Value
 
 FINE = 2000  # points over which functions are orthogonal
@@ -83,6 +82,7 @@ class Table(Term):
     extent: ClassVar[Extent] = Extent(-1.0, 1.0, 4)
     axis: ClassVar[str] = ""
     unit: ClassVar[str] = "N m"
+    is_dry: ClassVar[bool] = False  # whether it is set-valued friction, and no smooth torque
     zero: ClassVar[float | None] = None  # argument at which it is zero
 
     @classmethod
@@ -107,7 +107,7 @@ class Table(Term):
     @classmethod
     def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
         """The column of one coefficient."""
-        return Column(name, cls.unit, force=law)
+        return Column(name, cls.unit, dry=law) if cls.is_dry else Column(name, cls.unit, force=law)
 
     @classmethod
     def warped(cls, argument: ArrayLike) -> ArrayLike:
@@ -184,6 +184,8 @@ def _again(bare: Table, extent: Extent) -> Table:
 @cache
 def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
     """What each coefficient of a table weighs each spline by: those that meet all conditions, and are few."""
+    from scipy.linalg import qr  # here, as it takes longer to import than this package
+
     low, high, pieces = kind.extent[:3]
     knots = range(pieces) if kind.extent.is_turn else range(-1, pieces + 2)
     x = low + (high - low) * (np.arange(FINE) + 0.5) / FINE
@@ -220,17 +222,29 @@ def _columns(kind: type[Table]) -> tuple[Column, ...]:
 
 
 @dataclass(frozen=True)
-class TorqueByAngle(Table):
-    """Torque that is a function of the angle, as of a cable, a dress pack or a cam; over a turn where it turned."""
+class ByAngle(Table):
+    """A function of the angle, over a turn where the joint turned."""
 
-    id = "torque_by_angle"
-    law = "f(q)"
-    kind: ClassVar[Kind] = "potential"
     axis = "position"
 
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
         return x.position
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        low, high = float(np.min(x.position)), float(np.max(x.position))
+        spans = [(low, high)] + [(-np.pi, np.pi)] * (high - low >= 2 * np.pi and not cls.slides)
+        return [cls.over(Extent(*span, pieces))() for span in spans for pieces in ANGLES]
+
+
+@dataclass(frozen=True)
+class TorqueByAngle(ByAngle):
+    """Torque that is a function of the angle, as of a cable, a dress pack or a cam; over a turn where it turned."""
+
+    id = "torque_by_angle"
+    law = "f(q)"
+    kind = "potential"
 
     def beside(self, terms: Sequence[Term]) -> Table:
         names = (name for term in terms if term.at in ("", self.at) for name in term.of_angle(self.at))
@@ -241,40 +255,25 @@ class TorqueByAngle(Table):
         # no line goes on round the turn
         return [OF_ANGLE[name] for name in cls.extent.beside if not (name == "line" and cls.extent.is_turn)]
 
-    @classmethod
-    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        low, high = float(np.min(x.position)), float(np.max(x.position))
-        spans = [(low, high)] + [(-np.pi, np.pi)] * (high - low >= 2 * np.pi and not cls.slides)
-        return [cls.over(Extent(*span, pieces))() for span in spans for pieces in ANGLES]
-
 
 @dataclass(frozen=True)
-class FrictionByAngle(TorqueByAngle):
+class FrictionByAngle(ByAngle):
     """Dry friction that varies with the angle, as of a seal that rubs or a worn stretch of a gear."""
 
     id = "friction_by_angle"
     law = "f(q) sgn q'"
     kind = "dissipative"
-
-    def beside(self, terms: Sequence[Term]) -> Table:
-        return self
+    is_dry = True
 
     @classmethod
     def laws(cls) -> Sequence[Callable[[Array], Array]]:
         return (np.ones_like,)
 
-    @classmethod
-    def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
-        return Column(name, cls.unit, dry=law)
-
 
 @dataclass(frozen=True)
-class FrictionBySpeed(Table):
-    """Friction that is any function of the speed, the same either way; knots are closer together at low speed."""
+class BySpeed(Table):
+    """A function of the speed, the same either way; knots are closer together at low speed."""
 
-    id = "friction_by_speed"
-    law = "f(|q'|) sgn q'"
-    kind: ClassVar[Kind] = "dissipative"
     axis = "velocity"
     extent = Extent(0.0, 1.0, 4)
 
@@ -287,21 +286,27 @@ class FrictionBySpeed(Table):
         return np.sqrt(argument)
 
     @classmethod
-    def laws(cls) -> Sequence[Callable[[Array], Array]]:
-        return (np.ones_like, np.positive)
-
-    @classmethod
-    def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
-        return Column(name, cls.unit, dry=law)
-
-    @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         fastest = float(np.max(np.abs(x.velocity)))
         return [cls.over(Extent(0.0, fastest, pieces))() for pieces in SPEEDS]
 
 
 @dataclass(frozen=True)
-class GainBySpeed(FrictionBySpeed):
+class FrictionBySpeed(BySpeed):
+    """Friction that is any function of the speed, the same either way; knots are closer together at low speed."""
+
+    id = "friction_by_speed"
+    law = "f(|q'|) sgn q'"
+    kind = "dissipative"
+    is_dry = True
+
+    @classmethod
+    def laws(cls) -> Sequence[Callable[[Array], Array]]:
+        return (np.ones_like, np.positive)
+
+
+@dataclass(frozen=True)
+class GainBySpeed(BySpeed):
     """Motor torque that is lost in a share that varies with the speed: the joint receives tau (1 - f(|q'|))."""
 
     id = "gain_by_speed"
@@ -309,10 +314,6 @@ class GainBySpeed(FrictionBySpeed):
     kind = "actuation"
     unit = "1"
     zero = 0.0  # at rest the gain is one
-
-    @classmethod
-    def laws(cls) -> Sequence[Callable[[Array], Array]]:
-        return ()
 
     @classmethod
     def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:

@@ -6,7 +6,7 @@ import argparse
 
 from estimators.diagnosis.addition import add
 from estimators.show.tables import errors_table
-from pendulum_env.physics import addable
+from pendulum_env.physics.library import addition
 from pendulum_env.words import parameters_table
 from workbench.inputs import (
     argument,
@@ -68,8 +68,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terminal.heading("Errors, the model refitted without and with the effect")
     terminal.table(*errors_table((before, after)))
     terminal.say(added.text)
-    if added.looks_like is not None:
-        terminal.say(added.looks_like)
+    if (shape := added.looks_like) is not None:
+        terminal.say(shape)
     if added.left > FAR_ABOVE:
         terminal.say(
             f"what is left is {added.left:.1f} times the noise floor: something else is missing, `diagnose` ranks what"
@@ -82,5 +82,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _effect(text: str) -> str:
-    known_effect(text.partition("@")[0], addable())
+    known_effect(text.partition("@")[0], addition)
     return text

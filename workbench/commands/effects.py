@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from pendulum_env.lookup import find
-from pendulum_env.physics import BASE, Term, addable, effects
+from pendulum_env.physics import BASE, Term, effects
+from pendulum_env.physics.library import addition
 from pendulum_env.physics.table import TABLES, Table
 from pendulum_env.plant import typical
 from pendulum_env.words import listing, name
@@ -16,7 +16,11 @@ from workbench.terminal import Terminal
 def configure(parser: argparse.ArgumentParser) -> None:
     """Take effects to tell more of."""
     parser.add_argument(
-        "effects", nargs="*", type=argument(_known), metavar="EFFECT", help="tell how this one shows, and what tells it"
+        "effects",
+        nargs="*",
+        type=argument(addition),
+        metavar="EFFECT",
+        help="tell how this one shows, and what tells it",
     )
 
 
@@ -52,10 +56,6 @@ def told(kind: type[Term]) -> list[str]:
     alike = f"Confused with {listing([name(id) for id in kind.resembles])}." if kind.resembles else ""
     values = f"Parameters, of typical size: {parameters(kind)}."
     return [line for line in (kind.signature, alike, f"What tells: {kind.reveal}.", values) if line]
-
-
-def _known(id: str) -> type[Term]:
-    return find("effect", id, addable())
 
 
 def parameters(kind: type[Term]) -> str:

@@ -12,8 +12,7 @@ from dash.development.base_component import Component
 from estimators.diagnosis.added import looks
 from estimators.diagnosis.addition import add
 from estimators.selection.data import Step
-from pendulum_env.lookup import find
-from pendulum_env.physics import addable
+from pendulum_env.physics.library import addition
 from workbench.app.parts import button, effects_to_choose, fragment, graph, labelled, panel
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
@@ -104,7 +103,7 @@ def start(session: Session, id: str | None) -> None:
         raise InputError("choose an effect to add")
     state = session.state
     recordings = state.train, state.holdout
-    find("effect", id, addable())
+    addition(id)
     if id in state.model.effects:
         raise InputError(f"{name(id)} is in the model already")
 
