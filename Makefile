@@ -57,12 +57,12 @@ docs: .venv/dev
 
 # Runs what README, docs/ and the tutorial show, and puts in what is printed now; `git diff` shows what changed.
 pages: tutorial
-	$(BIN)/python -m tests.refresh
-	$(BIN)/python -m tests.pictures
+	$(BIN)/python -m tools.refresh
+	$(BIN)/python -m tools.pictures
 
 # Runs the tutorial notebook and stores what comes out in it.
 tutorial: .venv/dev
-	$(BIN)/python examples/execute.py
+	$(BIN)/python tools/execute.py
 
 # Builds wheel and sdist into dist/, installs the wheel alone in a fresh environment, and tries it there as a user would.
 package: .venv/dev
@@ -71,7 +71,7 @@ package: .venv/dev
 	$(BIN)/python -m venv build/package/venv
 	build/package/venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
 		"$$(ls dist/*.whl)[app]"
-	cd build/package && venv/bin/python -I ../../tests/installed.py
+	cd build/package && venv/bin/python -I ../../tools/installed.py
 
 clean:
 	rm -rf .venv build dist .pytest_cache .hypothesis .mypy_cache .ruff_cache

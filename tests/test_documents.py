@@ -16,9 +16,9 @@ from estimators.selection import foils, models, motion, score
 from estimators.selection.criterion import Criterion
 from estimators.simulation.free_running import SECONDS
 from pendulum_env.physics import BASE, library
-from tests import prose
-from tests.prose import PAGES, README, ROOT, check, first_untold
-from tests.refresh import refreshed
+from tools import prose
+from tools.prose import PAGES, README, ROOT, check, first_untold
+from tools.refresh import refreshed
 
 EXAMPLES = sorted(
     path

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.prose import ROOT, blocks, first_untold, outputs, own_folder
+from tools.prose import ROOT, blocks, first_untold, outputs, own_folder
 
 PAGE = ROOT / "docs" / "machines.md"
 DATA = ROOT.parent / "shared" / "data"

@@ -5,12 +5,12 @@ from html import unescape
 
 import pytest
 
-from tests.prose import first_untold
+from tools.prose import first_untold
 
 pytest.importorskip("nbclient", reason="running the notebook needs nbclient")
 pytest.importorskip("ipykernel", reason="running the notebook needs ipykernel")
 
-from examples.execute import TUTORIAL, execute
+from tools.execute import TUTORIAL, execute
 
 
 def words(cell) -> str:
@@ -33,7 +33,7 @@ def test_tutorial_runs_and_its_stored_output_is_what_comes_out():
     assert len(fresh) > 5
     for old, new in zip(stored, fresh, strict=True):
         line = first_untold(words(old), words(new))
-        assert line is None, f"examples/tutorial.ipynb shows what no longer comes out, run examples/execute.py: {line}"
+        assert line is None, f"examples/tutorial.ipynb shows what no longer comes out, run tools/execute.py: {line}"
     told = "".join(map(words, fresh))
     assert "Stribeck friction is missing" in told
     assert "Stribeck friction and cubic damping are missing" in told

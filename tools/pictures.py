@@ -1,4 +1,4 @@
-"""Make the pictures of the pages that no page prints, of a report and of the app: python -m tests.pictures.
+"""Make the pictures of the pages that no page prints, of a report and of the app: python -m tools.pictures.
 
 Needs chromium beside the extra dev; without it, pictures stay as they are.
 """
@@ -18,10 +18,10 @@ from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import write_recording
-from tests.gallery import gallery, machines
-from tests.prose import ROOT
 from tests.test_machines import DATA
 from tests.workbench.app.plants import recorded
+from tools.gallery import gallery, machines
+from tools.prose import ROOT
 from workbench.report import write_report
 
 HIDDEN = ["spring:stiffness=0.25,preload=0.1", "stribeck:stribeck=0.5,stribeck_velocity=0.8"]

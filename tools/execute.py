@@ -1,4 +1,4 @@
-"""Run the tutorial notebook and keep what comes out in it: python examples/execute.py [NOTEBOOK].
+"""Run the tutorial notebook and keep what comes out in it: python tools/execute.py [NOTEBOOK].
 
 Needs nbclient and ipykernel, which are part of the extra dev.
 """
@@ -11,7 +11,7 @@ from typing import Any
 import nbformat
 from nbclient import NotebookClient
 
-TUTORIAL = Path(__file__).with_name("tutorial.ipynb")
+TUTORIAL = Path(__file__).parents[1] / "examples" / "tutorial.ipynb"
 LONGEST = 300  # [s] that a cell may take
 
 

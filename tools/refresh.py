@@ -1,4 +1,4 @@
-"""Put what is printed now into README and the pages of docs/: python -m tests.refresh [PAGE ...].
+"""Put what is printed now into README and the pages of docs/: python -m tools.refresh [PAGE ...].
 
 An output that still comes out is left alone. Of a stale one, each shown line becomes the next printed line that says
 the same with other numbers, or else, of those further on, the one most like it; lines that were left out stay out. A
@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.prose import PAGES, README, candidates, first_untold, is_left_out, outputs, own_folder, runnable
+from tools.prose import PAGES, README, candidates, first_untold, is_left_out, outputs, own_folder, runnable
 
 
 def refreshed(shown: str, printed: str) -> tuple[str, list[str]]:

@@ -1,0 +1,131 @@
+"""Count what the house is made of: python -m tools.house.
+
+Lines by package, the largest class and function, scalar constants of modules, words that are our own where the field
+has one, and circles of imports between folders.
+"""
+
+import ast
+import re
+from collections import Counter
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("pendulum_env", "estimators", "agents", "workbench")
+OTHERS = ("tests", "benchmarks", "tools", "examples")
+# Word here: the field's
+OWN_WORDS = {
+    "evidence": "prepared data",
+    "flight": "segment",
+    "fly": "simulate",
+    "shot": "segment",
+    "hop": "horizon",
+    "astray": "simulation misfit",
+    "foil": "nonparametric alternative",
+    "wandering": "random-walk disturbance",
+    "wander": "random-walk disturbance",
+    "knock": "impact",
+    "bristle": "friction state",
+    "muffled": "absorbed noise",
+    "rival": "competing model",
+    "rugged": "multimodal",
+    "stretch": "block",
+    "likeliest": "maximum likelihood",
+    "sharpen": "maximum-likelihood refit",
+    "relink": "reselection of the transmission",
+    "settle": "refit",
+    "nudge": "perturbation",
+    "shaken": "perturbation",
+    "trifle": "tolerance",
+    "chance": "p-value",
+    "sure": "significant",
+    "told": "reported",
+    "said": "reported",
+}
+
+
+def modules(package: str) -> list[Path]:
+    return sorted((ROOT / package).rglob("*.py"))
+
+
+def lines(package: str) -> int:
+    return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in modules(package))
+
+
+def largest(kind: type[ast.ClassDef] | type[ast.FunctionDef]) -> tuple[int, str]:
+    found = [
+        ((node.end_lineno or 0) - node.lineno + 1, f"{node.name}, {path.relative_to(ROOT)}")
+        for package in PACKAGES
+        for path in modules(package)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, kind)
+    ]
+    return max(found)
+
+
+def scalars(path: Path) -> Iterator[str]:
+    """Names of module constants that are one number."""
+    known: dict[str, float] = {}
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            try:
+                value = eval(compile(ast.Expression(node.value), str(path), "eval"), {"__builtins__": {}}, dict(known))
+            except Exception:  # of no number alone
+                continue
+            if isinstance(target, ast.Name) and isinstance(value, int | float) and not isinstance(value, bool):
+                known[target.id] = value
+                yield target.id
+
+
+def own_words() -> Counter[str]:
+    """How often identifiers use each word that the field has another for."""
+    found: Counter[str] = Counter()
+    for package in PACKAGES:
+        for path in modules(package):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                name = {ast.Name: "id", ast.Attribute: "attr", ast.arg: "arg", ast.keyword: "arg"}.get(
+                    type(node), "name"
+                )
+                for part in re.findall(r"[A-Z]?[a-z]+", str(getattr(node, name, ""))):
+                    word = part.lower()
+                    found[word if word in OWN_WORDS else word.removesuffix("s")] += 1
+    return Counter({word: found[word] for word in OWN_WORDS if found[word]})
+
+
+def circle() -> list[str]:
+    """Folders that import each other in a circle, if any."""
+    graph: dict[str, set[str]] = {}
+    for package in PACKAGES:
+        for path in modules(package):
+            here = ".".join(path.parent.relative_to(ROOT).parts)
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in PACKAGES:
+                    there = (
+                        node.module
+                        if (ROOT / node.module.replace(".", "/")).is_dir()
+                        else node.module.rpartition(".")[0]
+                    )
+                    if there and there != here:
+                        graph.setdefault(here, set()).add(there)
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+if __name__ == "__main__":
+    counts = {package: lines(package) for package in (*PACKAGES, *OTHERS)}
+    for package, count in counts.items():
+        print(f"{count:7,d} lines  {package}")
+    print(f"{sum(counts[package] for package in PACKAGES):7,d} lines  packages together")
+    for kind, word in ((ast.ClassDef, "class"), (ast.FunctionDef, "function")):
+        size, name = largest(kind)
+        print(f"{size:7,d} lines  largest {word}: {name}")
+    of = {package: sum(len(list(scalars(path))) for path in modules(package)) for package in PACKAGES}
+    print(f"{sum(of.values()):7,d} scalar constants: {', '.join(f'{name} {count}' for name, count in of.items())}")
+    words = own_words()
+    print(f"{words.total():7,d} own words: {', '.join(f'{word} {count}' for word, count in words.most_common())}")
+    print(f"        circle of folders: {' -> '.join(circle()) or 'none'}")
