@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.paper.ways import differentiated_backwards
-from estimators.schemes.six import Dynamic, Energy, Scheme
+from estimators.schemes.six import Integral, Scheme, scheme
 from estimators.signals.measurements import measure
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE
@@ -47,11 +47,11 @@ def dissect(recording: Recording, theta: Array) -> Anatomy:
     rest = ~m.moving
     return Anatomy(
         at_rest=float(np.mean(rest)),
-        torque_at_rest=rms(left(Dynamic(guard=None))[rest]),
-        torque_clear=rms(left(Dynamic())),
+        torque_at_rest=rms(left(scheme("dynamic", guard=None))[rest]),
+        torque_clear=rms(left(scheme("dynamic"))),
         acceleration=rms(differentiated_backwards(recording).acceleration - m.acceleration),
-        memory_from_start=memory(Energy(window=None)),
-        memory_in_windows=memory(Energy()),
+        memory_from_start=memory(scheme("energy", operator=Integral(window=None))),
+        memory_in_windows=memory(scheme("energy")),
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import bilinear, lfilter
 
 from estimators.regression.equations import Equations
-from estimators.schemes.six import CUTOFF, Regression, Scheme
+from estimators.schemes.six import CUTOFF, Regression, Regressor
 from estimators.signals.measurements import Measurements
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import Column, Samples, Term
@@ -105,7 +105,7 @@ def _dissipated(m: Measurements, terms: Sequence[Term]) -> Array:
 
 @dataclass(frozen=True)
 class Printed:
-    """One of the paper's schemes over measurements `as_logged`; attributes as in `estimators.schemes.six.Scheme`."""
+    """One of the paper's schemes over measurements `as_logged`; attributes as in `estimators.schemes.six.Regressor`."""
 
     id: str
     unit: str
@@ -119,7 +119,7 @@ class Printed:
 
 
 # The (9) with p = I q' and p' differenced backwards is the dynamic model, its inertia moved to the left-hand side.
-PRINTED: tuple[Scheme, ...] = (
+PRINTED: tuple[Regressor, ...] = (
     Printed("dynamic", "N m", dynamic),
     Printed("filtered_dynamic", "N m", filtered_dynamic),
     Printed("energy", "J", energy, drifts=True),

@@ -8,17 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.paper.as_printed import PRINTED, as_logged
-from estimators.schemes.six import (
-    PAPER,
-    SCHEMES,
-    Dynamic,
-    Energy,
-    FilteredDynamic,
-    FilteredHamiltonian,
-    FilteredPower,
-    Hamiltonian,
-    Scheme,
-)
+from estimators.schemes.six import PAPER, SCHEMES, Regressor
 from estimators.signals.measurements import Measurements, measure
 from pendulum_env.recording import Recording
 
@@ -36,7 +26,7 @@ class Way:
 
     id: str
     text: str
-    schemes: Sequence[Scheme]
+    schemes: Sequence[Regressor]
     measured: Callable[[Recording], Measurements] = measure
 
     def segments(self, recording: Recording) -> list[Measurements]:
@@ -64,14 +54,7 @@ def differentiated_backwards(recording: Recording) -> Measurements:
     return replace(m, position=raw.position[same], velocity=raw.velocity[same], acceleration=raw.acceleration[same])
 
 
-STICK_KEPT: tuple[Scheme, ...] = (
-    Dynamic(guard=None),
-    FilteredDynamic(guard=None),
-    Energy(guard=None),
-    FilteredPower(guard=None),
-    Hamiltonian(guard=None),
-    FilteredHamiltonian(guard=None),
-)
+STICK_KEPT = tuple(replace(scheme, guard=None) for scheme in SCHEMES)
 WAYS: tuple[Way, ...] = (
     Way("ours", "this project", SCHEMES),
     Way("stick_kept", "stick kept, sgn q' as noise has it", STICK_KEPT),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from typing import Literal
 
 from estimators.comparison import in_units_of
 from estimators.in_loop.rollouts import are_driven
@@ -15,6 +14,7 @@ from pendulum_env.reading import shown
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import Source, read_as
 from workbench.export import ACTUATORS, BODIES, FORMATS, READABLE, Exported, Request, export
+from workbench.export.request import Language
 from workbench.inputs import (
     check_outputs,
     number,
@@ -32,7 +32,7 @@ from workbench.terminal import Terminal
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, format, output and how."""
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
-    forms = "; ".join(f"{name}, {what}" for name, (_, what) in FORMATS.items())
+    forms = "; ".join(f"{name}, {what}" for name, (what, _) in FORMATS.items())
     parser.add_argument("--to", required=True, choices=tuple(FORMATS), help=forms)
     parser.add_argument("-o", "--output", metavar="FILE", help="write it there (default: print it, unless --check)")
     parser.add_argument(
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     outputs = [arguments.output, arguments.callback]
     check_outputs(outputs, [arguments.model, *(str(source.file) for source in sources)])
     _refuse(arguments, bool(sources))
-    language: Literal["python", "c"] | None = None
+    language: Language | None = None
     if arguments.callback is not None:
         language = "c" if arguments.callback.endswith(".c") else "python"
     request = Request(

@@ -96,11 +96,6 @@ def arm(model: Model, request: Request) -> Body:
     return Body.of(inertia, value(model, "gravity"), value(model, "gravity_tilt"), request.mass)
 
 
-def no_armature(request: Request) -> tuple[str, ...]:
-    """What a format without rotors does with an armature, if there is one."""
-    return ("an armature: it stays part of the arm's inertia",) if request.armature else ()
-
-
 @dataclass(frozen=True)
 class Friction:
     """Friction as every format has it, and what it stands in for.

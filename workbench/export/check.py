@@ -21,8 +21,7 @@ from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
 from pendulum_env.servo.loop import Servos
 from workbench.export import mjcf
-from workbench.export.extra import needed
-from workbench.export.request import Exported, ExportError, Request
+from workbench.export.request import Exported, ExportError, Request, needed
 
 
 @dataclass(frozen=True)
