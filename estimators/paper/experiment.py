@@ -15,9 +15,8 @@ from typing import NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from estimators.paper.anatomy import Anatomy, dissect, rms
 from estimators.paper.as_printed import as_logged, dynamic
-from estimators.paper.ways import WAYS
+from estimators.paper.ways import WAYS, Anatomy, dissect, rms
 from estimators.schemes import six
 from estimators.schemes.identification import Identification, identify
 from estimators.signals.measurements import measure

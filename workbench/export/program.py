@@ -77,27 +77,31 @@ def program(language: Language, model: Model, dynamics: Dynamics, prefix: str = 
     start = Source.of(dynamics.start, dialect)
     step = Source.of([*dynamics.after, *dynamics.results.values()], dialect)
     call = ", ".join(("state", *(quantity.name for quantity in dynamics.given)))
-    return _environment().get_template("step.py.txt" if language == "python" else "step.c.txt").render(
-        number=dialect.number,
-        title=title(model),
-        torque_unit=plain(model.torque_unit),
-        call=f"step({call})" if language == "python" else f"{prefix}_step({call})",
-        prefix=prefix,
-        dynamics=dynamics,
-        waiting=dynamics.waiting,
-        parameters=[p for p in dynamics.parameters if p.name in start.names | step.names],
-        state=list(dynamics.state),
-        given=dynamics.given,
-        told=[quantity for quantity in dynamics.given if quantity.name not in ("position", "velocity")],
-        results=results,
-        start=start,
-        step=step,
-        after=step.results[:count],
-        gives=step.results[count:],
-        called=CALLED,
-        functions=FUNCTIONS,
-        joint=JOINT,
-        actuator=ACTUATOR,
+    return (
+        _environment()
+        .get_template("step.py.txt" if language == "python" else "step.c.txt")
+        .render(
+            number=dialect.number,
+            title=title(model),
+            torque_unit=plain(model.torque_unit),
+            call=f"step({call})" if language == "python" else f"{prefix}_step({call})",
+            prefix=prefix,
+            dynamics=dynamics,
+            waiting=dynamics.waiting,
+            parameters=[p for p in dynamics.parameters if p.name in start.names | step.names],
+            state=list(dynamics.state),
+            given=dynamics.given,
+            told=[quantity for quantity in dynamics.given if quantity.name not in ("position", "velocity")],
+            results=results,
+            start=start,
+            step=step,
+            after=step.results[:count],
+            gives=step.results[count:],
+            called=CALLED,
+            functions=FUNCTIONS,
+            joint=JOINT,
+            actuator=ACTUATOR,
+        )
     )
 
 
