@@ -106,8 +106,8 @@ def _optimised(constraint: Constraint, _: int) -> Policy:
     return Signals(lambda: shares)
 
 
-def _greedy(criterion: str, constraint: Constraint, _: int) -> Policy:
-    return LookAhead(constraint, 1, 1, (-1.0, -0.5, 0.0, 0.5, 1.0), criterion)
+def _greedy(constraint: Constraint, _: int) -> Policy:
+    return LookAhead(constraint, 1, 1, (-1.0, -0.5, 0.0, 0.5, 1.0))
 
 
 def _look_ahead(criterion: str, constraint: Constraint, _: int) -> Policy:  # 0.4 s
@@ -119,12 +119,9 @@ def _look_ahead(criterion: str, constraint: Constraint, _: int) -> Policy:  # 0.
 BASELINE = "two-tone"  # the paper's
 BASELINES: dict[str, Callable[[Constraint, int], Policy]] = {
     BASELINE: partial(_drawn, "paper"),
-    "multisine": partial(_drawn, "multisine"),
     "multisine-optimised": _optimised,
-    "chirp": partial(_drawn, "chirp"),
     "prbs": partial(_drawn, "prbs"),
-    "greedy": partial(_greedy, "D"),
-    "greedy-A": partial(_greedy, "A"),
+    "greedy": _greedy,
     "look-ahead": partial(_look_ahead, "D"),
     "look-ahead-A": partial(_look_ahead, "A"),
 }

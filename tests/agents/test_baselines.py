@@ -33,7 +33,7 @@ def test_every_baseline_plays_within_the_constraint_and_repeats(name, constraint
     np.testing.assert_array_equal(torques, play(name, constraint, steps=20)[0])
 
 
-@pytest.mark.parametrize("name", ["two-tone", "multisine", "chirp", "prbs"])
+@pytest.mark.parametrize("name", ["two-tone", "prbs"])
 def test_signals_spend_the_whole_budget_and_differ_between_pendulums(name):
     policy, state, shares = baseline(name, "rms", seed=4), None, []
     for k in range(500):
