@@ -7,18 +7,14 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from agents.knowledge import CRITERIA
 from pendulum_env.lookup import find
 from pendulum_env.reading import read_toml, shown
 
 MOST_LEVELS = 1000
 ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
-USUAL: dict[str, dict[str, dict[str, Any]]] = {  # what a choice changes
-    "constraint": {
-        "peak": {},
-        "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000},
-    },
-    "criterion": {name: {} for name in CRITERIA},
+USUAL: dict[str, dict[str, Any]] = {  # what a constraint changes
+    "peak": {},
+    "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000},
 }
 
 
@@ -33,7 +29,6 @@ class Config:
 
     Attributes:
         constraint: of the torque, "peak" or "rms".
-        criterion: of the reward, "D" or "A".
         seed: of plants, noise, network and exploration.
         steps: decisions in all.
         pendulums: that learn together.
@@ -51,7 +46,6 @@ class Config:
     """
 
     constraint: str = "peak"
-    criterion: str = "D"
     seed: int = within(0, 2**20 - 1, 0)  # beyond, plants of an evaluation would be drawn
     steps: int = within(1, 10**12, 1_200_000)
     pendulums: int = within(1, 100_000, 64)
@@ -77,9 +71,7 @@ class Config:
         known = {one.name: one for one in fields(cls)}
         for name in settings:
             find("setting", name, known)
-        usual: dict[str, Any] = {}
-        for name, choices in USUAL.items():
-            usual |= find(name, str(settings.get(name, known[name].default)), choices)
+        usual = find("constraint", str(settings.get("constraint", cls.constraint)), USUAL)
         config = cls(**{**usual, **settings})
         for name, one in known.items():
             if "range" in one.metadata:

@@ -76,9 +76,7 @@ def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
 
 def make_env(config: Config) -> BatchedVecEnv:
     """Pendulums to learn on."""
-    design = ExcitationDesignVector(
-        config.pendulums, constraint=config.constraint, criterion=config.criterion, autoreset_mode="SameStep"
-    )
+    design = ExcitationDesignVector(config.pendulums, constraint=config.constraint, autoreset_mode="SameStep")
     env: VectorEnv[Any, Any, Any] = FinalWorth(design, config.head_start)
     if design.constraint.rms is not None:
         env = PriceTorque(env, design.constraint, config.price_rate)
@@ -124,7 +122,7 @@ def stretched(network: Network, config: Config) -> Network:
 
 def learnt(network: Network, config: Config, count: int = 64) -> float:
     """Mean of what an episode adds to what counts, on plants of no training and no evaluation [nat]."""
-    env = ExcitationDesignVector(count, constraint=network.constraint, criterion=config.criterion)
+    env = ExcitationDesignVector(count, constraint=network.constraint)
     observation, _ = env.reset(seed=TUNING + config.seed)
     total = 0.0
     for _ in range(env.observer.ticks):

@@ -255,7 +255,13 @@ def norm_figure(way: str, found: Norms) -> Figure:
     values = np.array(list(found.models.values()))
     labels = [opening(name(scheme)) for scheme in found.models]
     reach = 1.25 * max(float(np.abs(values - found.truth).max()), 0.005 * found.truth)
-    dots: JSON = {"mode": "markers", "name": "model", "x": numbers(values), "y": labels, "hovertemplate": "%{x:.5g} N m"}
+    dots: JSON = {
+        "mode": "markers",
+        "name": "model",
+        "x": numbers(values),
+        "y": labels,
+        "hovertemplate": "%{x:.5g} N m",
+    }
     ends: JSON = {"x": numbers(np.full(2, found.truth)), "y": [labels[0], labels[-1]], "hoverinfo": "skip"}
     data: list[JSON] = [
         {"type": "scatter", **dots, "marker": {"color": COLORS[way], "size": 11}},
