@@ -11,10 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import bilinear, lfilter
 
 from estimators.regression.equations import Equations
-from estimators.schemes.six import CUTOFF, Regression, Regressor
+from estimators.schemes.six import CUTOFF, Regression, Regressor, exponential_average
 from estimators.signals.measurements import Measurements
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import Column, Samples, Term
@@ -80,7 +79,8 @@ def filtered_power(m: Measurements, terms: Sequence[Term]) -> Equations:
 
 def low_pass(series: Array, m: Measurements) -> Array:
     """F = lambda / (s + lambda) by the bilinear rule, from rest, over (N,) or (N, P)."""
-    return np.asarray(lfilter(*bilinear([CUTOFF], [1.0, CUTOFF], fs=m.rate), series, axis=0))
+    before = np.concatenate([np.zeros_like(series[:1]), series[:-1]])
+    return exponential_average(0.5 * (before + series), CUTOFF, m.period)
 
 
 def _columns(m: Measurements, terms: Sequence[Term], law: Callable[[Column, Samples], ArrayLike]) -> Array:
