@@ -7,19 +7,14 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from agents.knowledge import CRITERIA
 from pendulum_env.lookup import find
 from pendulum_env.reading import read_toml, shown
 
 MOST_LEVELS = 1000
 ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
-USUAL: dict[str, dict[str, dict[str, Any]]] = {  # what a choice changes
-    "constraint": {
-        "peak": {},
-        "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000},
-    },
-    "criterion": {name: {} for name in CRITERIA},
-    "algorithm": {"ppo": {}, "sac": {"steps": 600_000, "batch": 512, "checkpoint": 50_000}},
+USUAL: dict[str, dict[str, Any]] = {  # what a constraint changes
+    "peak": {},
+    "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000},
 }
 
 
@@ -34,8 +29,6 @@ class Config:
 
     Attributes:
         constraint: of the torque, "peak" or "rms".
-        criterion: of the reward, "D" or "A".
-        algorithm: "ppo", which chooses between torque levels, or "sac", which chooses any torque.
         seed: of plants, noise, network and exploration.
         steps: decisions in all.
         pendulums: that learn together.
@@ -43,20 +36,16 @@ class Config:
         learning_rate: falls linearly to zero.
         gamma: discount per decision of 20 ms.
         hidden: width of the two hidden layers.
-        rollout: decisions of each between updates; of PPO, as the next three.
+        rollout: decisions of each between updates.
         epochs: passes over a rollout.
         entropy: weight of the exploration bonus.
         levels: torque levels, shares of the peak.
-        replay: decisions that are kept to learn from; of SAC, as the next.
-        updates: steps of the optimiser after each decision of all pendulums.
         price_rate: by which the price of torque follows a relative excess of the budget, per decision; under "rms".
         head_start: decisions added to t in the weight of a reward; without any, nothing is worth while at the start.
         checkpoint: decisions between two checkpoints.
     """
 
     constraint: str = "peak"
-    criterion: str = "D"
-    algorithm: str = "ppo"
     seed: int = within(0, 2**20 - 1, 0)  # beyond, plants of an evaluation would be drawn
     steps: int = within(1, 10**12, 1_200_000)
     pendulums: int = within(1, 100_000, 64)
@@ -68,8 +57,6 @@ class Config:
     epochs: int = within(1, 10_000, 8)
     entropy: float = within(0.0, 1e6, 0.003)
     levels: tuple[float, ...] = (-1.0, -0.5, 0.0, 0.5, 1.0)
-    replay: int = within(1, 10**7, 200_000)
-    updates: int = within(1, 100_000, 8)
     price_rate: float = within(0.0, 1e6, 3e-5)
     head_start: int = within(0, 10**9, 50)
     checkpoint: int = within(1, 10**12, 200_000)
@@ -84,9 +71,7 @@ class Config:
         known = {one.name: one for one in fields(cls)}
         for name in settings:
             find("setting", name, known)
-        usual: dict[str, Any] = {}
-        for name, choices in USUAL.items():
-            usual |= find(name, str(settings.get(name, known[name].default)), choices)
+        usual = find("constraint", str(settings.get("constraint", cls.constraint)), USUAL)
         config = cls(**{**usual, **settings})
         for name, one in known.items():
             if "range" in one.metadata:
@@ -101,7 +86,7 @@ class Config:
         decisions = config.pendulums * config.rollout
         if decisions > ROLLOUT:
             raise ValueError(f"pendulums times rollout is {decisions}, at most {ROLLOUT} decisions are possible")
-        if config.algorithm == "ppo" and config.batch > decisions:
+        if config.batch > decisions:
             raise ValueError(f"batch ({config.batch}) has to be within the {decisions} decisions of a rollout")
         return config
 

@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from agents.knowledge import CRITERIA
+from agents.knowledge import log_det
 from agents.observer import BOUND, CONSTRAINTS, EPISODE, TICK, Batch, Observer
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
@@ -37,8 +37,8 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
     Action (B, 1): torque as a share of the peak, in [-1, 1], held for 20 ms. Observation (B, 20): sin q, cos q,
     q' / 10; log information of inertia, gravity, viscous and dry friction, their six correlations, deviation of the
     estimates from nominal; share of time left, of budget left, and whether the joint is stuck; under a limit on turns
-    also the share of the way to it, signed. Reward: growth of log det information [nat], or what else the criterion
-    counts, none of a tick in which |q'| falls below 0.2 rad/s. All episodes last equally long and end together.
+    also the share of the way to it, signed. Reward: growth of log det information [nat], none of
+    a tick in which |q'| falls below 0.2 rad/s. All episodes last equally long and end together.
 
     `info`: `torque` that acted [N m] (B,), `positions` [rad] and `torques` [N m] as measured at 1 kHz since the last
     observation (B, 20), `information` (B, 4, 4) and `estimates` (B, 4) in nominal units; after a reset also `plant`,
@@ -50,7 +50,6 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         num_envs: int = 1,
         *,
         constraint: str = "peak",
-        criterion: str = "D",
         max_speed: float | None = None,
         max_turns: float | None = None,
         seconds: float = EPISODE,
@@ -65,8 +64,6 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         Args:
             num_envs: number B of pendulums.
             constraint: "peak", 6 N m, or "rms", 3 N m root mean square and 15 N m at most.
-            criterion: what is rewarded: growth of log det information, "D", or fall of the log of the summed relative
-                variance, "A".
             max_speed: beyond which no torque acts that drives the arm on [rad/s]; None for no limit.
             max_turns: to either side, beyond which likewise no torque acts that drives it outwards.
             seconds: length of an episode.
@@ -80,7 +77,6 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
             ValueError: if an argument is unknown or out of its range.
         """
         self.constraint = find("constraint", constraint, CONSTRAINTS)
-        self._criterion = find("criterion", criterion, CRITERIA)
         self.observer = Observer(self.constraint, seconds, RATE, max_speed, max_turns)
         self.autoreset = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
@@ -124,7 +120,7 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": plant})
         self._ended = False
         self.observer.start(info["position"], info["velocity"])
-        self._known = self._criterion(self.observer.knowledge.information)
+        self._known = log_det(self.observer.knowledge.information)
         none = np.zeros((self.num_envs, self.observer.held))
         start = none + info["position"][:, None]
         return self.observer.observe(), self._info(np.zeros(self.num_envs), start, none, plant.T)
@@ -146,7 +142,7 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         torque = self.observer.allow(np.asarray(actions, dtype=float)[:, 0])
         positions, torques = self._hold(torque)
         self.observer.take(positions, torques)
-        before, self._known = self._known, self._criterion(self.observer.knowledge.information)
+        before, self._known = self._known, log_det(self.observer.knowledge.information)
         reward = self._known - before
         self._ended = self.observer.tick >= self.observer.ticks
         observation, info = self.observer.observe(), self._info(torque, positions.T, torques.T)

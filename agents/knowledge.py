@@ -9,7 +9,6 @@ as the torque that each nominal parameter takes. Knowledge is that of Bayes from
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,20 +62,8 @@ class Knowledge:
 
 
 def log_det(information: Array) -> Array:
-    """Logarithm of determinants (...) of (..., P, P) [nat]."""
+    """Logarithm of determinants (...) of (..., P, P) [nat]: what D-optimality counts (Fedorov 1972)."""
     return np.linalg.slogdet(information).logabsdet
-
-
-def log_precision(information: Array) -> Array:
-    """What A-optimality counts (...) of (..., P, P) [nat]: -P log of the mean relative variance; at most `log_det`.
-
-    Relative to nominal, in units of the noise. On a logarithmic scale, as the sum itself only falls at the start.
-    """
-    variance = np.trace(np.linalg.inv(information), axis1=-2, axis2=-1) / COUNT
-    return np.asarray(-COUNT * np.log(variance))
-
-
-CRITERIA: dict[str, Callable[[Array], Array]] = {"D": log_det, "A": log_precision}
 
 
 def recall(features: Array) -> tuple[Array, Array]:

@@ -29,21 +29,19 @@ class Network:
     Attributes:
         weights: of the layers, each (outputs, inputs).
         biases: of the layers, each (outputs,).
-        levels: torque as a share of the peak (L,), of which the one with the highest output is played; None if the only
-            output is itself the share, after another tanh.
+        levels: torque as a share of the peak (L,), of which the one with the highest output is played.
         constraint: it was trained under.
     """
 
     weights: Sequence[Array]
     biases: Sequence[Array]
-    levels: Array | None
+    levels: Array
     constraint: str
 
     def __repr__(self) -> str:
         """One line: what it sees, its layers, what it may play, and for which bound it was trained."""
         layers = "-".join(str(one.shape[1]) for one in self.weights)
-        plays = "any torque" if self.levels is None else f"{len(self.levels)} torques"
-        return f"<Network of {layers} units, which plays {plays}, trained under {self.constraint!r}>"
+        return f"<Network of {layers} units, which plays {len(self.levels)} torques, trained under {self.constraint!r}>"
 
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
@@ -60,8 +58,7 @@ class Network:
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.tanh(x @ weight.T + bias)
         output = x @ self.weights[-1].T + self.biases[-1]
-        share = np.tanh(output[..., 0]) if self.levels is None else self.levels[output.argmax(axis=-1)]
-        return (sign * share)[..., None].astype(np.float32), state
+        return (sign * self.levels[output.argmax(axis=-1)])[..., None].astype(np.float32), state
 
     def save(self, path: str | Path) -> None:
         """Write an NPZ file; arrays only.
@@ -71,10 +68,8 @@ class Network:
         """
         layers: dict[str, Any] = {f"weight{k}": weight.astype(np.float32) for k, weight in enumerate(self.weights)}
         layers |= {f"bias{k}": bias.astype(np.float32) for k, bias in enumerate(self.biases)}
-        if self.levels is not None:
-            layers["levels"] = self.levels
         with replacing(path) as file:
-            np.savez_compressed(file, constraint=np.array(self.constraint), **layers)
+            np.savez_compressed(file, constraint=np.array(self.constraint), levels=self.levels, **layers)
 
     @classmethod
     def load(cls, path: str | Path) -> Network:
@@ -95,7 +90,7 @@ class Network:
         count = sum(name.startswith("weight") for name in arrays)
         weights = [_numbers(arrays, f"weight{k}", 2) for k in range(count)]
         biases = [_numbers(arrays, f"bias{k}", 1) for k in range(count)]
-        levels = _numbers(arrays, "levels", 1) if "levels" in arrays else None
+        levels = _numbers(arrays, "levels", 1)
         constraint = str(arrays["constraint"]) if "constraint" in arrays else ""
         if constraint not in CONSTRAINTS:
             raise ValueError(f"its constraint is {shown(constraint)}, none of {', '.join(CONSTRAINTS)}")
@@ -106,9 +101,9 @@ class Network:
         for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
             if weight.shape != (len(bias), inputs[k]):
                 raise ValueError(f"weight{k} has shape {weight.shape}, where {(len(bias), inputs[k])} follows")
-        if len(biases[-1]) != (1 if levels is None else len(levels)):
+        if len(biases[-1]) != len(levels):
             raise ValueError("outputs and levels differ in number")
-        if levels is not None and np.abs(levels).max() > 1.0:
+        if np.abs(levels).max() > 1.0:
             raise ValueError("a level is beyond 1, the peak")
         return cls(weights, biases, levels, constraint)
 

@@ -1,4 +1,4 @@
-"""Training a policy that chooses excitations: PPO or SAC of stable-baselines3 on batched pendulums.
+"""Training a policy that chooses excitations: PPO of stable-baselines3 on batched pendulums.
 
 A training that was killed goes on where it last wrote a checkpoint and ends with the same policy: the checkpoint holds
 everything that the rest depends on, pendulums and random numbers included.
@@ -16,7 +16,7 @@ import cloudpickle
 import numpy as np
 import torch
 from gymnasium.vector import VectorEnv
-from stable_baselines3 import PPO, SAC
+from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.config import Config
@@ -32,7 +32,6 @@ from pendulum_env.reading import Unreadable, read_own
 CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
 TUNING = 2**21  # added to seeds, for plants that neither training nor evaluation draws
 STRETCHES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
-Learner = PPO | SAC
 
 
 class CheckpointError(ValueError):
@@ -61,12 +60,10 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
         callback, left = _Watch(config, tell, folder), config.steps - model.num_timesteps
         model.learn(left, callback, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="training")
     network = export(model, config)
-    if network.levels is None or CONSTRAINTS[config.constraint].rms is None:
-        return network
-    return stretched(network, config)
+    return network if CONSTRAINTS[config.constraint].rms is None else stretched(network, config)
 
 
-def _begin(config: Config, folder: Path | None, resume: bool) -> Learner:
+def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
     """A new training, or the one in the folder."""
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -79,63 +76,53 @@ def _begin(config: Config, folder: Path | None, resume: bool) -> Learner:
 
 def make_env(config: Config) -> BatchedVecEnv:
     """Pendulums to learn on."""
-    design = ExcitationDesignVector(
-        config.pendulums, constraint=config.constraint, criterion=config.criterion, autoreset_mode="SameStep"
-    )
+    design = ExcitationDesignVector(config.pendulums, constraint=config.constraint, autoreset_mode="SameStep")
     env: VectorEnv[Any, Any, Any] = FinalWorth(design, config.head_start)
     if design.constraint.rms is not None:
         env = PriceTorque(env, design.constraint, config.price_rate)
     env = Forwards(env)
-    return BatchedVecEnv(in_levels(env, config.levels) if config.algorithm == "ppo" else env)
+    return BatchedVecEnv(in_levels(env, config.levels))
 
 
-def make_model(config: Config) -> Learner:
+def make_model(config: Config) -> PPO:
     """What learns, before it has."""
     env = make_env(config)
-    usual: dict[str, Any] = {
-        "policy": "MlpPolicy",
-        "env": env,
-        "seed": config.seed,
-        "device": "cpu",
-        "batch_size": config.batch,
-        "learning_rate": lambda left: config.learning_rate * left,
-        "gamma": config.gamma,
-        "policy_kwargs": {"net_arch": [config.hidden, config.hidden], "activation_fn": torch.nn.Tanh},
-    }
-    model: Learner
-    if config.algorithm == "ppo":
-        model = PPO(n_steps=config.rollout, n_epochs=config.epochs, ent_coef=config.entropy, **usual)
-    else:
-        usual |= {"buffer_size": config.replay, "gradient_steps": config.updates, "train_freq": 1}
-        model = SAC(learning_starts=config.pendulums * 100, **usual)  # decisions by chance
+    model = PPO(
+        policy="MlpPolicy",
+        env=env,
+        seed=config.seed,
+        device="cpu",
+        n_steps=config.rollout,
+        n_epochs=config.epochs,
+        batch_size=config.batch,
+        learning_rate=lambda left: config.learning_rate * left,
+        gamma=config.gamma,
+        ent_coef=config.entropy,
+        policy_kwargs={"net_arch": [config.hidden, config.hidden], "activation_fn": torch.nn.Tanh},
+    )
     env.seed(config.seed)
     return model
 
 
-def export(model: Learner, config: Config) -> Network:
+def export(model: PPO, config: Config) -> Network:
     """What a policy needs to act, without what it needs to learn."""
-    if isinstance(model, PPO):
-        modules = [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
-    else:
-        modules = [*model.actor.latent_pi, model.actor.mu]
+    modules = [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
     layers = [layer for layer in modules if isinstance(layer, torch.nn.Linear)]
     weights, biases = zip(
         *((layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in layers), strict=True
     )
-    levels = np.array(config.levels) if isinstance(model, PPO) else None
-    return Network(weights, biases, levels, config.constraint)
+    return Network(weights, biases, np.array(config.levels), config.constraint)
 
 
 def stretched(network: Network, config: Config) -> Network:
     """Policy with its levels as far apart as it learns most with: without chance, it may not spend the whole budget."""
-    assert network.levels is not None, "only levels can be stretched"
     stretches = [replace(network, levels=network.levels * factor) for factor in STRETCHES]
     return max(stretches, key=lambda candidate: learnt(candidate, config))
 
 
 def learnt(network: Network, config: Config, count: int = 64) -> float:
     """Mean of what an episode adds to what counts, on plants of no training and no evaluation [nat]."""
-    env = ExcitationDesignVector(count, constraint=network.constraint, criterion=config.criterion)
+    env = ExcitationDesignVector(count, constraint=network.constraint)
     observation, _ = env.reset(seed=TUNING + config.seed)
     total = 0.0
     for _ in range(env.observer.ticks):
@@ -147,7 +134,7 @@ def learnt(network: Network, config: Config, count: int = 64) -> float:
 # ------------------------------------------------------------------------------------------------------- checkpoints
 
 
-def _keep(path: Path, model: Learner, config: Config) -> None:
+def _keep(path: Path, model: PPO, config: Config) -> None:
     """Write a checkpoint, whole or not at all."""
     logger, model._logger = model._logger, None  # type: ignore[assignment]  # open files, opened anew when resumed
     try:
@@ -162,7 +149,7 @@ def _keep(path: Path, model: Learner, config: Config) -> None:
     write_whole(path, packed, private=True)
 
 
-def _restore(path: Path, config: Config) -> Learner:
+def _restore(path: Path, config: Config) -> PPO:
     """What `_keep` wrote. Reading a pickle runs what is in it, so it has to be this user's own.
 
     Raises:
@@ -223,7 +210,7 @@ class _Watch(BaseCallback):
     def _save(self) -> None:
         if self._folder is None:
             return
-        assert isinstance(self.model, PPO | SAC)
+        assert isinstance(self.model, PPO)
         self._kept = self.num_timesteps
         export(self.model, self._config).save(self._folder / f"steps-{self._kept}.npz")
         _keep(self._folder / CHECKPOINT, self.model, self._config)

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.independent_plant import SimulatedRecording, random_case, simulate
 from estimators.online import Estimates, JointState, OnlineEstimator
 from estimators.online.estimator import RECURSIONS
-from estimators.schemes.six import CUTOFF, SCHEMES, OnlineScheme
+from estimators.schemes.six import CUTOFF, SCHEMES, Scheme
 from estimators.signals.measurements import Smoothing, of_steps
 from workbench.terminal import Terminal
 
@@ -102,7 +102,7 @@ def accuracy(n: int, seed: int, terminal: Terminal) -> None:
 def recursions(seed: int) -> list[tuple[str, ...]]:
     """Time of a sample by each recursion, for one scheme and for six, and by the joint state beside none."""
     runs, rows = runs_of(1000.0, COUNTS[0], 1, seed), []
-    kinds: tuple[Sequence[OnlineScheme], ...] = (SCHEMES[:1], SCHEMES)
+    kinds: tuple[Sequence[Scheme], ...] = (SCHEMES[:1], SCHEMES)
     for name in RECURSIONS:
         times = [min(feed(OnlineEstimator(1000.0, schemes=s, recursion=name), runs)[1] for _ in "abc") for s in kinds]
         rows.append((name, *(f"{value:.0f}" for value in times)))

@@ -22,7 +22,7 @@ import numpy as np
 
 from estimators.arms.diagnosis import diagnose_arm
 from estimators.arms.identification import compare_arm, identify_arm
-from estimators.schemes.six import FilteredDynamic
+from estimators.schemes.six import scheme
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.recording import ArmRecording
 
@@ -201,7 +201,7 @@ def main(arguments: Sequence[str] = ()) -> int:
     arm = body()
     fitted, unseen = simulate(1), simulate(2)
     began = time.process_time()
-    found = identify_arm(fitted, arm, schemes=[FilteredDynamic()])
+    found = identify_arm(fitted, arm, schemes=[scheme("filtered_dynamic")])
     errors = compare_arm(found["filtered_dynamic"].model, unseen)
     print(
         f"{len(arm.base)} base parameters in {time.process_time() - began:.1f} s; held-out torque error of RMS torque:"

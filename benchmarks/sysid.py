@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.six_joint import COULOMB, JOINTS, RATE, ROTORS, STEP, VISCOUS, body, simulate, urdf
 from estimators.arms.identification import identify_arm
 from estimators.arms.measurements import measure_arm
-from estimators.schemes.six import FilteredDynamic
+from estimators.schemes.six import scheme
 from pendulum_env.arms.recording import ArmRecording
 
 TRUTH = {"armature": np.array(ROTORS), "damping": np.array(VISCOUS), "frictionloss": np.array(COULOMB)}
@@ -32,7 +32,7 @@ PIECE = 0.5  # [s] of one simulation
 def ours(recording: ArmRecording) -> dict[str, np.ndarray]:
     """Each quantity of each joint (6,)."""
     arm = body()
-    estimates = identify_arm(recording, arm, schemes=[FilteredDynamic()])["filtered_dynamic"].model.estimates
+    estimates = identify_arm(recording, arm, schemes=[scheme("filtered_dynamic")])["filtered_dynamic"].model.estimates
     links = [estimates[name] for name in arm.names]
     weights = 1.0 / np.array([estimate.std for estimate in links])
     off = np.array([estimate.value for estimate in links]) - arm.values

@@ -175,10 +175,11 @@ def schemes_page() -> str:
     parts = [
         "# Schemes",
         "All six are derived on the page on [theory](../theory.md). On the command line and in Python they go by their "
-        "ids; with options of their own they are `estimators.schemes.FilteredPower(cutoff=100.0)` and the like.",
+        'ids; with options of their own they are `scheme("filtered_power", operator=LowPass(100.0))` and the like, of '
+        "`estimators.schemes`.",
     ]
     for scheme in SCHEMES:
-        parts += [f"## `{scheme.id}` {{ #{scheme.id} }}", _prose(type(scheme)), f"Unit of the residual: {scheme.unit}."]
+        parts += [f"## `{scheme.id}` {{ #{scheme.id} }}", _law(scheme.balance), f"Unit of the residual: {scheme.unit}."]
     return "\n\n".join(parts)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from estimators.schemes.six import SCHEMES, Scheme, scheme
+from estimators.schemes.six import SCHEMES, Regressor, scheme
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, ModelError, Term, effects
@@ -16,7 +16,7 @@ from pendulum_env.recording import Recording
 
 Recordings = Recording | Sequence[Recording]
 Terms = str | Sequence[str | Term]
-Schemes = str | Sequence[str | Scheme]
+Schemes = str | Sequence[str | Regressor]
 
 
 def chosen_recordings(given: Recordings, *, empty: bool = False) -> tuple[Recording, ...]:
@@ -96,7 +96,7 @@ def within_limits(
     )
 
 
-def chosen_schemes(given: Schemes) -> tuple[Scheme, ...]:
+def chosen_schemes(given: Schemes) -> tuple[Regressor, ...]:
     """Schemes as they are, or by id; "all" are the six.
 
     Raises:
@@ -108,7 +108,9 @@ def chosen_schemes(given: Schemes) -> tuple[Scheme, ...]:
     chosen = tuple(scheme(item) if isinstance(item, str) else item for item in _listed(given))
     for item in chosen:
         if isinstance(item, type) or not hasattr(item, "regression"):
-            raise TypeError(f"{_shown(item)} is not a scheme: give an id, such as 'energy', or Energy(window=0.1)")
+            raise TypeError(
+                f"{_shown(item)} is not a scheme: give an id, such as 'energy', or scheme('energy', guard=0.02)"
+            )
     ids = [item.id for item in chosen]
     if not ids:
         raise ValueError(f"there is no scheme to use: give ids of {', '.join(item.id for item in SCHEMES)}")

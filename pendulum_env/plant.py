@@ -18,28 +18,7 @@ PAPER: dict[str, float] = {  # the paper's Table 2, dynamic row
     "viscous": 0.3638,  # [N m s/rad]
     "coulomb": 0.9163,  # [N m]
 }
-TYPICAL: dict[str, float] = {  # sizes of effects that a good rig might show, by parameter
-    "stribeck": 0.45,
-    "coulomb_asymmetry": 0.2,
-    "quadratic_drag": 0.035,
-    "load_dependent_friction": 0.1,
-    "cogging.sin": 0.15,
-    "cogging.cos": 0.1,
-    "torque_ripple.sin": 0.07,
-    "torque_ripple.cos": -0.04,
-    "torque_saturation.limit": 8.0,
-    "spring.stiffness": 0.25,
-    "spring.preload": 0.1,
-    "friction_drift.viscous": 0.15,
-    "friction_drift.coulomb": 0.35,
-    "payload_change.inertia": 0.02,
-    "payload_change.gravity": 0.4,
-    "hard_stop.stiffness": 40.0,
-    "hard_stop.lower": -1.2,
-    "hard_stop.upper": 1.2,
-    "hard_stop.hysteresis": 0.05,
-}
-TYPICAL_BY_UNIT: dict[str, float] = {  # for all others
+TYPICAL: dict[str, float] = {  # sizes of effects that a good rig might show, by unit, unless the effect says its own
     "N m": 0.2,
     "N m s/rad": 0.06,
     "N m s^2/rad^2": 0.035,
@@ -67,9 +46,8 @@ def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
 def typical(kind: type[Term]) -> dict[str, float]:
     """Parameters of an effect, of a size that a rig might show: linear ones first, names without the effect's id."""
     term = kind()
-    names = {column.name: TYPICAL.get(column.name, TYPICAL_BY_UNIT.get(column.unit, 0.1)) for column in term.columns}
-    shapes = {f"{term.id}.{name}": TYPICAL.get(f"{term.id}.{name}", value) for name, value in term.shape.items()}
-    return {name.removeprefix(f"{term.id}."): value for name, value in (names | shapes).items()}
+    linear = {column.name.removeprefix(f"{term.id}."): TYPICAL.get(column.unit, 0.1) for column in term.columns}
+    return linear | term.shape | (read_parameters(kind.typical) if kind.typical else {})
 
 
 def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:

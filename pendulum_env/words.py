@@ -12,34 +12,11 @@ import numpy as np
 if TYPE_CHECKING:
     from pendulum_env.physics import Estimate, Model
 
-NAMES = {  # where an id with its underscores taken out does not read well
-    "cogging": "cogging torque",
-    "coulomb": "Coulomb friction",
-    "coulomb_asymmetry": "Coulomb friction that differs by direction",
-    "dead_time": "dead time of the torque",
+NAMES = {  # where an id with its underscores taken out does not read well; terms add their titles
     "filtered_hamiltonian": "filtered Hamiltonian",
-    "friction_drift": "friction that drifts with time",
-    "gravity_tilt": "tilted gravity",
     "hamiltonian": "Hamiltonian",
-    "hard_stop": "a hard stop",
-    "payload_change": "a payload change",
-    "periodic_disturbance": "a periodic disturbance",
-    "spring": "a spring",
-    "stribeck": "Stribeck friction",
-    "torque_by_angle": "a torque that varies with the angle",
-    "friction_by_angle": "friction that varies with the angle",
-    "friction_by_speed": "friction that varies with the speed",
-    "gain_by_speed": "a motor gain that varies with the speed",
-    "torque_offset": "a torque offset",
-    "viscous": "viscous friction",
-    "viscous_asymmetry": "viscous friction that differs by direction",
 }
-SPACES = (
-    " ",
-    "\N{NO-BREAK SPACE}",
-    "&nbsp;",
-    "\\u00a0",
-)  # in units: plain, on a page, in its figures
+SPACES = (" ", "\N{NO-BREAK SPACE}", "&nbsp;", "\\u00a0")  # in units: plain, on a page, in its figures
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from estimators.diagnosis import run
 from estimators.regression.recursive import PRIOR
-from estimators.schemes.six import CUTOFF, GUARD, SCHEMES, Energy
+from estimators.schemes.six import CUTOFF, GUARD, SCHEMES, Integral
 from estimators.selection import foils, models, motion, score
 from estimators.selection.criterion import Criterion
 from estimators.simulation.free_running import SECONDS
@@ -103,7 +103,7 @@ def test_numbers_in_the_prose_are_those_of_the_code():
         f"segments of {motion.HOP:g} second".replace("0.5", "half a"),
         f"$\\lambda = {CUTOFF:.0f}$ rad/s",
         f"a guard of {1000 * GUARD:.0f} ms",
-        f"a sliding window of {1000 * Energy().window:.0f} ms",
+        f"a sliding window of {1000 * Integral().window:.0f} ms",
         f"windows of {SECONDS:.0f} second".replace("1", "one"),
     ):
         assert told in theory

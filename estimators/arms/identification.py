@@ -14,7 +14,7 @@ from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import Fit, solve
 from estimators.regression.recursive import evenly, history
 from estimators.schemes.identification import CLUSTER, CLUSTERS, FEWEST, POINTS, Convergence
-from estimators.schemes.six import SCHEMES, OnlineScheme, Regression, Scheme, give, over_samples
+from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, give
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import check_places, friction
@@ -28,10 +28,10 @@ SCHEMA = "pendulum-ident/arm-identification@1"
 HARDLY = 1e4  # condition number from which the data hardly tell some parameters apart
 
 
-def for_arms(schemes: Sequence[Scheme]) -> tuple[OnlineScheme, ...]:
+def for_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
     """Schemes as arms need them: those of energy without a guard, as one of many joints is always near a reversal."""
-    chosen = (cast(OnlineScheme, scheme) for scheme in schemes)
-    return tuple(replace(one, guard=None) if one.view == "energy" else one for one in chosen)  # type: ignore[type-var]
+    chosen = (cast(Scheme, scheme) for scheme in schemes)
+    return tuple(replace(one, guard=None) if one.view == "energy" else one for one in chosen)
 
 
 ARM_SCHEMES = for_arms(SCHEMES)
@@ -96,7 +96,7 @@ def identify_arm(
     recordings: ArmRecording | Sequence[ArmRecording],
     body: Body,
     terms: Sequence[Term] | None = None,
-    schemes: Sequence[OnlineScheme] = ARM_SCHEMES,
+    schemes: Sequence[Scheme] = ARM_SCHEMES,
     *,
     points: int = POINTS,
 ) -> ArmIdentification:
@@ -157,7 +157,7 @@ class Stack:
     time: Array  # seconds of recording taken in [s]
 
 
-def stack(scheme: OnlineScheme, measured: Sequence[ArmMeasurements], balances: Sequence[Sequence[Equations]]) -> Stack:
+def stack(scheme: Scheme, measured: Sequence[ArmMeasurements], balances: Sequence[Sequence[Equations]]) -> Stack:
     """What a scheme makes of the balances of all recordings, one after the other."""
     length = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS)
     parts, clusters, times, seconds = [], [], [], 0.0
@@ -180,18 +180,17 @@ def stack(scheme: OnlineScheme, measured: Sequence[ArmMeasurements], balances: S
     return Stack(equations, usable.ravel(), joint, np.concatenate(clusters), np.concatenate(times))
 
 
-def through(scheme: OnlineScheme, equations: Equations, m: ArmMeasurements, joint: int) -> Regression:
+def through(scheme: Scheme, equations: Equations, m: ArmMeasurements, joint: int) -> Regression:
     """What a scheme makes of the balance of one joint, or of that of all."""
     if VIEWS[scheme.view].adds_up:
         clear = np.all([own.clear(scheme.guard) for own in m.joints], axis=0)
     else:
         clear = m.joints[joint].clear(scheme.guard)
-    gate = clear if scheme.view == "torque" else over_samples(clear)
-    return scheme.through(equations, gate, m.period)
+    return scheme.through(equations, scheme.gate(clear), m.period)
 
 
 def _fit(
-    scheme: OnlineScheme, data: Stack, body: Body, terms: Sequence[Term], lender: ArmModel | None, points: int
+    scheme: Scheme, data: Stack, body: Body, terms: Sequence[Term], lender: ArmModel | None, points: int
 ) -> ArmIdentified:
     use, count = data.usable, data.equations.phi.shape[1]
     given = np.flatnonzero(_of_momentum(body)) if lender is not None else np.empty(0, dtype=np.intp)

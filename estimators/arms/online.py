@@ -11,7 +11,7 @@ from estimators.arms.identification import ARM_SCHEMES, through
 from estimators.arms.measurements import ArmMeasurements
 from estimators.online.clock import Clock
 from estimators.regression.recursive import PRIOR, State, start, step
-from estimators.schemes.six import GUARD, OnlineScheme
+from estimators.schemes.six import GUARD, Scheme
 from estimators.signals.measurements import Smoothing, measure
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
@@ -38,7 +38,7 @@ class ArmEstimator:
         body: Body,
         rate: float,
         terms: Sequence[Term] | None = None,
-        scheme: OnlineScheme = ARM_SCHEMES[1],
+        scheme: Scheme = ARM_SCHEMES[1],
         *,
         counts: int = 0,
         noise: Sequence[float] | None = None,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.schemes.six import GUARD, Dynamic
+from estimators.schemes.six import GUARD, scheme
 from estimators.signals.measurements import Measurements
 from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.physics import BASE, Model, Term
@@ -65,7 +65,7 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
         )
         alike = ("gravity", "spring.stiffness")
         doubts.append(Doubt(text, alike if set(alike) <= set(names) else (), ("spring", "gravity")))
-    everywhere = [Dynamic().regression(m, terms).equations.phi for m in measurements]
+    everywhere = [scheme("dynamic").regression(m, terms).equations.phi for m in measurements]
     phi = np.concatenate([phi[use] for phi, use in zip(everywhere, clear, strict=True)])
     acts = np.any([np.any(phi, axis=0) for phi in everywhere], axis=0)
     said = {name for doubt in doubts for name in doubt.withheld}
@@ -96,7 +96,7 @@ def is_driven(m: Measurements) -> bool:
     """Whether there is more torque than noise, or torque as white as noise that the motion follows all the same."""
     if np.sqrt(np.mean(m.held**2)) > max(3 * m.torque_noise, 1e-9):
         return True
-    equations, usable = Dynamic().regression(m, BASE)
+    equations, usable = scheme("dynamic").regression(m, BASE)
     phi, y = equations.phi[usable], equations.y[usable]
     if len(y) <= 10 * len(BASE):
         return False

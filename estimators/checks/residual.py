@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lombscargle
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
@@ -99,6 +98,8 @@ def spectrum(time: Array, residual: Array, noise: float) -> Profile:
 
     Source: Scargle, Astrophysical Journal 263, 1982.
     """
+    from scipy.signal import lombscargle  # here, as it takes longer to import than most commands take to run
+
     span = float(np.ptp(time)) or 1.0
     step = float(np.median(np.diff(np.unique(time))))
     frequency = np.arange(1, max(2, min(400, int(0.4 * span / step)))) / span

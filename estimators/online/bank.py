@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from estimators.online.rows import VIEWS, Course
-from estimators.schemes.six import OnlineScheme, forgets
+from estimators.schemes.six import Integral, LowPass, Scheme, forgets
 from pendulum_env.physics.symbols import names
 
 
-def guards_of(schemes: Sequence[OnlineScheme]) -> tuple[float | None, ...]:
+def guards_of(schemes: Sequence[Scheme]) -> tuple[float | None, ...]:
     """The guards that any scheme has [s]."""
     return tuple(dict.fromkeys(scheme.guard for scheme in schemes))
 
@@ -23,19 +23,18 @@ def gated(row: Any, gate: Any) -> Any:
     return np.array([np.where(gate, value, 0.0) for value in row], dtype=object)
 
 
-def windows_of(schemes: Sequence[OnlineScheme], period: float) -> list[int]:
+def windows_of(schemes: Sequence[Scheme], period: float) -> list[int]:
     """Rows over which the schemes that sum do so, 0 from the start on."""
-    windows = [scheme.window for scheme in schemes if hasattr(scheme, "window")]
-    return [0 if window is None else max(1, round(window / period)) for window in windows]
+    return [scheme.operator.samples(period) for scheme in schemes if isinstance(scheme.operator, Integral)]
 
 
 def equations(
-    schemes: Sequence[OnlineScheme], views: Any, clear: Any, oldest: Any, index: Any, period: float, course: Course
+    schemes: Sequence[Scheme], views: Any, clear: Any, oldest: Any, index: Any, period: float, course: Course
 ) -> tuple[Any, Any]:
     """Equations of S schemes after one more row, from rest, as their `regression` has them for whole recordings.
 
     Args:
-        schemes: that say how they work sample by sample.
+        schemes: which to run.
         views: the row in each view (3, P + 1).
         clear: for each guard, whether it is clear of stick (G,).
         oldest: for each scheme that sums, its sums as they were a window before (K, P + 1).
@@ -58,13 +57,13 @@ def equations(
         if scheme.view != "torque":  # over the step up to the sample
             gate = gate * before["clear"][guard]
         row = gated(views[VIEWS.index(scheme.view)], gate)
-        if hasattr(scheme, "cutoff"):
-            gain = 1.0 - forgets(scheme.cutoff, period)
-            for stage in range(getattr(scheme, "order", 1)):
+        if isinstance(scheme.operator, LowPass):
+            gain = 1.0 - forgets(scheme.operator.cutoff, period)
+            for stage in range(scheme.operator.order):
                 label = f"filter.{place}.{stage}"
                 before[label] = names(label, width)
                 after[label] = row = before[label] + gain * (row - before[label])
-        if hasattr(scheme, "window"):
+        if isinstance(scheme.operator, Integral):
             k = next(sums)
             after["total"][k] = total = before["total"][k] + row * period
             row, gate = total - (oldest[k] if windows[k] else 0.0), index >= max(1, windows[k])

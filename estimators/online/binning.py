@@ -10,7 +10,7 @@ from estimators.online.rivals import MARGIN
 from estimators.online.rows import POSITION, TIME, TORQUE, VELOCITY
 from estimators.online.stream import Stream
 from estimators.online.watch import BIN
-from estimators.schemes.six import Hamiltonian
+from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
 
@@ -39,7 +39,7 @@ class Binner:
     def __init__(self, rate: float, smoothing: Smoothing, batch: int) -> None:
         """Take the samples per second [Hz], the smoothing of the measurement, and B."""
         self.every = max(1, round(BIN * rate))
-        self._stream = Stream((), [Hamiltonian()], smoothing, 1.0 / rate, batch)
+        self._stream = Stream((), [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
         self._instants = np.zeros((self.every + MARGIN, 4, batch))
         self._sum, self._count = np.zeros((2, batch))  # of torque over the bin to come, and its usable samples
         self._step = 0

@@ -13,7 +13,7 @@ from estimators.online.kalman import KalmanLeastSquares
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.stream import Stream
 from estimators.regression.recursive import PRIOR
-from estimators.schemes.six import SCHEMES, Hamiltonian, OnlineScheme
+from estimators.schemes.six import SCHEMES, Scheme, scheme
 from estimators.signals.measurements import Smoothing, of_steps
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.backends.sensing import COUNTS
@@ -39,7 +39,7 @@ class OnlineEstimator:
         self,
         rate: float,
         terms: Sequence[Term] = BASE,
-        schemes: Sequence[OnlineScheme | JointState] = SCHEMES,
+        schemes: Sequence[Scheme | JointState] = SCHEMES,
         *,
         batch: int = 1,
         smoothing: Smoothing | None = None,
@@ -91,9 +91,9 @@ class OnlineEstimator:
             raise ValueError(f"random_walk has shape {walk.shape}, give one number or {len(self.names)}")
         joint = next((one for one in schemes if isinstance(one, JointState)), None)
         told = tuple(one for one in schemes if not isinstance(one, JointState))
-        self.schemes: tuple[OnlineScheme | JointState, ...] = told if joint is None else (*told, joint)
+        self.schemes: tuple[Scheme | JointState, ...] = told if joint is None else (*told, joint)
         self.terms, self.rate, self.batch = tuple(terms), rate, batch
-        run = told if joint is None else (*told, Hamiltonian())  # from which the joint state starts
+        run = told if joint is None else (*told, scheme("hamiltonian"))  # from which the joint state starts
         smoothing = smoothing or Smoothing.of_encoder(COUNTS, rate)
         shape, period, parameters = (batch, len(run)), 1.0 / rate, len(self.names)
         self._stream = Stream(terms, run, smoothing, period, batch)

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators.online.bank import equations, gated, guards_of, windows_of
 from estimators.online.rows import HELD, POSITION, TIME, TORQUE, VELOCITY, Course, Guarded, clear_of_stick, laws, rows
-from estimators.schemes.six import OnlineScheme
+from estimators.schemes.six import Scheme
 from estimators.signals.measurements import Smoothing
 from estimators.weak_form.windows import LEAD_IN
 from pendulum_env._typing import Array, Index, Mask
@@ -69,7 +69,7 @@ class Stream:
     """
 
     def __init__(
-        self, terms: Sequence[Term], schemes: Sequence[OnlineScheme], smoothing: Smoothing, period: float, batch: int
+        self, terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float, batch: int
     ) -> None:
         """Take model, schemes, smoothing of the measurement, time between samples [s] and number of pendulums B.
 
@@ -231,7 +231,7 @@ def _arrival(longest: float) -> Step:
     return Step({"sample": sample}, {"last": np.array([time, position])}, after)
 
 
-def _step(terms: Sequence[Term], schemes: Sequence[OnlineScheme], guarded: Guarded, period: float) -> Step:
+def _step(terms: Sequence[Term], schemes: Sequence[Scheme], guarded: Guarded, period: float) -> Step:
     """One more instant in symbols, up to the equations of the sample that lies `behind` the newest."""
     index, instant, newest, course = names("index"), names("instant", INSTANT), names("newest"), Course()
     given = {"index": index, "instant": instant, "newest": newest}

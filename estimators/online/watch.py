@@ -33,7 +33,7 @@ from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.rows import POSITION, VELOCITY
 from estimators.online.stream import Stream
 from estimators.online.turns import HALF, Missed, Mover, Passage, Past, TurnFinder, Turns
-from estimators.schemes.six import Hamiltonian
+from estimators.schemes.six import scheme
 from estimators.selection.score import NU
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Index, Mask
@@ -128,7 +128,7 @@ class Watch:
             raise ValueError(f"theta has {len(theta)} values, the model {len(self.names)}: {', '.join(self.names)}")
         smoothing, period, size = smoothing or Smoothing.of_encoder(COUNTS, rate), 1.0 / rate, len(columns)
         self.terms, self.rate, self.batch = tuple(terms), rate, batch
-        self._stream = Stream(terms, [Hamiltonian()], smoothing, period, batch)
+        self._stream = Stream(terms, [scheme("hamiltonian")], smoothing, period, batch)
         self._every = max(1, round(BIN * rate))
         self.bin = self._every * period  # [s]
         self._mover = Mover(terms, period)

@@ -11,10 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import bilinear, lfilter
 
 from estimators.regression.equations import Equations
-from estimators.schemes.six import CUTOFF, Regression, Scheme
+from estimators.schemes.six import CUTOFF, Regression, Regressor, exponential_average
 from estimators.signals.measurements import Measurements
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import Column, Samples, Term
@@ -80,7 +79,8 @@ def filtered_power(m: Measurements, terms: Sequence[Term]) -> Equations:
 
 def low_pass(series: Array, m: Measurements) -> Array:
     """F = lambda / (s + lambda) by the bilinear rule, from rest, over (N,) or (N, P)."""
-    return np.asarray(lfilter(*bilinear([CUTOFF], [1.0, CUTOFF], fs=m.rate), series, axis=0))
+    before = np.concatenate([np.zeros_like(series[:1]), series[:-1]])
+    return exponential_average(0.5 * (before + series), CUTOFF, m.period)
 
 
 def _columns(m: Measurements, terms: Sequence[Term], law: Callable[[Column, Samples], ArrayLike]) -> Array:
@@ -105,7 +105,7 @@ def _dissipated(m: Measurements, terms: Sequence[Term]) -> Array:
 
 @dataclass(frozen=True)
 class Printed:
-    """One of the paper's schemes over measurements `as_logged`; attributes as in `estimators.schemes.six.Scheme`."""
+    """One of the paper's schemes over measurements `as_logged`; attributes as in `estimators.schemes.six.Regressor`."""
 
     id: str
     unit: str
@@ -119,7 +119,7 @@ class Printed:
 
 
 # The (9) with p = I q' and p' differenced backwards is the dynamic model, its inertia moved to the left-hand side.
-PRINTED: tuple[Scheme, ...] = (
+PRINTED: tuple[Regressor, ...] = (
     Printed("dynamic", "N m", dynamic),
     Printed("filtered_dynamic", "N m", filtered_dynamic),
     Printed("energy", "J", energy, drifts=True),

@@ -15,11 +15,10 @@ from typing import NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from estimators.paper.anatomy import Anatomy, dissect, rms
 from estimators.paper.as_printed import as_logged, dynamic
-from estimators.paper.ways import WAYS
+from estimators.paper.ways import WAYS, Anatomy, dissect, rms
+from estimators.schemes import six
 from estimators.schemes.identification import Identification, identify
-from estimators.schemes.six import Dynamic
 from estimators.signals.measurements import measure
 from pendulum_env._typing import JSON, Array
 from pendulum_env.backends.simulated import TORQUE_NOISE
@@ -152,7 +151,7 @@ class Experiment:
             equations, usable = dynamic(m, BASE), np.ones(len(m), dtype=bool)
         else:
             m = measure(self.fresh)
-            equations, usable = Dynamic().regression(m, BASE)
+            equations, usable = six.scheme("dynamic").regression(m, BASE)
         return m.time, np.where(usable, equations.y, np.nan), np.where(usable, equations.phi @ theta, np.nan)
 
     def norms(self, way: str) -> Norms:

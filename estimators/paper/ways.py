@@ -1,25 +1,21 @@
-"""Ways to go from a recording to parameters: this project's, the same with one care left out, and the paper's."""
+"""Ways to go from a recording to parameters: this project's, the same with one care left out, and the paper's.
+
+`Anatomy` tells why the cares matter.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from estimators.paper.as_printed import PRINTED, as_logged
-from estimators.schemes.six import (
-    PAPER,
-    SCHEMES,
-    Dynamic,
-    Energy,
-    FilteredDynamic,
-    FilteredHamiltonian,
-    FilteredPower,
-    Hamiltonian,
-    Scheme,
-)
+from estimators.schemes.six import PAPER, SCHEMES, Integral, Regressor, Scheme, scheme
 from estimators.signals.measurements import Measurements, measure
+from pendulum_env._typing import Array
+from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 
 
@@ -36,7 +32,7 @@ class Way:
 
     id: str
     text: str
-    schemes: Sequence[Scheme]
+    schemes: Sequence[Regressor]
     measured: Callable[[Recording], Measurements] = measure
 
     def segments(self, recording: Recording) -> list[Measurements]:
@@ -64,14 +60,7 @@ def differentiated_backwards(recording: Recording) -> Measurements:
     return replace(m, position=raw.position[same], velocity=raw.velocity[same], acceleration=raw.acceleration[same])
 
 
-STICK_KEPT: tuple[Scheme, ...] = (
-    Dynamic(guard=None),
-    FilteredDynamic(guard=None),
-    Energy(guard=None),
-    FilteredPower(guard=None),
-    Hamiltonian(guard=None),
-    FilteredHamiltonian(guard=None),
-)
+STICK_KEPT = tuple(replace(own, guard=None) for own in SCHEMES)
 WAYS: tuple[Way, ...] = (
     Way("ours", "this project", SCHEMES),
     Way("stick_kept", "stick kept, sgn q' as noise has it", STICK_KEPT),
@@ -81,3 +70,49 @@ WAYS: tuple[Way, ...] = (
     Way("paper", "energy from the start, inertia borrowed", PAPER),
     Way("printed", "the paper's equations as printed", PRINTED, as_logged),
 )
+
+
+class Anatomy(NamedTuple):
+    """What the true parameters leave of the balances of one run: why some samples and schemes tell less than others.
+
+    Attributes:
+        at_rest: share of samples in stick.
+        torque_at_rest, torque_clear: RMS of the torque they leave there, and clear of stick and reversals [N m].
+        acceleration: RMS by which the backward difference of the backward difference errs [rad/s^2].
+        memory_from_start, memory_in_windows: correlation of the energy balance's error with itself a second later.
+    """
+
+    at_rest: float
+    torque_at_rest: float
+    torque_clear: float
+    acceleration: float
+    memory_from_start: float
+    memory_in_windows: float
+
+
+def dissect(recording: Recording, theta: Array) -> Anatomy:
+    """Anatomy of a run with true parameters theta (4,)."""
+    m = measure(recording)
+
+    def left(own: Scheme) -> Array:
+        equations, usable = own.regression(m, BASE)
+        return (equations.y - equations.phi @ theta)[usable]
+
+    def memory(own: Scheme) -> float:
+        error, lag = left(own), round(1.0 / m.period)
+        return float(np.corrcoef(error[:-lag], error[lag:])[0, 1])
+
+    rest = ~m.moving
+    return Anatomy(
+        at_rest=float(np.mean(rest)),
+        torque_at_rest=rms(left(scheme("dynamic", guard=None))[rest]),
+        torque_clear=rms(left(scheme("dynamic"))),
+        acceleration=rms(differentiated_backwards(recording).acceleration - m.acceleration),
+        memory_from_start=memory(scheme("energy", operator=Integral(window=None))),
+        memory_in_windows=memory(scheme("energy")),
+    )
+
+
+def rms(values: Array) -> float:
+    """Root mean square, the paper's norm (10); NaN counts as not measured."""
+    return float(np.sqrt(np.nanmean(values**2))) if len(values) else 0.0

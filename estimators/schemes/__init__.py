@@ -1,23 +1,5 @@
 """The six schemes of the paper, and the identification of parameters by them."""
 
-from estimators.schemes.six import (
-    SCHEMES,
-    Dynamic,
-    Energy,
-    FilteredDynamic,
-    FilteredHamiltonian,
-    FilteredPower,
-    Hamiltonian,
-    scheme,
-)
+from estimators.schemes.six import PAPER, SCHEMES, Integral, LowPass, Scheme, scheme
 
-__all__ = [
-    "SCHEMES",
-    "Dynamic",
-    "Energy",
-    "FilteredDynamic",
-    "FilteredHamiltonian",
-    "FilteredPower",
-    "Hamiltonian",
-    "scheme",
-]
+__all__ = ["PAPER", "SCHEMES", "Integral", "LowPass", "Scheme", "scheme"]

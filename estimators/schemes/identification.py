@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -23,11 +24,12 @@ from estimators.checks.homogeneity import MISFITS, disagreements, misfits, own_f
 from estimators.checks.identifiability import Doubt, identifiability, is_driven, untold
 from estimators.checks.physical import driving_friction
 from estimators.checks.remedies import wrong_columns
-from estimators.checks.torque_constant import Calibrated, further, widened
+from estimators.checks.torque_constant import Calibrated, further, told, widened
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import Fit, solve
 from estimators.regression.recursive import evenly, history
-from estimators.schemes.six import SCHEMES, FilteredDynamic, FilteredHamiltonian, FilteredPower, Scheme, give
+from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme, give
+from estimators.selection.data import Evidence, fit_terms
 from estimators.signals.measurements import Measurements, measure_segments, remember
 from estimators.weak_form.dataset import Dataset, prepare
 from pendulum_env._typing import JSON, Array, Index, Mask
@@ -135,6 +137,7 @@ class Identification:
         ends: seconds of recording taken in at the end of each recording; empty where nobody has counted [s].
         torque_unit: `N m`, or that of a current in whose stead parameters are per unit of it.
         torque_constant: by which a current was turned into torque, if one was; standard errors include its own.
+        data: windows of the recordings; None where too little of the motion is clear of stick for any.
     """
 
     schemes: Mapping[str, Identified]
@@ -143,9 +146,29 @@ class Identification:
     ends: tuple[float, ...] = ()
     torque_unit: str = NEWTON_METRE
     torque_constant: TorqueConstant | None = None
+    data: Dataset | None = field(default=None, repr=False)
 
     def __getitem__(self, scheme: str) -> Identified:
         return find("scheme", scheme, self.schemes)
+
+    @cached_property
+    def windows(self) -> Model:
+        """The least-squares fit over windows, on which `compare` and `diagnose` stand, too; raises as `fitted`."""
+        terms = next(iter(self.schemes.values())).model.terms
+        return self.fitted(lambda data: fit_terms(Evidence(data, ()), terms)[0])
+
+    def fitted(self, fit: Callable[[Dataset], Model]) -> Model:
+        """The model that a fit finds in the windows, in their unit of torque, and with their torque constant.
+
+        Raises:
+            IdentificationError: if there are none.
+        """
+        if self.data is None:
+            names = listing(self.recordings)
+            raise IdentificationError(
+                f"{names}: too little of the motion is clear of stick: record longer or faster motion"
+            )
+        return told(fit(self.data), self.data, fit)
 
     def __repr__(self) -> str:
         return f"<Identification of {listing(self.recordings)} by {listing(list(self.schemes))}>"
@@ -226,6 +249,7 @@ def identify(
     results = {id: replace(own, withheld=withheld | unsaid[id]) for id, own in results.items()}
     unknown = [calibrated.doubt] if calibrated.doubt is not None else []
     wrong = wrong_columns(first, recordings) or driving_friction(first)
+    data = None
     try:
         data = prepare(recordings)
         wrong = [*wrong, *_mistakes(recordings, data, terms)]
@@ -241,11 +265,12 @@ def identify(
         ends,
         calibrated.unit,
         calibrated.constant,
+        data,
     )
 
 
 def _by_schemes(
-    schemes: Sequence[Scheme],
+    schemes: Sequence[Regressor],
     segments: Sequence[Sequence[Measurements]],
     terms: Sequence[Term],
     points: int,
@@ -304,10 +329,11 @@ def _gaps(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
                 yield gap / float(np.hypot(first.std, second.std)), name
 
 
-def _slowed(scheme: Scheme, rate: float) -> Scheme:
+def _slowed(scheme: Regressor, rate: float) -> Regressor:
     """The scheme, its filter at one radian per sample if it is beyond the Nyquist frequency."""
-    if isinstance(scheme, FilteredDynamic | FilteredPower | FilteredHamiltonian) and scheme.cutoff >= np.pi * rate:
-        return replace(scheme, cutoff=rate)
+    operator = scheme.operator if isinstance(scheme, Scheme) else None
+    if isinstance(operator, LowPass) and operator.cutoff >= np.pi * rate:
+        return replace(scheme, operator=replace(operator, cutoff=rate))  # type: ignore[type-var]
     return scheme
 
 
@@ -323,7 +349,7 @@ class _Stack:
     starts: tuple[int, ...]
 
 
-def _stack(scheme: Scheme, segments: Sequence[Sequence[Measurements]], terms: Sequence[Term]) -> _Stack:
+def _stack(scheme: Regressor, segments: Sequence[Sequence[Measurements]], terms: Sequence[Term]) -> _Stack:
     """Equations of every segment of each recording, recordings weighted by what they leave unexplained."""
     measurements = [m for own in segments for m in own]
     parts = [scheme.regression(m, terms) for m in measurements]
@@ -351,7 +377,7 @@ def _stack(scheme: Scheme, segments: Sequence[Sequence[Measurements]], terms: Se
     return _Stack(equations, usable, weights, np.concatenate(clusters), np.concatenate(times), starts)
 
 
-def _fit(scheme: Scheme, data: _Stack, terms: Sequence[Term], lender: Model | None, points: int) -> Identified:
+def _fit(scheme: Regressor, data: _Stack, terms: Sequence[Term], lender: Model | None, points: int) -> Identified:
     """Batch estimate with honest standard errors, and the recursion on its way there."""
     columns = [column for term in terms for column in term.columns]
     loans = {

@@ -21,8 +21,8 @@ pair, here that is an option (`PAPER`), as momentum is linear in the parameters 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Protocol
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -47,8 +47,8 @@ class Regression(NamedTuple):
     usable: Mask
 
 
-class Scheme(Protocol):
-    """What a scheme offers."""
+class Regressor(Protocol):
+    """What `identify` needs of a scheme, be it one of the six or one's own."""
 
     @property
     def id(self) -> str:
@@ -68,21 +68,6 @@ class Scheme(Protocol):
 
     def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
         """Equations y = phi theta, phi (N, P), for the columns of the terms in order; fixed columns are moved to y."""
-
-
-class OnlineScheme(Scheme, Protocol):
-    """A scheme that says how it works sample by sample; a filter says its `cutoff` and `order`, a sum its `window`."""
-
-    @property
-    def view(self) -> str:
-        """Which of the three views it takes of a column."""
-
-    @property
-    def guard(self) -> float | None:
-        """Distance to stick and reversals [s]."""
-
-    def through(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """What becomes of balances on its view (N,), true within the gate: as they are, behind F, or summed."""
 
 
 # ------------------------------------------------------------------------------------- three views of a column
@@ -132,12 +117,11 @@ def means(f: Array) -> Array:
     return mean
 
 
-def _assemble(m: Measurements, terms: Sequence[Term], view: View, supplied: Array) -> Equations:
-    """Regression of what is supplied (N,), less fixed columns and known load, on one view of the linear columns."""
-    m = remember(m, terms)
-    phi = np.column_stack([view(m, column) for term in terms for column in term.columns])  # (N, P)
-    fixed = [column for term in terms for column in term.fixed] + ([LOAD] if m.load else [])
-    return Equations(phi, supplied - sum(view(m, column) for column in fixed))
+VIEWS: dict[str, tuple[View, Callable[[Measurements], Array]]] = {  # of a column, and of what the motor supplies (N,)
+    "torque": (torque_view, lambda m: m.torque),
+    "impulse": (impulse_view, lambda m: m.held),
+    "energy": (energy_view, supply),
+}
 
 
 def give(equations: Equations, columns: Sequence[int], theta: Array) -> Equations:
@@ -175,13 +159,6 @@ def forgets(cutoff: float, period: float) -> float:
     return (2 - cutoff * period) / (2 + cutoff * period)
 
 
-def _filtered(equations: Equations, gate: Mask, cutoff: float, order: int, period: float) -> Regression:
-    """The gated balance behind F on both sides."""
-    both = np.column_stack([equations.phi, equations.y]) * gate[:, None]
-    both = exponential_average(both, cutoff, period, order)
-    return Regression(Equations(both[:, :-1], both[:, -1]), gate)
-
-
 def over_samples(clear: Mask) -> Mask:
     """Steps whose both ends are clear (N,); the first has no beginning."""
     gate = np.zeros_like(clear)
@@ -189,195 +166,130 @@ def over_samples(clear: Mask) -> Mask:
     return gate
 
 
-# -------------------------------------------------------------------------------------------------- six schemes
+# ---------------------------------------------------------------------------------- what a balance is passed through
 
 
 @dataclass(frozen=True)
-class Dynamic:
-    """Torque balance at the instants, tau = I q'' + mgl sin q + b q' + fc sgn q'; needs the acceleration.
+class LowPass:
+    """F = (lambda / (s + lambda))^order on both sides of a balance: needs no acceleration.
 
-    guard: distance to stick and reversals [s]; None keeps even stick, as the paper does.
+    Order 1 is the paper's F; where the motion is not smoothed, order 2 keeps encoder noise out of the inertia.
     """
 
-    guard: float | None = GUARD
-    id: ClassVar[str] = "dynamic"
-    view: ClassVar[str] = "torque"
-    unit: ClassVar[str] = "N m"
-    drifts: ClassVar[bool] = False
-    borrows: ClassVar[str | None] = None
-
-    def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
-        """Equations with y = tau [N m]."""
-        return self.through(_assemble(m, terms, torque_view, m.torque), m.clear(self.guard), m.period)
-
-    def through(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """The balance as it is."""
-        return Regression(equations, gate)
-
-
-@dataclass(frozen=True)
-class FilteredDynamic:
-    """Torque balance through F on both sides, F tau = I lambda (1 - F) q' + F(mgl sin q + b q' + fc sgn q').
-
-    Needs no acceleration. order 1 is the paper's F, 2 is F^2: where the motion is not smoothed, it keeps encoder noise
-    out of the inertia.
-    """
-
-    cutoff: float = CUTOFF  # [rad/s]
+    cutoff: float = CUTOFF  # lambda [rad/s]
     order: int = 1
-    guard: float | None = GUARD  # [s]
-    id: ClassVar[str] = "filtered_dynamic"
-    view: ClassVar[str] = "impulse"
-    unit: ClassVar[str] = "N m"
-    drifts: ClassVar[bool] = False
-    borrows: ClassVar[str | None] = None
 
-    def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
-        """Equations with y = F tau [N m]."""
-        return self.through(_assemble(m, terms, impulse_view, m.held), over_samples(m.clear(self.guard)), m.period)
-
-    def through(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """The balance behind F."""
-        return _filtered(equations, gate, self.cutoff, self.order, period)
+    def __call__(self, equations: Equations, gate: Mask, period: float) -> Regression:
+        """The gated balance behind F."""
+        both = np.column_stack([equations.phi, equations.y]) * gate[:, None]
+        both = exponential_average(both, self.cutoff, period, self.order)
+        return Regression(Equations(both[:, :-1], both[:, -1]), gate)
 
 
 @dataclass(frozen=True)
-class Energy:
-    """Energy balance, integral tau q' = I (q'^2 - q'0^2) / 2 + mgl (cos q0 - cos q) + integral (b q'^2 + fc |q'|).
+class Integral:
+    """Both sides of a balance summed over a sliding `window` [s], or from the start of the recording where it is None.
 
-    Needs no stick mask: no motion, no work. From the start of the recording on, as in the paper's (7), its error is a
-    random walk and least squares is far from efficient; over a sliding `window`, it is nearly white.
-
-    window: length over which the balance is taken [s]; None takes it from the start.
-    guard: distance to stick and reversals within which no work is counted [s]; None counts all.
+    From the start, as in the paper's (7), the error is a random walk and least squares is far from efficient; over a
+    window, it is nearly white.
     """
 
     window: float | None = 0.05
-    guard: float | None = None
-    id: ClassVar[str] = "energy"
-    view: ClassVar[str] = "energy"
-    unit: ClassVar[str] = "J"
-    borrows: ClassVar[str | None] = None
 
-    @property
-    def drifts(self) -> bool:
-        """Whether the balance is taken from the start."""
-        return self.window is None
+    def samples(self, period: float) -> int:
+        """Length of the window [samples], 0 from the start."""
+        return 0 if self.window is None else max(1, round(self.window / period))
 
-    def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
-        """Equations with y = work of the torque [J], the held torque times the way it acts over."""
-        power = _assemble(m, terms, energy_view, supply(m))
-        return self.through(power, over_samples(m.clear(self.guard)), m.period)
-
-    def through(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """The power balance, summed over the window or from the start."""
-        moments = gate * period
+    def __call__(self, equations: Equations, gate: Mask, period: float) -> Regression:
+        """The gated balance, summed."""
+        moments, n = gate * period, self.samples(period)
         phi, y = np.cumsum(equations.phi * moments[:, None], axis=0), np.cumsum(equations.y * moments)
-        n = 0 if self.window is None else max(1, round(self.window / period))
         if n:
             phi[n:], y[n:] = phi[n:] - phi[:-n], y[n:] - y[:-n]
         return Regression(Equations(phi, y), np.arange(len(y)) >= max(1, n))
 
 
-@dataclass(frozen=True)
-class FilteredPower:
-    """Power balance through F on both sides, F(tau q') = lambda (1 - F) E + F(b q'^2 + fc |q'|), E the stored energy.
-
-    Needs no acceleration, nor strictly a stick mask: no motion, no power. But where a coarse encoder asks for long
-    smoothing, |q'| is rounded at reversals, so they are left out all the same. Source: the paper's (8).
-    """
-
-    cutoff: float = CUTOFF  # [rad/s]
-    order: int = 1
-    guard: float | None = GUARD  # [s]
-    id: ClassVar[str] = "filtered_power"
-    view: ClassVar[str] = "energy"
-    unit: ClassVar[str] = "W"
-    drifts: ClassVar[bool] = False
-    borrows: ClassVar[str | None] = None
-
-    def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
-        """Equations with y = F(tau q') [W]."""
-        return self.through(_assemble(m, terms, energy_view, supply(m)), over_samples(m.clear(self.guard)), m.period)
-
-    def through(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """The power balance behind F."""
-        return _filtered(equations, gate, self.cutoff, self.order, period)
+# -------------------------------------------------------------------------------------------------- six schemes
 
 
 @dataclass(frozen=True)
-class Hamiltonian:
-    """Hamilton's p' = tau - dH/dq - f, tau = p' + mgl sin q + b q' + fc sgn q', with p' from steps of the momentum.
+class Scheme:
+    """A regressor model: one view of the balance, away from stick, passed through F, an integral, or nothing.
 
-    Momentum p = (d phi_k / d q')' theta_k is linear in the parameters, so inertia is estimated with the others; with
-    `borrows` naming a scheme, `identify` gives its inertia instead and p = I q' stands beside tau, as in the paper's
-    (9). The other parameters then equal those of that scheme.
+    Attributes:
+        id: name in files and on the command line.
+        balance: its equation.
+        view: of `VIEWS`.
+        operator: what both sides are passed through, None if nothing.
+        guard: distance to stick and reversals within which samples are left out [s]; None keeps even stick, as the
+            paper does.
+        borrows: id of the scheme whose inertia `identify` gives this one, as in the paper's Hamiltonian pair; momentum
+            is linear in the parameters, so None estimates it with the others.
     """
 
+    id: str
+    balance: str
+    view: str
+    operator: LowPass | Integral | None = None
+    guard: float | None = GUARD
     borrows: str | None = None
-    guard: float | None = GUARD  # [s]
-    id: ClassVar[str] = "hamiltonian"
-    view: ClassVar[str] = "impulse"
-    unit: ClassVar[str] = "N m"
-    drifts: ClassVar[bool] = False
+
+    @property
+    def unit(self) -> str:
+        """Unit of y and of the residual."""
+        return "N m" if self.view != "energy" else "J" if isinstance(self.operator, Integral) else "W"
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the balance is summed from the start."""
+        return isinstance(self.operator, Integral) and self.operator.window is None
 
     def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
-        """Equations with y = tau [N m]."""
-        return self.through(_assemble(m, terms, impulse_view, m.held), over_samples(m.clear(self.guard)), m.period)
+        """Equations y = phi theta, phi (N, P): what is supplied, less fixed columns and known load, on the columns."""
+        m, (view, supplied) = remember(m, terms), VIEWS[self.view]
+        phi = np.column_stack([view(m, column) for term in terms for column in term.columns])
+        fixed = [column for term in terms for column in term.fixed] + ([LOAD] if m.load else [])
+        y = supplied(m) - sum(view(m, column) for column in fixed)
+        return self.through(Equations(phi, y), self.gate(m.clear(self.guard)), m.period)
+
+    def gate(self, clear: Mask) -> Mask:
+        """Equations on the view (N,) that touch only samples that are clear of stick."""
+        return clear if self.view == "torque" else over_samples(clear)
 
     def through(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """The balance as it is."""
-        return Regression(equations, gate)
+        """What becomes of balances on the view (N,), true within the gate."""
+        return Regression(equations, gate) if self.operator is None else self.operator(equations, gate, period)
 
 
-@dataclass(frozen=True)
-class FilteredHamiltonian:
-    """Hamilton's equation through F, F tau = lambda (1 - F) p + F(mgl sin q + b p / I + fc sgn p).
-
-    With the inertia estimated too, it is the filtered dynamic model in other words; see `Hamiltonian` for `borrows`.
-    """
-
-    cutoff: float = CUTOFF  # [rad/s]
-    order: int = 1
-    borrows: str | None = None
-    guard: float | None = GUARD  # [s]
-    id: ClassVar[str] = "filtered_hamiltonian"
-    view: ClassVar[str] = "impulse"
-    unit: ClassVar[str] = "N m"
-    drifts: ClassVar[bool] = False
-
-    def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
-        """Equations with y = F tau [N m]."""
-        return self.through(_assemble(m, terms, impulse_view, m.held), over_samples(m.clear(self.guard)), m.period)
-
-    def through(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """The balance behind F."""
-        return _filtered(equations, gate, self.cutoff, self.order, period)
-
-
-SCHEMES: tuple[OnlineScheme, ...] = (
-    Dynamic(),
-    FilteredDynamic(),
-    Energy(),
-    FilteredPower(),
-    Hamiltonian(),
-    FilteredHamiltonian(),
-)
-# The paper's choices: energy from the start, and the Hamiltonian pair with borrowed inertia.
-PAPER: tuple[Scheme, ...] = (
-    Dynamic(),
-    FilteredDynamic(),
-    Energy(window=None),
-    FilteredPower(),
-    Hamiltonian(borrows="dynamic"),
-    FilteredHamiltonian(borrows="filtered_dynamic"),
+# E = I q'^2 / 2 + mgl (1 - cos q) is the stored energy, p = I q' the momentum. The balance of energy needs no guard: no
+# motion, no work. Nor strictly does that of power; but where a coarse encoder asks for long smoothing, |q'| is rounded
+# at reversals. With the inertia estimated too, the filtered Hamiltonian is the filtered dynamic model in other words.
+SCHEMES: tuple[Scheme, ...] = (
+    Scheme("dynamic", "tau = I q'' + mgl sin q + b q' + fc sgn q'", "torque"),
+    Scheme("filtered_dynamic", "F tau = I lambda (1 - F) q' + F(mgl sin q + b q' + fc sgn q')", "impulse", LowPass()),
+    Scheme("energy", "integral tau q' = E - E(0) + integral (b q'^2 + fc |q'|)", "energy", Integral(), guard=None),
+    Scheme("filtered_power", "F(tau q') = lambda (1 - F) E + F(b q'^2 + fc |q'|)", "energy", LowPass()),
+    Scheme("hamiltonian", "tau = p' + mgl sin q + b p / I + fc sgn p", "impulse"),
+    Scheme(
+        "filtered_hamiltonian", "F tau = lambda (1 - F) p + F(mgl sin q + b p / I + fc sgn p)", "impulse", LowPass()
+    ),
 )
 
 
-def scheme(id: str) -> OnlineScheme:
-    """Scheme of that id, with its default options.
+def scheme(id: str, **options: Any) -> Scheme:
+    """Scheme of that id, with other options than usual: `scheme("filtered_power", operator=LowPass(100.0))`.
 
     Raises:
         ValueError: if there is none; the message names the nearest and all that exist.
     """
-    return find("scheme", id, {item.id: item for item in SCHEMES})
+    return replace(find("scheme", id, {item.id: item for item in SCHEMES}), **options)
+
+
+# The paper's choices: energy from the start, its (7), and the Hamiltonian pair with borrowed inertia.
+PAPER: tuple[Scheme, ...] = (
+    *SCHEMES[:2],
+    scheme("energy", operator=Integral(window=None)),
+    scheme("filtered_power"),
+    scheme("hamiltonian", borrows="dynamic"),
+    scheme("filtered_hamiltonian", borrows="filtered_dynamic"),
+)

@@ -103,8 +103,8 @@ def detectable_table(found: Sequence[Detectable]) -> Table:
     return Table(("effect", "would have shown"), [(one.effect, one.text) for one in found], left=("would have shown",))
 
 
-def schemes_table(found: Identification, model: Model | None = None, label: str = "windows (saved)") -> Table:
-    """Estimates of every scheme, one a row; the model that is saved, if there is one, is the last, under its label."""
+def schemes_table(found: Identification, model: Model | None = None, label: str = "windows") -> Table:
+    """Estimates of every scheme, one a row; a model that was fitted besides is the last, under its label."""
     columns = next(iter(found.schemes.values())).model.columns
     names = [column.name for column in columns]
     rows = []

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from pendulum_env._typing import Array
+from pendulum_env.filters import lag
 from pendulum_env.physics import Samples
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime
 
@@ -85,6 +85,6 @@ def _sampled(torque: Array, late: float) -> Array:
 def _unmixed(mixed: Array, share: float) -> Array:
     """Series u (N,) whose mixture (1 - share) u[k] + share u[k - 1] was logged, share at most a half."""
     echo = min(share / (1 - share), ECHO)
-    clear = np.asarray(lfilter([1 + echo], [1, echo], mixed, zi=[-echo * mixed[0]])[0])
+    clear = lag(mixed, -echo, mixed[0])
     rest = share - echo / (1 + echo)  # of a sample, by which slow torque would still be late
     return (1 - rest) * clear + rest * np.append(clear[1:], clear[-1])

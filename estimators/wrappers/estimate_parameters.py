@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 
 from estimators.online import Estimates, JointState, OnlineEstimator, SchemeEstimate, SchemeEstimates
-from estimators.schemes.six import OnlineScheme
+from estimators.schemes.six import Scheme
 from estimators.wrappers.options import Names, SampleClock, make
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -80,7 +80,7 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             self.observation_space = widened(env.observation_space, len(self._ids) * len(self.estimator.names))
 
     @property
-    def schemes(self) -> tuple[OnlineScheme | JointState, ...]:
+    def schemes(self) -> tuple[Scheme | JointState, ...]:
         """The schemes that run."""
         return self.estimator.schemes
 

@@ -11,7 +11,7 @@ import numpy as np
 from estimators.arguments import chosen_schemes, chosen_terms
 from estimators.online import JointState, OnlineEstimator
 from estimators.online.clock import Clock
-from estimators.schemes.six import SCHEMES, OnlineScheme
+from estimators.schemes.six import SCHEMES, Scheme
 from estimators.signals.differentiation import white_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
 from pendulum_env.backends.sensing import COUNTS
@@ -20,11 +20,11 @@ from pendulum_env.lookup import find
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 
-Names = str | Sequence[str | OnlineScheme | JointState]
+Names = str | Sequence[str | Scheme | JointState]
 AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]
 
 
-def chosen_online(names: Names) -> tuple[OnlineScheme | JointState, ...]:
+def chosen_online(names: Names) -> tuple[Scheme | JointState, ...]:
     """Schemes by id, or as they are; "all" are the six, without the joint state, which is told last.
 
     Raises:
@@ -33,9 +33,9 @@ def chosen_online(names: Names) -> tuple[OnlineScheme | JointState, ...]:
     """
     if names == "all":
         return SCHEMES
-    known: dict[str, OnlineScheme | JointState] = {one.id: one for one in SCHEMES}
+    known: dict[str, Scheme | JointState] = {one.id: one for one in SCHEMES}
     known[JointState.id] = JointState()
-    listed: list[OnlineScheme | JointState] = [
+    listed: list[Scheme | JointState] = [
         find("scheme", one, known) if isinstance(one, str) else one
         for one in ([names] if isinstance(names, str) or not isinstance(names, Sequence) else names)
     ]
@@ -46,11 +46,9 @@ def chosen_online(names: Names) -> tuple[OnlineScheme | JointState, ...]:
         return tuple(joint)
     chosen = chosen_schemes([one for one in listed if not isinstance(one, JointState)])
     for item in chosen:
-        if not hasattr(item, "view"):
-            raise ValueError(
-                f"{item.id} only works on whole recordings: it does not say which view it takes of a column"
-            )
-    return (*cast("tuple[OnlineScheme, ...]", chosen), *joint)
+        if not isinstance(item, Scheme):
+            raise ValueError(f"{item.id} only works on whole recordings: to run online it has to be a `Scheme`")
+    return (*cast("tuple[Scheme, ...]", chosen), *joint)
 
 
 def rate_of(env: AnyEnv, rate: float | None) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -18,6 +18,7 @@ class TorqueOffset(Term):
     """Constant bias of the torque channel: the joint receives tau - c."""
 
     id = "torque_offset"
+    title = "a torque offset"
     law = "c"
     kind = "actuation"
     reveal = "motion in both directions"
@@ -32,6 +33,10 @@ class TorqueOffset(Term):
     def columns(self) -> tuple[Column, ...]:
         return (Column("torque_offset", "N m", force=one),)
 
+    @classmethod
+    def smooth(cls, fast: float) -> Sequence[Self]:
+        return [cls()]
+
 
 @dataclass(frozen=True)
 class TorqueRipple(Term):
@@ -42,6 +47,7 @@ class TorqueRipple(Term):
     id = "torque_ripple"
     law = "s tau sin Nq + c tau cos Nq"
     kind = "actuation"
+    typical = "sin=0.07,cos=-0.04"
     reveal = "full turns under high torque"
     symptom = "waves over the angle"
     signature = "Over the angle lies a wave as of cogging that grows with the torque and turns its sign with it."
@@ -78,6 +84,7 @@ class TorqueSaturation(Term):
     id = "torque_saturation"
     law = "tau - L tanh(|tau / L|^(1/r))^r sgn tau, r = 1"
     kind = "actuation"
+    typical = "limit=8"
     reveal = "torque peaks well above the usual ones"
     symptom = "a curve over the torque"
     signature = (
@@ -170,6 +177,7 @@ class DeadTime(Term):
     dead_time: float = 0.005
 
     id = "dead_time"
+    title = "dead time of the torque"
     law = "tau(t) - tau(t - d)"
     kind = "actuation"
     reveal = "steps of torque"

@@ -45,6 +45,7 @@ class Viscous(Term):
     """Viscous friction b q', b >= 0; dissipates b q'^2."""
 
     id = "viscous"
+    title = "viscous friction"
     law = "b q'"
     kind = "dissipative"
     reveal = "a range of speeds"
@@ -59,6 +60,7 @@ class Coulomb(Term):
     """Dry friction fc sgn q', set-valued at rest (|friction| <= fc); dissipates fc |q'|."""
 
     id = "coulomb"
+    title = "Coulomb friction"
     law = "fc sgn q'"
     kind = "dissipative"
     reveal = "motion in both directions"

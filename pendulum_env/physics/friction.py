@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -22,6 +22,7 @@ class CoulombAsymmetry(Term):
     """
 
     id = "coulomb_asymmetry"
+    title = "Coulomb friction that differs by direction"
     law = "d |sgn q'|"
     kind = "dissipative"
     reveal = "the motor mounted the other way round, as an offset then changes its sign and friction does not"
@@ -39,8 +40,10 @@ class ViscousAsymmetry(Term):
     """Viscous friction that differs by direction: b + d forwards, b - d backwards."""
 
     id = "viscous_asymmetry"
+    title = "viscous friction that differs by direction"
     law = "d |q'|"
     kind = "dissipative"
+    is_of_speed = True
     reveal = "fast motion in both directions"
     symptom = "a curve over the speed"
     signature = "Over speed lies a V: what is left has the same sign forwards and backwards, and grows with the speed."
@@ -49,6 +52,10 @@ class ViscousAsymmetry(Term):
     @property
     def columns(self) -> tuple[Column, ...]:
         return (Column("viscous_asymmetry", "N m s/rad", force=lambda x: np.abs(x.velocity)),)
+
+    @classmethod
+    def smooth(cls, fast: float) -> Sequence[Self]:
+        return [cls()]
 
 
 @dataclass(frozen=True)
@@ -63,8 +70,11 @@ class Stribeck(Term):
     exponent: float = 2.0
 
     id = "stribeck"
+    title = "Stribeck friction"
     law = "fs exp(-|q'/vs|^n) sgn q' (usually n = 2)"
     kind = "dissipative"
+    typical = "stribeck=0.45"
+    is_of_speed = True
     reveal = "slow motion, around and below the Stribeck velocity"
     symptom = "a peak around standstill"
     signature = (
@@ -90,6 +100,10 @@ class Stribeck(Term):
         fast = float(np.percentile(np.abs(x.velocity), 95))
         return [cls(float(vs)) for vs in geometric(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
 
+    @classmethod
+    def smooth(cls, fast: float) -> Sequence[Self]:
+        return [cls(share * fast) for share in (0.05, 0.2)]
+
 
 @dataclass(frozen=True)
 class QuadraticDrag(Term):
@@ -102,6 +116,7 @@ class QuadraticDrag(Term):
     id = "quadratic_drag"
     law = "c q' |q'|"
     kind = "dissipative"
+    is_of_speed = True
     reveal = "a wide range of speeds"
     symptom = "a curve over the speed"
     signature = (
@@ -112,6 +127,10 @@ class QuadraticDrag(Term):
     @property
     def columns(self) -> tuple[Column, ...]:
         return (Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity)),)
+
+    @classmethod
+    def smooth(cls, fast: float) -> Sequence[Self]:
+        return [cls()]
 
 
 @dataclass(frozen=True)
@@ -185,6 +204,10 @@ class PositionDependentFriction(Term):
             Column("position_dependent_friction.cos", "N m", dry=lambda x: np.cos(x.position)),
         )
 
+    @classmethod
+    def smooth(cls, fast: float) -> Sequence[Self]:
+        return [cls()]
+
 
 @dataclass(frozen=True)
 class Presliding(Term):
@@ -200,6 +223,7 @@ class Presliding(Term):
     id = "presliding"
     law = "f (z - sgn q') with d z' = q' - |q'| z"
     kind = "dissipative"
+    omitted = "friction slips at once"
     reveal = "many small reversals"
     symptom = "a peak around standstill"
     signature = (

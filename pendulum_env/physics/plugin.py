@@ -72,7 +72,7 @@ def _run(file: Path, path: str | Path) -> None:
 
 def _try(kind: type[Term]) -> None:
     """See that words are words, and that each law gives a torque for each sample."""
-    words = {name: getattr(kind, name) for name in ("id", "law", "kind", "reveal")}
+    words = {name: getattr(kind, name) for name in ("id", "law", "kind", "reveal", "title", "typical")}
     if wrong := [name for name, word in words.items() if not isinstance(word, str)]:
         raise TypeError(f"{wrong[0]} of {kind.__name__} is {shown(words[wrong[0]])}: it has to be a text")
     time: Array = np.arange(1000) / 100.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Self
@@ -18,6 +18,7 @@ class GravityTilt(Term):
     """Gravity out of phase, g cos q: a tilted base, an offset centre of mass, or a wrong encoder zero."""
 
     id = "gravity_tilt"
+    title = "tilted gravity"
     law = "g cos q"
     kind = "potential"
     reveal = "swings beyond 30 degrees, to tell it from a constant"
@@ -34,6 +35,10 @@ class GravityTilt(Term):
             Column("gravity_tilt", "N m", force=lambda x: np.cos(x.position), potential=lambda x: np.sin(x.position)),
         )
 
+    @classmethod
+    def smooth(cls, fast: float) -> Sequence[Self]:
+        return [cls()]
+
 
 @dataclass(frozen=True)
 class Cogging(Term):
@@ -42,8 +47,10 @@ class Cogging(Term):
     order: float = 12.0
 
     id = "cogging"
+    title = "cogging torque"
     law = "s sin Nq + c cos Nq"
     kind = "potential"
+    typical = "sin=0.15,cos=0.1"
     reveal = "slow full turns"
     symptom = "waves over the angle"
     signature = (
@@ -75,14 +82,20 @@ class Cogging(Term):
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         return [cls(float(order)) for order in range(2, 61)]
 
+    @classmethod
+    def smooth(cls, fast: float) -> Sequence[Self]:
+        return [cls(order) for order in (2.0, 3.0)]
+
 
 @dataclass(frozen=True)
 class Spring(Term):
     """Elastic pull towards a rest angle, k (q - q0): a cable or hose; linear in k and in k q0."""
 
     id = "spring"
+    title = "a spring"
     law = "k q - k q0"
     kind = "potential"
+    typical = "preload=0.1"
     reveal = "swings beyond 60 degrees or several turns, to tell it from gravity"
     symptom = "a curve over the angle"
     signature = (
@@ -117,8 +130,10 @@ class HardStop(Term):
     damping_time: float = 0.0
 
     id = "hard_stop"
+    title = "a hard stop"
     law = "k (x + c x x' + T x') >= 0, x beyond lower or upper"
     kind = "potential"
+    typical = "stiffness=40,lower=-1.2,upper=1.2,hysteresis=0.05"
     reveal = "motion up to both ends of the range"
     symptom = "a curve over the angle"
     signature = (

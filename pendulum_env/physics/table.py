@@ -243,6 +243,7 @@ class TorqueByAngle(ByAngle):
     """Torque that is a function of the angle, as of a cable, a dress pack or a cam; over a turn where it turned."""
 
     id = "torque_by_angle"
+    title = "a torque that varies with the angle"
     law = "f(q)"
     kind = "potential"
 
@@ -261,6 +262,7 @@ class FrictionByAngle(ByAngle):
     """Dry friction that varies with the angle, as of a seal that rubs or a worn stretch of a gear."""
 
     id = "friction_by_angle"
+    title = "friction that varies with the angle"
     law = "f(q) sgn q'"
     kind = "dissipative"
     is_dry = True
@@ -296,6 +298,7 @@ class FrictionBySpeed(BySpeed):
     """Friction that is any function of the speed, the same either way; knots are closer together at low speed."""
 
     id = "friction_by_speed"
+    title = "friction that varies with the speed"
     law = "f(|q'|) sgn q'"
     kind = "dissipative"
     is_dry = True
@@ -310,6 +313,7 @@ class GainBySpeed(BySpeed):
     """Motor torque that is lost in a share that varies with the speed: the joint receives tau (1 - f(|q'|))."""
 
     id = "gain_by_speed"
+    title = "a motor gain that varies with the speed"
     law = "tau f(|q'|)"
     kind = "actuation"
     unit = "1"

@@ -20,6 +20,7 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.symbols import may, name
+from pendulum_env.words import NAMES
 
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
@@ -175,14 +176,23 @@ class Term:
     slides: ClassVar[bool] = False  # whether that joint does
     law: ClassVar[str]  # added to the torque that the motion needs
     kind: ClassVar[Kind]
+    title: ClassVar[str] = ""  # within a sentence, where the id with its underscores taken out does not read well
+    typical: ClassVar[str] = ""  # sizes that a rig might show, as `sin=0.15,cos=0.1`, where the unit does not tell them
     reveal: ClassVar[str] = "a richer excitation"  # the experiment that shows the effect
     symptom: ClassVar[Symptom | None] = None
     signature: ClassVar[str] = ""  # what of it is seen in a recording, in a sentence or two
     resembles: ClassVar[tuple[str, ...]] = ()  # ids of terms that it is confused with
     shapes: ClassVar[tuple[Shape, ...]] = ()
+    is_of_speed: ClassVar[bool] = False  # whether it is friction that viscous and dry friction can stand in for
+    omitted: ClassVar[str] = "it is left out"  # what that means where a simulator does not know it
     rugged: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
     forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "title" in vars(cls):
+            NAMES[cls.id] = cls.title
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -208,6 +218,11 @@ class Term:
     def looked_at(cls, x: Samples, residual: Array) -> int:
         """Number of variants among which `grid` chose: all of its own, unless it went by the residual."""
         return len(list(cls.grid(x, residual)))
+
+    @classmethod
+    def smooth(cls, fast: float) -> Sequence[Self]:
+        """Variants that help to follow any smooth torque, at speeds up to `fast` [rad/s]; none unless it is smooth."""
+        return ()
 
     @classmethod
     def has_state(cls) -> bool:

@@ -21,8 +21,11 @@ class FrictionDrift(Term):
     warm_up: float = 10.0
 
     id = "friction_drift"
+    title = "friction that drifts with time"
     law = "(b1 q' + f1 sgn q') exp(-t/T)"
     kind = "time-varying"
+    typical = "viscous=0.15,coulomb=0.35"
+    omitted = "friction is that of a warm joint"
     reveal = "a recording from cold that lasts several warm-up times"
     symptom = "a change in time"
     signature = (
@@ -53,8 +56,11 @@ class PayloadChange(Term):
     moment: float = 10.0
 
     id = "payload_change"
+    title = "a payload change"
     law = "(dI q'' + dmgl sin q) for t > t0"
     kind = "time-varying"
+    typical = "gravity=0.4"
+    omitted = "the payload is that before the change"
     reveal = "a recording that spans the change"
     symptom = "a change in time"
     signature = (
@@ -87,6 +93,7 @@ class PeriodicDisturbance(Term):
     frequency: float = 10.0
 
     id = "periodic_disturbance"
+    title = "a periodic disturbance"
     law = "s sin wt + c cos wt"
     kind = "time-varying"
     reveal = "a recording of many periods"

@@ -34,16 +34,72 @@ UNBOUNDED = 1e6  # [rad], [rad/s]; a link beyond has broken loose from any real 
 SUBSTEP = 1e-3  # [s], longest step of the link's motion
 
 
-def _coupling(
-    twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike, gap: ArrayLike
-) -> ArrayLike:
-    """Acceleration that the transmission gives the link [rad/s^2]; `gap` is the play on either side [rad]."""
-    stretch = twist - np.minimum(np.maximum(twist, -gap), gap)
-    return stiffness * stretch + damping * speed * (stretch != 0)
+class Transmission(Term):
+    """What an elastic transmission and a loose one share; `play` is the gap on either side [rad]."""
+
+    kind = "transmission"
+    link = True
+    symptom = "knocks and ringing"
+    resonance: float
+    damping: float
+    gravity: float
+
+    @property
+    def play(self) -> float:
+        """Angle on either side over which no torque passes [rad]."""
+        return 0.0
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        def force(x: Samples) -> ArrayLike:  # T - mgl sin q, per unit of J
+            position, velocity = x.memory[self.id]
+            pull = self._pull(x.position - position, x.velocity - velocity, self.resonance**2, self.damping)
+            return pull - self.gravity * np.sin(x.position)
+
+        return (Column(self.id, "kg m^2", mass=lambda x: -np.ones_like(x.velocity), force=force, least=0.0),)
+
+    def _pull(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
+        """Acceleration that the transmission gives the link [rad/s^2]."""
+        stretch = twist - np.minimum(np.maximum(twist, -self.play), self.play)
+        return stiffness * stretch + damping * speed * (stretch != 0)
+
+    def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
+        return {
+            "k": (theta[0] * self.resonance**2, "N m/rad"),
+            "d": (theta[0] * self.damping, "N m s/rad"),
+            "mgl": (theta[0] * self.gravity, "N m"),
+        }
+
+    def start(self, x: Samples) -> Memory:
+        return self._hang(x, self.resonance**2)
+
+    def _hang(self, x: Samples, stiffness: ArrayLike) -> Memory:
+        """Link at the stretch that carries its weight, moving with the motor."""
+        weight = self.gravity * np.sin(x.position)
+        return x.position - weight / stiffness - self.play * np.sign(weight), x.velocity + 0.0 * weight
+
+    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
+        # velocity Verlet in short steps, while the motor moves on at constant speed
+        position, velocity = memory
+        steps = substeps(duration, SUBSTEP)
+        h = duration / steps
+        stiffness = np.minimum(self.resonance**2, 1 / h**2)  # stiffer contacts would be unstable at this step
+        damping = np.minimum(self.damping, 0.5 / h)
+
+        def acceleration(elapsed: ArrayLike, position: ArrayLike, velocity: ArrayLike) -> ArrayLike:
+            twist, speed = x.position + elapsed * x.velocity - position, x.velocity - velocity
+            return self._pull(twist, speed, stiffness, damping) - self.gravity * np.sin(position)
+
+        for k in range(steps):
+            middle_q = position + 0.5 * h * velocity
+            middle_v = velocity + 0.5 * h * acceleration(k * h, position, velocity)
+            velocity = _bounded(velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v))
+            position = _bounded(position + h * middle_v)
+        return position, velocity
 
 
 @dataclass(frozen=True)
-class JointFlexibility(Term):
+class JointFlexibility(Transmission):
     """Elastic transmission: the link swings against the motor at its own resonance."""
 
     resonance: float = 50.0
@@ -52,10 +108,7 @@ class JointFlexibility(Term):
 
     id = "joint_flexibility"
     law = "J (ql'' - q'') + mgl (sin ql - sin q)"
-    kind = "transmission"
-    link = True
     reveal = "excitation around the resonance"
-    symptom = "knocks and ringing"
     signature = (
         "After fast changes what is left rings at one frequency, and the joint feels lighter above it than below."
     )
@@ -66,29 +119,12 @@ class JointFlexibility(Term):
         Shape("gravity", "1/s^2", 0.1, 1e4),
     )
 
-    def _pull(self, x: Samples) -> ArrayLike:
-        position, velocity = x.memory[self.id]
-        return _coupling(x.position - position, x.velocity - velocity, self.resonance**2, self.damping, 0.0)
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return _link(self.id, self._pull, self.gravity)
-
-    def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
-        return _spring(theta[0], self.resonance, self.damping, self.gravity)
-
-    def start(self, x: Samples) -> Memory:
-        return _hang(x, self.resonance**2, self.gravity, 0.0)
-
-    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
-        return _swing(memory, x, duration, self.resonance**2, self.damping, self.gravity, 0.0)
-
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
         # ql'' + c ql' + w^2 ql + g sin ql = w^2 q + c q' in central differences
         stiffness = min(self.resonance, 1.5 / period) ** 2
         drive = stiffness * np.asarray(x.position) + self.damping * np.asarray(x.velocity)
         first = Samples(x.time[0], x.position[0], x.velocity[0], x.torque[0])
-        q0, v0 = _hang(first, stiffness, self.gravity, 0.0)
+        q0, v0 = self._hang(first, stiffness)
         constants = np.array([stiffness, self.damping, self.gravity, period])[:, None, None]
         start = np.array([q0 + period * v0, q0])[:, None, None]
         path = _central_differences()(drive[1:-1, None, None], constants, start)[:, 0, 0, 0]
@@ -106,7 +142,7 @@ class JointFlexibility(Term):
 
 
 @dataclass(frozen=True)
-class Backlash(Term):
+class Backlash(Transmission):
     """Play between motor and link: no torque passes within the gap on either side, a stiff contact beyond it."""
 
     gap: float = 0.01
@@ -116,10 +152,7 @@ class Backlash(Term):
 
     id = "backlash"
     law = "J (ql'' - q'') + mgl (sin ql - sin q) with play"
-    kind = "transmission"
-    link = True
     reveal = "many reversals under changing load"
-    symptom = "knocks and ringing"
     signature = (
         "After a reversal of the load the motor is free for a small angle, then meets the link with a knock: "
         "short errors, always near the same load."
@@ -134,22 +167,9 @@ class Backlash(Term):
         Shape("gravity", "1/s^2", 0.1, 1e4),
     )
 
-    def _pull(self, x: Samples) -> ArrayLike:
-        position, velocity = x.memory[self.id]
-        return _coupling(x.position - position, x.velocity - velocity, self.resonance**2, self.damping, self.gap)
-
     @property
-    def columns(self) -> tuple[Column, ...]:
-        return _link(self.id, self._pull, self.gravity)
-
-    def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
-        return _spring(theta[0], self.resonance, self.damping, self.gravity)
-
-    def start(self, x: Samples) -> Memory:
-        return _hang(x, self.resonance**2, self.gravity, self.gap)
-
-    def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
-        return _swing(memory, x, duration, self.resonance**2, self.damping, self.gravity, self.gap)
+    def play(self) -> float:
+        return self.gap
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
@@ -171,62 +191,6 @@ def _central_differences() -> Recurrence:
     drive, w2, c, g, h, q, before = (name(text) for text in ("drive", *given, "position", "before"))
     known = drive - g * np.sin(q) - w2 * q + 2 * q / h**2 - (1 / h**2 - 0.5 * c / h) * before
     return recurrence(["drive"], given, ["position", "before"], [known / (1 / h**2 + 0.5 * c / h), q])
-
-
-def _link(id: str, pull: object, gravity: ArrayLike) -> tuple[Column, ...]:
-    """Column of the link's inertia J: T - J q'' - mgl sin q, per unit of J."""
-    return (
-        Column(
-            id,
-            "kg m^2",
-            mass=lambda x: -np.ones_like(x.velocity),
-            force=lambda x: pull(x) - gravity * np.sin(x.position),  # type: ignore[operator]
-            least=0.0,
-        ),
-    )
-
-
-def _spring(inertia: float, resonance: float, damping: float, gravity: float) -> dict[str, tuple[float, str]]:
-    """Stiffness and damping of the transmission, and weight of the link, as simulators have them."""
-    return {
-        "k": (inertia * resonance**2, "N m/rad"),
-        "d": (inertia * damping, "N m s/rad"),
-        "mgl": (inertia * gravity, "N m"),
-    }
-
-
-def _hang(x: Samples, stiffness: ArrayLike, gravity: ArrayLike, gap: ArrayLike) -> Memory:
-    """Link at the stretch that carries its weight, moving with the motor."""
-    weight = gravity * np.sin(x.position)
-    return x.position - weight / stiffness - gap * np.sign(weight), x.velocity + 0.0 * weight
-
-
-def _swing(
-    memory: Memory,
-    x: Samples,
-    duration: ArrayLike,
-    stiffness: ArrayLike,
-    damping: ArrayLike,
-    gravity: ArrayLike,
-    gap: ArrayLike,
-) -> Memory:
-    """Motion of the link while the motor moves on at constant speed: velocity Verlet in short steps."""
-    position, velocity = memory
-    steps = substeps(duration, SUBSTEP)
-    h = duration / steps
-    stiffness = np.minimum(stiffness, 1 / h**2)  # stiffer contacts would be unstable at this step
-    damping = np.minimum(damping, 0.5 / h)
-
-    def acceleration(elapsed: ArrayLike, position: ArrayLike, velocity: ArrayLike) -> ArrayLike:
-        motor = x.position + elapsed * x.velocity
-        return _coupling(motor - position, x.velocity - velocity, stiffness, damping, gap) - gravity * np.sin(position)
-
-    for k in range(steps):
-        middle_q = position + 0.5 * h * velocity
-        middle_v = velocity + 0.5 * h * acceleration(k * h, position, velocity)
-        velocity = _bounded(velocity + h * acceleration((k + 0.5) * h, middle_q, middle_v))
-        position = _bounded(position + h * middle_v)
-    return position, velocity
 
 
 def _bounded(values: Array) -> Array:

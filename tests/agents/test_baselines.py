@@ -9,6 +9,7 @@ from agents.design_env import ExcitationDesignVector
 from agents.foresight import foresee
 from agents.knowledge import NOMINAL, log_det
 from agents.observer import CONSTRAINTS
+from benchmarks.multisine import PAPER, optimise, taught
 
 
 def play(name: str, constraint: str, count: int = 3, steps: int = 60):
@@ -33,7 +34,7 @@ def test_every_baseline_plays_within_the_constraint_and_repeats(name, constraint
     np.testing.assert_array_equal(torques, play(name, constraint, steps=20)[0])
 
 
-@pytest.mark.parametrize("name", ["two-tone", "multisine", "chirp", "prbs"])
+@pytest.mark.parametrize("name", ["two-tone", "prbs"])
 def test_signals_spend_the_whole_budget_and_differ_between_pendulums(name):
     policy, state, shares = baseline(name, "rms", seed=4), None, []
     for k in range(500):
@@ -73,9 +74,9 @@ def test_looking_ahead_learns_more_than_the_papers_signal():
 def test_a_multisine_found_in_advance_teaches_more_than_the_papers_tones(constraint):
     theta = NOMINAL * (1 + np.random.default_rng(99).uniform(-0.3, 0.3, (20, 4)))  # other plants than it was found on
     paper = np.zeros(2 * len(multisine.FREQUENCIES))
-    paper[list(multisine.PAPER)] = 1.0
+    paper[list(PAPER)] = 1.0
     signals = np.column_stack([paper, multisine.shipped(constraint)])
-    first, better = multisine.taught(signals, theta, CONSTRAINTS[constraint])
+    first, better = taught(signals, theta, CONSTRAINTS[constraint])
     assert better > first + 0.3
     torque = multisine.signal(signals, CONSTRAINTS[constraint])
     assert np.abs(torque).max() <= CONSTRAINTS[constraint].peak + 1e-9
@@ -94,7 +95,7 @@ def test_the_multisine_that_tells_effects_apart_is_bounded_and_begins_again():
 def test_optimising_repeats_and_climbs():
     reached = []
     found = [
-        multisine.optimise(
+        optimise(
             CONSTRAINTS["rms"], generations=8, plants=2, tell=lambda text, share: reached.append(float(text.split()[0]))
         )
         for _ in range(2)

@@ -191,11 +191,3 @@ def test_limits_take_away_the_torque_that_drives_the_arm_on():
     share = bound["observation"][..., -1]
     np.testing.assert_allclose(share[1:], bound["positions"][..., -1] / np.pi, atol=1e-6)
     assert (bound["torque"][share[:-1] >= 1] == 0).all()
-
-
-def test_the_a_criterion_counts_the_summed_relative_variance():
-    first, second = (run(ExcitationDesignVector(3, criterion=name), 100) for name in "AD")
-    np.testing.assert_array_equal(first["observation"], second["observation"])
-    variance = np.trace(np.linalg.inv(first["info"]["information"]), axis1=1, axis2=2)
-    np.testing.assert_allclose(first["reward"].sum(axis=0), 4 * np.log(4 / PRIOR / variance), rtol=1e-9)
-    assert (first["reward"].sum(axis=0) < second["reward"].sum(axis=0)).all()

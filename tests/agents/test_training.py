@@ -40,9 +40,8 @@ def test_training_repeats_itself_and_keeps_policies_on_the_way(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
-def test_a_training_that_was_killed_goes_on_to_the_same_policy(algorithm, tmp_path):
-    settings = {**SMALL, "algorithm": algorithm, "replay": 200, "updates": 1, "hidden": 16}
+def test_a_training_that_was_killed_goes_on_to_the_same_policy(tmp_path):
+    settings = {**SMALL, "hidden": 16}
     whole = train(Config.of(settings))
     killed = (
         "import os, signal; from pathlib import Path; from agents.config import Config\n"
@@ -62,17 +61,15 @@ def test_a_training_that_was_killed_goes_on_to_the_same_policy(algorithm, tmp_pa
         train(Config.of(settings), folder=tmp_path, resume=True)
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
-def test_a_policy_acts_as_the_one_that_was_trained(algorithm):
+def test_a_policy_acts_as_the_one_that_was_trained():
     """The network in NumPy answers as torch does."""
-    config = Config.of({**SMALL, "algorithm": algorithm})
+    config = Config.of(SMALL)
     model = make_model(config)
     network = export(model, config)
     observation = np.random.default_rng(0).uniform(-1, 1, (50, 20)).astype(np.float32)
     observation[:, 2] = np.abs(observation[:, 2])  # turning forwards
     choice, _ = model.predict(observation, deterministic=True)
-    share = np.array(config.levels)[choice] if algorithm == "ppo" else choice[:, 0]
-    np.testing.assert_allclose(network.predict(observation)[0][:, 0], share, atol=1e-6)
+    np.testing.assert_allclose(network.predict(observation)[0][:, 0], np.array(config.levels)[choice], atol=1e-6)
 
 
 @pytest.mark.parametrize("constraint", CONSTRAINTS)
@@ -149,7 +146,6 @@ def test_what_makes_no_sense_is_one_line(tmp_path, capsys):
         (["evaluate", str(text)], "a policy is what `pendulum-ident train` writes"),
         (["evaluate", str(other)], "was trained under the constraint rms, not peak"),
         (["train", "--resume", "-o", str(tmp_path / "new.npz")], "--resume needs --checkpoints"),
-        (["train", "--algorithm", "pop", "-o", str(tmp_path / "new.npz")], "did you mean ppo"),
         (["evaluate", "agnet"], "unknown baseline 'agnet'"),
         (["evaluate", "--constraint", "peek"], "did you mean peak"),
         (["train", "-o", "policy.zip"], "should end in .npz"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimators import add, compare, diagnose, identify
-from estimators.schemes.six import Energy
+from estimators.schemes.six import Integral, Scheme, scheme
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Gravity, Inertia, Model, ModelError
@@ -75,11 +75,11 @@ def test_what_is_no_term(swing, terms, kind, says):
 @pytest.mark.parametrize(
     ("schemes", "kind", "says"),
     [
-        ([Energy], TypeError, "is not a scheme: give an id, such as 'energy', or Energy"),
+        ([Scheme], TypeError, "is not a scheme: give an id, such as 'energy', or scheme"),
         ("enrgy", ValueError, "did you mean energy"),
         ([3], TypeError, "3 is not a scheme"),
         ([], ValueError, "no scheme to use"),
-        (["energy", Energy(window=0.1)], ValueError, "a scheme is named twice in energy, energy"),
+        (["energy", scheme("energy", operator=Integral(0.1))], ValueError, "a scheme is named twice in energy, energy"),
     ],
 )
 def test_what_is_no_scheme(swing, schemes, kind, says):
@@ -89,7 +89,7 @@ def test_what_is_no_scheme(swing, schemes, kind, says):
 
 def test_one_recording_and_names_will_do(swing):
     by_name = identify(swing, ["inertia", "gravity", "viscous", "coulomb"], "energy")
-    in_full = identify([swing], BASE, [Energy()])
+    in_full = identify([swing], BASE, [scheme("energy")])
     np.testing.assert_array_equal(by_name["energy"].model.theta, in_full["energy"].model.theta)
     with pytest.raises(ValueError, match=re.escape("unknown scheme 'dynamic': Known: energy")):
         by_name["dynamic"]

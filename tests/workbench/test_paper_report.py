@@ -89,7 +89,7 @@ def test_convergence_is_drawn_with_truth_and_band(number, scheme, figures, exper
 
 
 def test_a_missed_aim_is_said(monkeypatch: pytest.MonkeyPatch, experiment: Experiment) -> None:
-    monkeypatch.setattr("workbench.report.paper.setup.TARGET", 1e-9)
+    monkeypatch.setattr("workbench.report.paper.TARGET", 1e-9)
     text = Page(render(experiment)).text
     assert "Not every scheme finds the paper's pendulum" in text and "which misses the aim" in text
 

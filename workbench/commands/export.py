@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
-from typing import Literal
 
 from estimators.comparison import in_units_of
 from estimators.in_loop.rollouts import are_driven
@@ -15,6 +13,7 @@ from pendulum_env.reading import shown
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import Source, read_as
 from workbench.export import ACTUATORS, BODIES, FORMATS, READABLE, Exported, Request, export
+from workbench.export.request import Language
 from workbench.inputs import (
     check_outputs,
     number,
@@ -32,7 +31,7 @@ from workbench.terminal import Terminal
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, format, output and how."""
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
-    forms = "; ".join(f"{name}, {what}" for name, (_, what) in FORMATS.items())
+    forms = "; ".join(f"{name}, {what}" for name, (what, _) in FORMATS.items())
     parser.add_argument("--to", required=True, choices=tuple(FORMATS), help=forms)
     parser.add_argument("-o", "--output", metavar="FILE", help="write it there (default: print it, unless --check)")
     parser.add_argument(
@@ -81,7 +80,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     outputs = [arguments.output, arguments.callback]
     check_outputs(outputs, [arguments.model, *(str(source.file) for source in sources)])
     _refuse(arguments, bool(sources))
-    language: Literal["python", "c"] | None = None
+    language: Language | None = None
     if arguments.callback is not None:
         language = "c" if arguments.callback.endswith(".c") else "python"
     request = Request(
@@ -136,49 +135,16 @@ def _refuse(arguments: argparse.Namespace, checks: bool) -> None:
 def _check(
     model: Model, exported: Exported, request: Request, to: str, recordings: tuple[Recording, ...], terminal: Terminal
 ) -> None:
-    """Print how far what is exported is from recordings, of servos in the loop."""
-    if to != "mjcf" or not are_driven(recordings):
-        _tell(model, exported, request, recordings, terminal)
-    elif request.drive is None:
-        raise InputError(f"{recordings[0].name}: is of a servo: say the drive to export and check with --drive")
-    else:
-        _tell_in_loop(model, request, recordings, terminal)
+    """Print how far what is exported is from recordings, of servos in the loop, in rad and in shares of the motion."""
+    from workbench.export.check import check, check_in_loop  # needs the libraries of a comparison
 
-
-def _tell(
-    model: Model, exported: Exported, request: Request, recordings: tuple[Recording, ...], terminal: Terminal
-) -> None:
-    """Print how far both simulations are from the recording, and from each other."""
-    from workbench.export.check import check  # needs the libraries of a comparison
-
-    if request.drive is not None or request.callback is not None:
-        raise InputError(
-            f"{recordings[0].name}: has no goal: a servo, or a joint with a callback, is checked in the loop alone"
-        )
+    in_loop, name = to == "mjcf" and are_driven(recordings), recordings[0].name
+    if in_loop and request.drive is None:
+        raise InputError(f"{name}: is of a servo: say the drive to export and check with --drive")
+    if not in_loop and (request.drive is not None or request.callback is not None):
+        raise InputError(f"{name}: has no goal: a servo, or a joint with a callback, is checked in the loop alone")
     with terminal.progress("running in MuJoCo"):
-        found = check(model, exported, recordings)
-    terminal.heading("Free run over windows of one second, RMS")
-    rows = [
-        ("this project's simulation against the recording", found.own),
-        ("MuJoCo with the exported model against the recording", found.mujoco),
-        ("one against the other", found.between),
-    ]
-    _table(rows, found.motion, terminal)
-
-
-def _tell_in_loop(model: Model, request: Request, recordings: tuple[Recording, ...], terminal: Terminal) -> None:
-    """Print how far both simulations are from recordings of which they know the goal, each with its own drive."""
-    from workbench.export.check import check_in_loop
-
-    with terminal.progress("running in MuJoCo"):
-        found = check_in_loop(model, request, recordings)
-    terminal.heading("In the loop, whole recordings from their goals alone, mean error")
-    rows = [("this project's simulation", found.own), ("MuJoCo with what is exported", found.mujoco)]
-    rows += [] if found.alone is None else [("MuJoCo without the callback", found.alone)]
-    _table(rows, found.motion, terminal)
-
-
-def _table(rows: Sequence[tuple[str, float]], motion: float, terminal: Terminal) -> None:
-    """Print errors in rad, and as shares of the motion."""
-    told = [(what, f"{value:.3g} rad", f"{100 * value / motion:.2g} %") for what, value in rows]
-    terminal.table(("", "error", "of the motion"), told)
+        found = check_in_loop(model, request, recordings) if in_loop else check(model, exported, recordings)
+    terminal.heading(found.title)
+    rows = [(what, f"{error:.3g} rad", f"{100 * error / found.motion:.2g} %") for what, error in found.errors.items()]
+    terminal.table(("", "error", "of the motion"), rows)

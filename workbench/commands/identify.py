@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from estimators.arguments import within_limits
-from estimators.checks.torque_constant import told
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
-from estimators.selection.data import Evidence, fit_terms
 from estimators.show.tables import schemes_table
-from estimators.weak_form.dataset import Dataset, prepare
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.files import write_whole
-from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics import BASE, Term
 from pendulum_env.recording import Recording
 from workbench.inputs import (
     argument,
@@ -71,24 +68,21 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         recordings, _ = in_time(recordings, [], True, terminal)
     with terminal.progress("identifying"):
         found = identify(recordings, BASE, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
-        terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
         model = None
         if arguments.instruments is not None:
-            model = fitted(recordings, lambda data: fit_by_reference(data, terms))
-        elif arguments.output is not None:
-            model = fitted(recordings, lambda data: fit_terms(Evidence(data, ()), terms)[0])
+            terms, _ = within_limits(BASE, {}, arguments.fixed, arguments.bounds)
+            model = found.fitted(lambda data: fit_by_reference(data, terms))
+        elif found.data is not None or arguments.output is not None:
+            model = found.windows
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
-    tell(found, model, terminal, "instruments" if arguments.instruments else "windows (saved)")
+    terminal.heading("Estimates ± standard errors")
+    terminal.table(*schemes_table(found, model, "instruments" if arguments.instruments else "windows"))
+    for doubt in found.doubts:
+        terminal.say(f"warning: {doubt.text}", style="yellow")
     if model is not None:
         outputs[1] = write_model(model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
-
-
-def fitted(recordings: Sequence[Recording], fit: Callable[[Dataset], Model]) -> Model:
-    """The model that a fit finds in recordings, in their unit, and with their torque constant."""
-    data = prepare(recordings)
-    return told(fit(data), data, fit)
 
 
 def six_schemes(recordings: Sequence[Recording], terms: Sequence[Term]) -> Identification | None:
@@ -97,14 +91,6 @@ def six_schemes(recordings: Sequence[Recording], terms: Sequence[Term]) -> Ident
         return identify(recordings, terms, SCHEMES)
     except IdentificationError:
         return None
-
-
-def tell(found: Identification, model: Model | None, terminal: Terminal, label: str) -> None:
-    """Print one row a scheme, and the model that is saved, or fitted by instruments, as the last."""
-    terminal.heading("Estimates ± standard errors")
-    terminal.table(*schemes_table(found, model, label))
-    for doubt in found.doubts:
-        terminal.say(f"warning: {doubt.text}", style="yellow")
 
 
 def _schemes(text: str) -> Sequence[Scheme]:

@@ -6,7 +6,7 @@ import argparse
 from importlib.util import find_spec
 from pathlib import Path
 
-from agents.config import USUAL, Config, read_settings
+from agents.config import Config, read_settings
 from agents.observer import CONSTRAINTS
 from pendulum_env.lookup import find
 from pendulum_env.reading import Unreadable
@@ -21,7 +21,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what is trained and where it goes."""
     parser.add_argument("--config", metavar="FILE", help="TOML with settings of agents.config.Config that differ")
     parser.add_argument("--constraint", type=argument(_constraint), metavar="NAME", help="peak or rms (default peak)")
-    parser.add_argument("--algorithm", type=argument(_algorithm), metavar="NAME", help="ppo or sac (default ppo)")
     parser.add_argument("--seed", type=whole(0), help="of all random numbers (default 0)")
     parser.add_argument("--steps", type=whole(1), help="decisions of 20 ms in all")
     parser.add_argument(
@@ -64,7 +63,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _config(arguments: argparse.Namespace) -> Config:
-    given = {name: getattr(arguments, name) for name in ("constraint", "algorithm", "seed", "steps")}
+    given = {name: getattr(arguments, name) for name in ("constraint", "seed", "steps")}
     given = {name: value for name, value in given.items() if value is not None}
     try:
         settings = {} if arguments.config is None else read_settings(arguments.config)
@@ -78,9 +77,4 @@ def _config(arguments: argparse.Namespace) -> Config:
 
 def _constraint(text: str) -> str:
     find("constraint", text, CONSTRAINTS)
-    return text
-
-
-def _algorithm(text: str) -> str:
-    find("algorithm", text, USUAL["algorithm"])
     return text

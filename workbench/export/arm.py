@@ -8,7 +8,7 @@ the inertia come with the lever; any other choice moves alike.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,16 +26,6 @@ THIN = 0.01  # inertia about its length, in that about the axis
 FASTEST = 5.0  # [rad/s], up to which viscous and dry friction approximate another law
 SPEEDS = 100  # at which they do
 EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")  # terms that every format holds
-OF_SPEED = (
-    "stribeck",
-    "quadratic_drag",
-    "viscous_asymmetry",
-)  # friction that viscous and dry friction can stand in for
-INSTEAD: Mapping[str, str] = {  # what it means that an effect is left out
-    "presliding": "friction slips at once",
-    "friction_drift": "friction is that of a warm joint",
-    "payload_change": "the payload is that before the change",
-}
 
 
 @dataclass(frozen=True)
@@ -96,11 +86,6 @@ def arm(model: Model, request: Request) -> Body:
     return Body.of(inertia, value(model, "gravity"), value(model, "gravity_tilt"), request.mass)
 
 
-def no_armature(request: Request) -> tuple[str, ...]:
-    """What a format without rotors does with an armature, if there is one."""
-    return ("an armature: it stays part of the arm's inertia",) if request.armature else ()
-
-
 @dataclass(frozen=True)
 class Friction:
     """Friction as every format has it, and what it stands in for.
@@ -125,11 +110,9 @@ class Friction:
         """
         unit = model.torque_unit
         others = [term for term in model.terms if term.id not in EVERY and term.id not in held]
-        folded = [term for term in others if term.id in OF_SPEED]
+        folded = [term for term in others if term.is_of_speed]
         missing = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
-        missing += [
-            f"{term.id} ({term.law}): {INSTEAD.get(term.id, 'it is left out')}" for term in others if term not in folded
-        ]
+        missing += [f"{term.id} ({term.law}): {term.omitted}" for term in others if term not in folded]
         viscous, dry = value(model, "viscous") + value(model, "back_emf") - less, value(model, "coulomb")
         if not folded and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(missing))

@@ -21,29 +21,26 @@ from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
 from pendulum_env.servo.loop import Servos
 from workbench.export import mjcf
-from workbench.export.extra import needed
-from workbench.export.request import Exported, ExportError, Request
+from workbench.export.request import Exported, ExportError, Request, needed
 
 
 @dataclass(frozen=True)
 class Check:
-    """Free-running position errors over windows of one second, each started from the measured state [rad].
+    """How far simulations are from recordings [rad].
 
     Attributes:
-        own: of this project's simulation, RMS against the recording.
-        mujoco: of MuJoCo with the exported model, RMS against the recording.
-        between: RMS of one simulation against the other.
-        motion: RMS of the measured position about its mean in each window.
+        title: how that was measured.
+        errors: by what is compared with what.
+        motion: distance of the measured position from its mean, measured alike.
     """
 
-    own: float
-    mujoco: float
-    between: float
+    title: str
+    errors: Mapping[str, float]
     motion: float
 
 
 def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> Check:
-    """Run the exported XML in MuJoCo against recordings.
+    """Run the exported XML in MuJoCo against recordings, over windows that each start from the measured state.
 
     Raises:
         ExportError: if a known load hung on the joint, which no exported model has.
@@ -55,29 +52,16 @@ def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> 
     own = [path[:, 0] for path in fly_all(flights, [(model.terms, model.theta)])]
     theirs = [_fly(model, exported, flight) for flight in flights]
     measured = [flight.position for flight in flights]
-    return Check(
-        _rms(own, measured), _rms(theirs, measured), _rms(theirs, own), _rms(measured, [q.mean(0) for q in measured])
-    )
+    errors = {
+        "this project's simulation against the recording": _rms(own, measured),
+        "MuJoCo with the exported model against the recording": _rms(theirs, measured),
+        "one against the other": _rms(theirs, own),
+    }
+    motion = _rms(measured, [q.mean(0) for q in measured])
+    return Check("Free run over windows of one second, RMS", errors, motion)
 
 
-@dataclass(frozen=True)
-class LoopCheck:
-    """Mean absolute position errors of whole recordings, simulated from their goals alone [rad].
-
-    Attributes:
-        own: of this project's simulation.
-        mujoco: of MuJoCo with what is exported.
-        alone: of MuJoCo with the XML alone, where a callback is exported beside it.
-        motion: mean absolute distance of the measured position from its mean.
-    """
-
-    own: float
-    mujoco: float
-    alone: float | None
-    motion: float
-
-
-def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording]) -> LoopCheck:
+def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording]) -> Check:
     """Run what is exported in MuJoCo against recordings of servos, each with the drive that it was recorded with.
 
     Raises:
@@ -89,19 +73,23 @@ def check_in_loop(model: Model, request: Request, recordings: Sequence[Recording
     if abs(steps * request.step - GRAIN) > 1e-9:
         raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
     rollouts = replace(likelier(model, recordings)[0], steps=steps)
-    own = rollouts.misses([Point(model.terms, model.theta)])
-    apart = rollouts.position - rollouts.position.mean()
 
     def error(request: Request) -> float:
-        return float(np.mean(np.abs(rollouts.missed(_follow(model, request, rollouts.servos, steps)))))
+        return _mean_size(rollouts.missed(_follow(model, request, rollouts.servos, steps)))
 
-    alone = replace(request, callback=None, approximate=True)
-    return LoopCheck(
-        float(np.mean(np.abs(own))),
-        error(replace(request, callback="python") if request.callback else request),  # C says the same
-        error(alone) if request.callback else None,
-        float(np.mean(np.abs(apart))),
-    )
+    exported = replace(request, callback="python") if request.callback else request  # C says the same
+    errors = {
+        "this project's simulation": _mean_size(rollouts.misses([Point(model.terms, model.theta)])),
+        "MuJoCo with what is exported": error(exported),
+    }
+    if request.callback:
+        errors["MuJoCo without the callback"] = error(replace(request, callback=None, approximate=True))
+    motion = _mean_size(rollouts.position - rollouts.position.mean())
+    return Check("In the loop, whole recordings from their goals alone, mean error", errors, motion)
+
+
+def _mean_size(values: Array) -> float:
+    return float(np.mean(np.abs(values)))
 
 
 def refuse_loads(recordings: Sequence[Recording]) -> None:
@@ -145,15 +133,10 @@ def _follow(model: Model, request: Request, servos: Servos, every: int) -> Array
 
 
 def _rms(ones: Sequence[Array], others: Sequence[Array]) -> float:
+    """Root mean square of differences (N + 1, B) but for the first, which are of the start."""
     return float(
-        np.sqrt(
-            np.mean(np.concatenate([(a - b)[1:].ravel() for a, b in zip(ones, _like(ones, others), strict=True)]) ** 2)
-        )
+        np.sqrt(np.mean(np.concatenate([(a - b)[1:].ravel() for a, b in zip(ones, others, strict=True)]) ** 2))
     )
-
-
-def _like(ones: Sequence[Array], others: Sequence[Array]) -> list[Array]:
-    return [np.broadcast_to(b, a.shape) for a, b in zip(ones, others, strict=True)]
 
 
 def _fly(model: Model, exported: Exported, flights: Flights) -> Array:

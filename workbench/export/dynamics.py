@@ -77,11 +77,6 @@ class Dynamics:
     delay: float = 0.0
 
     @property
-    def call(self) -> str:
-        """How it is called, in a comment."""
-        return f"step({', '.join(('state', *(quantity.name for quantity in self.given)))})"
-
-    @property
     def waiting(self) -> int:
         """How many commands are on their way to the joint."""
         return math.ceil(self.delay)

@@ -8,20 +8,22 @@ its solver allows at the step that is written into the file.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
-from pendulum_env.physics import Model
+from pendulum_env.physics import Model, Samples, Term
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.transmission import JointFlexibility
 from pendulum_env.servo.drive import Drive
 from workbench.export.arm import EVERY, Body, Friction, Stop, arm, value
-from workbench.export.callback import ACTUATOR, JOINT, callback, inertia_of
-from workbench.export.extra import needed
+from workbench.export.dynamics import beside
 from workbench.export.heading import comment, title
-from workbench.export.request import Exported, ExportError, Request, keep
+from workbench.export.program import ACTUATOR, JOINT, program
+from workbench.export.request import Exported, ExportError, Language, Request, keep, needed
 from workbench.export.servo import Servo
 
 BODY = tuple(id for id in EVERY if id != "back_emf")  # a motor that is off does not brake
@@ -45,8 +47,8 @@ def export(model: Model, request: Request) -> Exported:
     for effect, parameter in (("quadratic_drag", "quadratic_drag"), ("spring", "spring.stiffness")):
         if value(model, parameter) < 0:  # MuJoCo's springs pull and its dampers brake
             held.remove(effect)
-    if request.callback:
-        return _with_callback(model, held, request)
+    if request.callback is not None:
+        return _with_callback(model, held, request, request.callback)
     held |= set(ASKED if request.drive is None else ASKED[:2])
     friction, stop = Friction.of(model, held), Stop.of(model)
     servo = None if request.drive is None else Servo.of(request.drive)
@@ -102,7 +104,7 @@ def _add(parent: Any, name: str, body: Body) -> Any:
     return added
 
 
-def _with_callback(model: Model, held: Collection[str], request: Request) -> Exported:
+def _with_callback(model: Model, held: Collection[str], request: Request, language: Language) -> Exported:
     """The body alone in XML, driven by a motor, and a program with the rest: dry friction, actuation, and the drive."""
     stop = Stop.of(model)
     bodily = {*BODY, *held} - ({"hard_stop"} if stop is not None and stop.missing else set())
@@ -110,12 +112,31 @@ def _with_callback(model: Model, held: Collection[str], request: Request) -> Exp
     others = [term for term in model.terms if term.id == "coulomb" or term not in terms]
     estimates = {name: model.estimates[name] for name in model.estimates if name.partition(".")[0] in bodily}
     inertia = estimates["inertia"]
-    estimates["inertia"] = replace(inertia, value=inertia.value + inertia_of(model, others))
+    estimates["inertia"] = replace(inertia, value=inertia.value + _inertia_of(model, others))
     if estimates["inertia"].value <= 0:
         raise ExportError("a link behind the motor has all of the arm's inertia: no body is left that the motor turns")
     body = replace(model, terms=terms, estimates=estimates, correlation=())
     exported = export(body, replace(request, drive=None, callback=None))
-    return replace(exported, callback=callback(model, others, request))
+    step = beside(model, others, request.drive, request.step)
+    return replace(exported, callback=program(language, model, step, "joint"))
+
+
+def _inertia_of(model: Model, terms: Sequence[Term]) -> float:
+    """Inertia that some terms of a model add to that of the arm [kg m^2].
+
+    Raises:
+        ExportError: if it changes, as no body's does.
+    """
+    columns = [column for term in terms for column in term.columns]
+    times = np.array([0.0, 1.0, 1e3, 1e6])
+    x = Samples(times, times, times, 0.0 * times)
+    total = 0.0
+    for column in columns:
+        masses = model.estimates[column.name].value * np.broadcast_to(column.mass(x), times.shape)
+        if np.ptp(masses):
+            raise ExportError(f"mjcf cannot hold {column.name}: no body of MuJoCo's changes its inertia")
+        total += float(masses[0])
+    return total
 
 
 def _actuate(mujoco: Any, spec: Any, model: Model, request: Request) -> None:

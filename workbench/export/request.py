@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from importlib import import_module
+from typing import Any, Literal
 
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics.simulation import LONGEST_STEP
 from pendulum_env.servo.drive import Drive
+from workbench.mistakes import InputError
+
+Language = Literal["python", "c"]
 
 
 class ExportError(Mistake):
@@ -33,7 +37,7 @@ class Request:
     mass: float | None = None
     armature: float = 0.0
     drive: Drive | None = None
-    callback: Literal["python", "c"] | None = None
+    callback: Language | None = None
 
 
 @dataclass(frozen=True)
@@ -62,3 +66,19 @@ def keep(format: str, missing: Sequence[str], request: Request) -> tuple[str, ..
             "c, which hold every effect"
         )
     return tuple(f"{format} cannot hold {text}" for text in missing)
+
+
+def needed(module: str) -> Any:
+    """A module of the extra `export`.
+
+    Raises:
+        InputError: if it is not installed; the message names the command that does it.
+    """
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is not None and error.name.partition(".")[0] != module.partition(".")[0]:
+            raise
+        raise InputError(
+            f"this needs {module.partition('.')[0]}: install it with pip install 'pendulum-ident[export]'"
+        ) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -11,7 +10,7 @@ import numpy as np
 from pendulum_env.physics import Model
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.servo.drive import UNIT, Drive
-from workbench.export.request import ExportError, Request
+from workbench.export.request import ExportError
 
 
 @dataclass(frozen=True)
@@ -65,18 +64,3 @@ def supply_of(drive: Drive) -> float:
     if drive.supply is None and drive.output == "duty":
         raise ExportError("a duty is a share of the bus: say its voltage, as --drive output=duty,kp=0.6,supply=12")
     return drive.supply or 1.0
-
-
-def needed_drive(format: str, request: Request) -> Drive:
-    """The drive that a format is of; raises ExportError if nobody says it."""
-    if request.drive is None:
-        raise ExportError(
-            f"{format} is of a servo: say its controller with --drive, as --drive output=torque,kp=4,limit=5"
-        )
-    return request.drive
-
-
-def settings(name: str, values: Mapping[str, object]) -> str:
-    """A call with keywords, one a line."""
-    told = {key: float(f"{value:.6g}") if isinstance(value, float) else value for key, value in values.items()}
-    return "\n".join([f"ACTUATOR = {name}(", *(f"    {key}={value!r}," for key, value in told.items()), ")", ""])

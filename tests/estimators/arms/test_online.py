@@ -4,7 +4,8 @@ import pytest
 from benchmarks.two_link import Multisine, TwoLink
 from estimators.arms.identification import ARM_SCHEMES, identify_arm
 from estimators.arms.online import ArmEstimator
-from estimators.schemes.six import Energy, Hamiltonian
+from estimators.schemes import six
+from estimators.schemes.six import Integral
 from pendulum_env.arms.recording import ArmRecording
 
 ARM = TwoLink()
@@ -32,10 +33,10 @@ def test_online_and_offline_agree(body, recording, scheme):
 
 
 def test_each_row_is_used_once_but_for_those_of_the_first_and_last_moments(body, recording):
-    online = ArmEstimator(body, 500.0, scheme=Hamiltonian(), prior=1e12)
+    online = ArmEstimator(body, 500.0, scheme=six.scheme("hamiltonian"), prior=1e12)
     for sample in zip(recording.time, recording.position, recording.torque, strict=True):
         online.update(*sample)
-    offline = identify_arm(recording, body, schemes=[Hamiltonian()])["hamiltonian"]
+    offline = identify_arm(recording, body, schemes=[six.scheme("hamiltonian")])["hamiltonian"]
     information = np.diag(np.linalg.inv(online.state.P))
     rows = information[[7, 9]].sum()  # a Coulomb column is +-1 on each row of its joint
     assert 0.9 * offline.used[0] < rows < 1.001 * offline.used[0]
@@ -65,6 +66,6 @@ def test_samples_that_make_no_sense_are_refused_at_once(body):
 
 
 def test_schemes_that_cannot_run_so_are_refused(body):
-    for scheme in (Hamiltonian(borrows="dynamic"), Energy(window=None)):
+    for scheme in (six.scheme("hamiltonian", borrows="dynamic"), six.scheme("energy", operator=Integral(None))):
         with pytest.raises(ValueError, match="cannot run on an arm"):
             ArmEstimator(body, 500.0, scheme=scheme)

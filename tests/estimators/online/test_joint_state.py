@@ -9,7 +9,8 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.online import Estimates, JointState, OnlineEstimator
-from estimators.schemes.six import SCHEMES, Dynamic, Energy
+from estimators.schemes import six
+from estimators.schemes.six import SCHEMES
 from estimators.signals.measurements import of_steps
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.physics import BASE, effect
@@ -34,7 +35,7 @@ def slow_runs(n: int = 12, **plant: float) -> list:
 
 
 def estimator(n: int, **options) -> OnlineEstimator:
-    schemes = [Dynamic(), Energy(), JointState()]
+    schemes = [six.scheme("dynamic"), six.scheme("energy"), JointState()]
     noise = of_steps(65_536)
     return OnlineEstimator(1 / PERIOD, **{"schemes": schemes, "batch": n, "position_noise": noise} | options)
 

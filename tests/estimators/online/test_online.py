@@ -14,7 +14,8 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.online import Estimates, OnlineEstimator
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.recursive import PRIOR, history
-from estimators.schemes.six import PAPER, SCHEMES, Dynamic, Energy, FilteredDynamic
+from estimators.schemes import six
+from estimators.schemes.six import PAPER, SCHEMES, Integral, LowPass
 from estimators.signals.measurements import Smoothing, choose_smoothing, measure, remember
 from pendulum_env.physics import BASE, Column, Term, effect
 from pendulum_env.recording import Recording
@@ -23,10 +24,10 @@ from tests.terms import Clipped, Table
 
 MORE = (
     *SCHEMES,
-    Energy(window=None),
-    FilteredDynamic(order=2),
-    FilteredDynamic(cutoff=60.0, guard=0.05),
-    Dynamic(guard=None),
+    six.scheme("energy", operator=Integral(None)),
+    six.scheme("filtered_dynamic", operator=LowPass(order=2)),
+    six.scheme("filtered_dynamic", operator=LowPass(cutoff=60.0), guard=0.05),
+    six.scheme("dynamic", guard=None),
 )
 
 

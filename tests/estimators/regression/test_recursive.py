@@ -4,7 +4,8 @@ from filterpy.kalman import KalmanFilter
 
 from estimators.regression.equations import Equations
 from estimators.regression.recursive import PRIOR, State, evenly, history, start, step
-from estimators.schemes.six import SCHEMES, Energy
+from estimators.schemes import six
+from estimators.schemes.six import SCHEMES, Integral
 from estimators.signals.measurements import measure
 from pendulum_env.physics import BASE
 
@@ -21,7 +22,9 @@ def run(equations: Equations, mask: np.ndarray, points: np.ndarray, dtype: type 
     return states
 
 
-@pytest.mark.parametrize("scheme", [*SCHEMES, Energy(window=None)], ids=lambda scheme: scheme.id)
+@pytest.mark.parametrize(
+    "scheme", [*SCHEMES, six.scheme("energy", operator=Integral(None))], ids=lambda scheme: scheme.id
+)
 def test_history_equals_the_recursion(scheme, exact):
     """To 1e-9; the recursion itself, which starts from 1e7, needs long doubles to be that exact."""
     equations, usable = scheme.regression(measure(exact.recording), BASE)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.schemes import six
 from estimators.schemes.identification import identify
-from estimators.schemes.six import PAPER, SCHEMES, Energy, Hamiltonian
+from estimators.schemes.six import PAPER, SCHEMES, Integral
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Model, effects
@@ -40,7 +41,7 @@ def test_standard_errors_are_honest():
     """Errors in standard errors have a root mean square near one over 18 recordings, the paper's energy included."""
     rng, z = np.random.default_rng(0), {}
     excitations = ["two_tone", "multisine", "chirp"]
-    schemes = (*SCHEMES, Energy(window=None))
+    schemes = (*SCHEMES, six.scheme("energy", operator=Integral(None)))
     of_all = {"rate": 500.0, "seconds": 10.0, "torque_noise": 0.0}
     truth = [PLANT.inertia, PLANT.gravity, PLANT.viscous, PLANT.coulomb]
     for run in simulate([(PLANT, Experiment(excitation=e, seed=k, **of_all)) for k, e in enumerate(excitations)]):
@@ -58,7 +59,10 @@ def test_standard_errors_are_honest():
 
 
 def test_whitened_energy_is_more_precise_than_energy_from_the_start(paper_run):
-    white, plain = (identify([paper_run.recording], schemes=[Energy(window=w)])["energy"] for w in (0.05, None))
+    white, plain = (
+        identify([paper_run.recording], schemes=[six.scheme("energy", operator=Integral(w))])["energy"]
+        for w in (0.05, None)
+    )
     assert np.all(std(white.model) < std(plain.model))
     assert white.condition < 0.2 * plain.condition
 
@@ -81,7 +85,7 @@ def test_the_papers_hamiltonian_pair_borrows_inertia(paper_run):
         assert found[borrower].model.estimates["inertia"] == found[lender].model.estimates["inertia"]
         assert np.all(found[borrower].convergence.theta[:, 0] == found[lender].model.theta[0])
     with pytest.raises(ValueError, match="put dynamic before it"):
-        identify([paper_run.recording], schemes=[Hamiltonian(borrows="dynamic")])
+        identify([paper_run.recording], schemes=[six.scheme("hamiltonian", borrows="dynamic")])
 
 
 @pytest.mark.slow

@@ -11,7 +11,8 @@ from gymnasium.wrappers import NormalizeObservation, RescaleAction, TimeLimit
 
 from estimators import identify
 from estimators.regression.recursive import history
-from estimators.schemes.six import SCHEMES, FilteredDynamic
+from estimators.schemes import six
+from estimators.schemes.six import SCHEMES, LowPass
 from estimators.signals.measurements import Smoothing, measure
 from estimators.wrappers import (
     EstimateParameters,
@@ -185,7 +186,7 @@ def test_many_pendulums_are_estimated_like_one():
         EstimateParametersVector(
             RandomizePlantVector(gym.make_vec(PENDULUM, num_envs=3, max_episode_steps=1500), 0.2),
             in_observation=True,
-            schemes=["dynamic", FilteredDynamic(order=2)],
+            schemes=["dynamic", six.scheme("filtered_dynamic", operator=LowPass(order=2))],
         )
     )
     observation, info = env.reset(seed=1)

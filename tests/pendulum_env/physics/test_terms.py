@@ -10,6 +10,8 @@ from scipy.signal import lfilter
 from pendulum_env.physics import BASE, Column, Model, Samples, Term, effect, effects, library, register
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.physics.term import Symptom, trace
+from pendulum_env.plant import read_parameters, typical
+from pendulum_env.words import name
 from tests.terms import CubicDamping
 
 TERMS = {term.id: term for term in BASE} | {id: kind() for id, kind in effects().items()}
@@ -98,6 +100,13 @@ def test_effect_says_how_it_shows_and_with_what_it_is_confused(id):
     assert kind.signature.endswith(".") and kind.signature.count(". ") <= 1  # a sentence or two
     assert kind.resembles and id not in kind.resembles and set(kind.resembles) <= set(TERMS)
     assert all(id in effects()[other].resembles for other in kind.resembles if other in effects())
+
+
+@every_effect
+def test_effect_says_its_title_and_typical_sizes_of_its_own_parameters(id):
+    kind = effects()[id]
+    assert name(id) == (kind.title or id.replace("_", " "))
+    assert not kind.typical or set(read_parameters(kind.typical)) <= typical(kind).keys()
 
 
 def test_every_symptom_is_some_effect_s():
