@@ -161,10 +161,9 @@ def running(session: Session) -> list[Component]:
     job = session.job
     if job is None or not job.running:
         return []
-    pace = job.pace
-    said = f" {pace.what} · {pace.elapsed:.0f}{NBSP}s so far"
+    said = f" {job.what} · {job.elapsed:.0f}{NBSP}s so far"
     what = html.Div([html.Strong(job.title), html.Span(said, className="note")])
-    bar = html.Progress(value=str(round(pace.share, 3)), max="1", **aria(label=job.title))
+    bar = html.Progress(value=str(round(job.share, 3)), max="1", **aria(label=job.title))
     return [html.Div([what, bar], className="running-text"), button("Cancel", "cancel")]
 
 
