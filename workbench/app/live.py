@@ -82,7 +82,8 @@ def go(options: Sequence[str], connection: Connection[Any, Any]) -> str:
         rate = arguments.rate if rig is None else rig.rate
         command, seconds = experiment(arguments, np.random.default_rng(arguments.seed), rate)
         with closing(environment(arguments, plant_of(arguments), command) if rig is None else connected(rig)) as bare:
-            env, plant = EstimateParameters(bare), bare.unwrapped
+            env = EstimateParameters(bare)
+            plant: Any = bare.unwrapped
             rate = plant.rate  # a replay has its own
             truth = {name: e.value for name, e in plant.model.estimates.items()} if plant.simulated else {}
             remark = "" if rig is None else cut_at(rig, command)

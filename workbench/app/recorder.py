@@ -125,6 +125,8 @@ def options(
     """Options of `record` from the controls of a form; each is one word, so that none can be taken for another."""
     if seconds is None or not 1 <= seconds <= LONGEST:
         raise InputError(f"a run from here lasts from 1 to {LONGEST:g} s: use the command line for more")
+    if torque in LEARNT and amplitude is not None:
+        raise InputError("a learnt policy has a bound of its own: leave the peak torque empty")
     learnt = ["--excitation=rl", f"--policy={LEARNT[torque]}"] if torque in LEARNT else []
     words = [f"--seconds={seconds:.15g}", *(learnt or [f"--excitation={torque}"])]
     words += [] if amplitude is None else [f"--amplitude={amplitude:.15g}"]

@@ -92,7 +92,7 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     names = effects_to_choose()
     found = [one.effect for one in state.diagnosis.candidates] if state.diagnosis is not None else []
     ranked = sorted(names, key=lambda id: found.index(id) if id in found else len(found))
-    axes = profiles(points.samples, points.residuals[shown][2], points.noise, tuple(AXES))
+    axes = profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES))
     own = b64encode(picture("What is left here", axes).encode()).decode()
     rows = [
         html.Li(
@@ -128,14 +128,14 @@ def _points(session: Session, id: str) -> Points:
 
 
 def _standing_out(points: Points, shown: int) -> list[Region]:
-    return stand_out(points.samples, points.residuals[shown][2], points.noise)
+    return stand_out(points.samples, points.residuals[shown], points.noise)
 
 
 def say(points: Points, selected: Mask, shown: int) -> str:
     """A selection in words."""
     if not selected.any():
         return "Nothing is in this selection."
-    residual, time = points.residuals[shown][2][selected], points.time[selected]
+    residual, time = points.residuals[shown][selected], points.time[selected]
     mean, rms = float(residual.mean()), float(np.sqrt(np.mean(residual**2)))
     return (
         f"{len(time)} of {len(points)} windows, from {time.min():.3g} to {time.max():.3g} s: residual {number(mean)} "

@@ -19,7 +19,7 @@ from pendulum_env.lookup import find
 from pendulum_env.recording.study import format_of
 from workbench.app.parts import panel, saves
 from workbench.app.recorder import DIAGNOSIS
-from workbench.app.saved import STUDY
+from workbench.app.saved import STUDY, pack, study
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import State, ids
@@ -181,9 +181,9 @@ FILES: dict[str, Callable[[Session, str], tuple[str, str | bytes]]] = {  # name 
     "model": _model,
     "diagnosis": lambda session, _: (DIAGNOSIS, _text(session.state.told)),
     "experiment": _experiment,
-    "study": lambda session, _: (STUDY, session.study()),
+    "study": lambda session, _: (STUDY, study(session.state)),
     "recording": _recording,
-    "session": lambda session, _: ("session.zip", session.save()),
+    "session": lambda session, _: ("session.zip", pack(session.state)),
 }
 
 
@@ -199,9 +199,8 @@ def connect(bench: Bench) -> None:
     def save(_: list[int], id: str) -> dict[str, Any]:
         if not any(entry["value"] for entry in dash.ctx.triggered):
             raise PreventUpdate
-        session, asked = bench.sessions.of(id), dash.ctx.triggered_id
-        with session.lock:
-            name, content = find("file", asked["save"], FILES)(session, asked["of"])
+        asked = dash.ctx.triggered_id
+        name, content = find("file", asked["save"], FILES)(bench.sessions.of(id), asked["of"])
         content = content.encode() if isinstance(content, str) else content
         return {"filename": name, "content": b64encode(content).decode(), "base64": True}
 

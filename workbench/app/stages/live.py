@@ -195,6 +195,8 @@ def options(
     if backend == "replay":
         if replay is None:
             raise InputError("there is no recording to replay: load one first")
+        if torque in recorder.LEARNT:
+            raise InputError("a replay does not follow a policy: choose another backend, or any signal")
         plant.append(f"--replay={session.find(str(replay)).source.file}")
     if backend == RIG:
         if session.rig is None:
