@@ -221,27 +221,16 @@ class Session:
             raise InputError(f"{MOST_SAMPLES:,} samples are enough: remove a recording first")
         self.change(f"load {listing([one.recording.name for one in loaded])}", self.state.anew(loaded=every))
 
-    def find(self, id: str) -> Loaded:
-        """The recording of an id.
-
-        Raises:
-            InputError: if there is none.
-        """
-        for one in self.state.loaded:
-            if one.id == id:
-                return one
-        raise InputError(f"{safe_name(id)}: is not loaded any more")
-
     def remove(self, id: str) -> None:
         """Remove a recording."""
-        gone = self.find(id)
+        gone = self.state.find(id)
         self.cards = tuple(card for card in self.cards if card.known != id)
         rest = tuple(one for one in self.state.loaded if one is not gone)
         self.change(f"remove {gone.recording.name}", self.state.anew(loaded=rest))
 
     def hold_out(self, id: str, held_out: bool) -> None:
         """Keep a recording for checking, or fit it."""
-        chosen = self.find(id)
+        chosen = self.state.find(id)
         if chosen.held_out != held_out:
             source = replace(chosen.source, role="holdout" if held_out else "fit")
             self._swap("fit or check", chosen, replace(chosen, source=source))
@@ -258,7 +247,7 @@ class Session:
         Raises:
             RecordingError: if there is nothing to choose.
         """
-        card = Card.of(self.find(id).source, known=id)
+        card = Card.of(self.state.find(id).source, known=id)
         self.cards = (card, *(other for other in self.cards if other.known != id))
 
     def answer(self, card: Card) -> None:
@@ -271,7 +260,7 @@ class Session:
         try:
             source = card.asked()
             if card.known:
-                old = self.find(card.known)
+                old = self.state.find(card.known)
                 anew = Loaded.of(source, [one for one in self.state.loaded if one is not old]).recording
                 anew = replace(anew, name=old.recording.name)
                 self._swap("read columns anew", old, replace(old, source=source, recording=anew))

@@ -197,7 +197,7 @@ def options(
             raise InputError("there is no recording to replay: load one first")
         if torque in recorder.LEARNT:
             raise InputError("a replay does not follow a policy: choose another backend, or any signal")
-        plant.append(f"--replay={session.find(str(replay)).source.file}")
+        plant.append(f"--replay={session.state.find(str(replay)).source.file}")
     if backend == RIG:
         if session.rig is None:
             raise InputError("there is no rig here: start the workbench with --config rig.toml")
