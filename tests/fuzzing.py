@@ -183,13 +183,14 @@ def rows(kind: str) -> bytes:
 def worked() -> bytes:
     """A session with a recording and an effect that was added."""
     from estimators import add
+    from workbench.app.saved import pack
     from workbench.app.session import Session
 
     with tempfile.TemporaryDirectory() as folder:
         session = Session(Path(folder) / "session")
         session.load([written(swing(), Path(folder))])
         session.state = session.state.with_step(add(session.state.model, "stribeck", session.state.train))
-        return session.save()
+        return pack(session.state)
 
 
 def contents() -> bytes:

@@ -17,14 +17,13 @@ from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
 from pendulum_env.physics import load_plugin
 from pendulum_env.physics.plugin import plugins
-from workbench.mistakes import MISTAKES, sentence
+from workbench.mistakes import MISTAKES, InputError, sentence
 
 LOST = "the work ended unexpectedly: try again"
 DRAIN = 0.02  # [s] between two looks at a process that is about to end
@@ -51,21 +50,6 @@ def interrupts_wait() -> Iterator[None]:
                 signal.raise_signal(signal.SIGINT)
 
 
-class Quiet(SpawnProcess):
-    """A process that hears of no interrupt."""
-
-    def start(self) -> None:
-        """Begin, in a new interpreter: a copy of a process with threads would be unsound."""
-        with interrupts_wait():
-            super().start()
-
-
-class QuietContext(SpawnContext):
-    """Where a pool of workers takes its processes from."""
-
-    Process = Quiet
-
-
 def attend() -> None:
     """Called by a worker first: it ends with whoever began it, even if that one is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -77,15 +61,6 @@ def attend() -> None:
 def _follow(parent: BaseProcess) -> None:
     parent.join()
     os._exit(1)
-
-
-def end_workers() -> None:
-    """End all that this process has begun, whatever they do."""
-    workers = [child for child in multiprocessing.active_children() if isinstance(child, Quiet)]
-    for worker in workers:
-        worker.terminate()
-    for worker in workers:
-        worker.join()
 
 
 @dataclass(frozen=True)
@@ -101,6 +76,15 @@ class Failed:
 
     why: str
 
+    @property
+    def result(self) -> Any:
+        """There is none.
+
+        Raises:
+            InputError: always.
+        """
+        raise InputError(self.why)
+
 
 class Worker:
     """A process that does one task, at the other end of a pipe; its libraries are loaded while it waits for the task.
@@ -111,9 +95,11 @@ class Worker:
 
     def __init__(self, name: str, libraries: Sequence[str] = ()) -> None:
         """Start the process."""
-        self.connection, theirs = multiprocessing.Pipe()
-        self.process = Quiet(target=_work, args=(theirs, plugins(), libraries), daemon=True, name=name)
-        self.process.start()
+        context = multiprocessing.get_context("spawn")  # a copy of a process with threads would be unsound
+        self.connection, theirs = context.Pipe()
+        self.process = context.Process(target=_work, args=(theirs, plugins(), libraries), daemon=True, name=name)
+        with interrupts_wait():
+            self.process.start()
         theirs.close()
 
     def begin(self, task: Callable[[Connection[Any, Any]], object]) -> None:

@@ -45,6 +45,18 @@ def configured(arguments: argparse.Namespace) -> RigConfig | None:
         raise InputError(str(error)) from None
 
 
+def connected(rig: RigConfig) -> gym.Env[Any, Any]:
+    """The rig, owned and connected from now on, still without power.
+
+    Raises:
+        InputError: if it is out of reach, or in use.
+    """
+    try:
+        return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(rig.path))
+    except (DriveError, ModuleNotFoundError) as error:
+        raise InputError(str(error)) from None
+
+
 def record_rig(
     rig: RigConfig, command: Excitation | Pilot, steps: int, output: str, terminal: Terminal, diagnosed: bool = False
 ) -> None:
@@ -66,12 +78,8 @@ def record_rig(
         if len(late) % rig.rate < 1:
             show(f"{info['time']:.0f} s", len(late) / steps)
 
-    try:
-        env = gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(rig.path))
-    except (DriveError, ModuleNotFoundError) as error:
-        raise InputError(str(error)) from None
     judge: Apart | None = None
-    env = RecordMeasurements(env, output, overwrite=True)
+    env = RecordMeasurements(connected(rig), output, overwrite=True)
     try:
         judge = Apart(rig.rate, smoothing_of(env, rig.rate)) if diagnosed else None
         if cut := cut_at(rig, command):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from multiprocessing.connection import Connection
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -24,41 +24,13 @@ STANDS = 2.0  # [s], after which a verdict that has not changed stands
 Sample = tuple[float, float, float]  # time [s], position [rad], torque over the period that ends with it [N m]
 
 
-class Judge(Protocol):
-    """What a run asks."""
-
-    def stands(self, info: dict[str, Any]) -> bool:
-        """Take in a sample; whether a verdict stands."""
-
-    def close(self) -> OnlineDiagnosis:
-        """What was said in the end."""
-
-
-class Leader:
-    """Whether a verdict stands: what is missing has been the same group's leader for `STANDS` seconds."""
-
-    def __init__(self) -> None:
-        """Nothing is said yet."""
-        self._since = np.inf
-        self._said: OnlineDiagnosis | None = None
-
-    def take(self, time: float, said: OnlineDiagnosis) -> bool:
-        """Take in what is said at a time [s]; whether it stands."""
-        same = self._said is not None and said.group[:1] == self._said.group[:1]
-        self._said = said
-        if said.kind != "missing":
-            self._since = np.inf
-        elif not same or not np.isfinite(self._since):
-            self._since = time
-        return bool(time - self._since >= STANDS)
-
-
 class Here:
-    """Diagnoses sample by sample, as the run waits."""
+    """Diagnoses sample by sample, as the run waits; a verdict stands once its first effect has led for `STANDS`."""
 
     def __init__(self, rate: float, smoothing: Smoothing) -> None:
         """Take the samples per second [Hz], and the smoothing of the measurement."""
-        self._diagnoser, self._leader = Diagnoser(rate, smoothing=smoothing), Leader()
+        self._diagnoser = Diagnoser(rate, smoothing=smoothing)
+        self._leader, self._since = "", np.inf  # effect, and time since when it leads [s]
 
     def stands(self, info: dict[str, Any]) -> bool:
         """Take in a sample; whether a verdict stands."""
@@ -66,10 +38,12 @@ class Here:
 
     def take(self, samples: Sequence[Sample]) -> bool:
         """Take in samples; whether a verdict stands."""
-        stands = False
         for time, position, torque in samples:
-            stands = self._leader.take(time, self._diagnoser.take(time, position, torque))
-        return stands
+            said = self._diagnoser.take(time, position, torque)
+            leader = said.group[0] if said.kind == "missing" else ""
+            if leader != self._leader:
+                self._leader, self._since = leader, time if leader else np.inf
+        return bool(samples and time - self._since >= STANDS)
 
     def close(self) -> OnlineDiagnosis:
         """What was said in the end."""

@@ -13,7 +13,8 @@ from pendulum_env._typing import JSON, Array, Mask
 from pendulum_env.physics import Samples
 from pendulum_env.recording import Recording
 from workbench.report.case import Case
-from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, stacked, thin
+from workbench.report.figure import Figure, axis, band, broken, line, numbers, span, thin
+from workbench.report.sections.comparison import before_and_after
 from workbench.report.sections.failures import planes
 
 MAP, PHASE, TIME = "map", "phase", "time"
@@ -27,36 +28,37 @@ class Points:
     """R windows of one recording under the models that are compared.
 
     Attributes:
+        case: the models, and what they were fitted to.
         time, position, velocity, torque: at the windows' centres (R,), SI.
-        residuals: measured minus modelled torque of each model, label and colour with it (R,) [N m].
-        noise: torque error that measurement noise alone gives [N m].
+        residuals: measured minus modelled torque of each model (R,) [N m].
     """
 
+    case: Case
     time: Array
     position: Array
     velocity: Array
     torque: Array
-    residuals: tuple[tuple[str, str, Array], ...]
-    noise: float
+    residuals: tuple[Array, ...]
 
     @classmethod
     def of(cls, case: Case, recording: Recording) -> Points:
         """Windows of one of the recordings, fitted and held-out ones alike."""
         parts = []
         for evidence in (case.training, case.testing):
-            ends = np.cumsum([len(w.centers) for w in evidence.data.windows])[:-1]
-            residuals = [np.split(residual, ends) for residual in case.residuals(evidence)]
-            torque = np.split(evidence.data.torque(), ends)
-            for k, w in enumerate(evidence.data.windows):
-                if w.recording is recording:
-                    x = w.at_centers()
-                    parts.append((x.time, x.position, x.velocity, torque[k], *(own[k] for own in residuals)))
-        time, position, velocity, torque_, *left = (np.concatenate(series) for series in zip(*parts, strict=True))
-        labelled = tuple((label, color, own) for (label, color, _), own in zip(case.models, left, strict=True))
-        return cls(time, position, velocity, torque_, labelled, case.diagnosis.noise_floor)
+            windows, x = evidence.data.windows, evidence.samples
+            own = np.repeat([w.recording is recording for w in windows], [len(w.centers) for w in windows])
+            series = (x.time, x.position, x.velocity, evidence.data.torque(), *case.residuals(evidence))
+            parts.append([values[own] for values in series])
+        time, position, velocity, torque, *residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return cls(case, time, position, velocity, torque, tuple(residuals))
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def noise(self) -> float:
+        """Torque error that measurement noise alone gives [N m]."""
+        return self.case.diagnosis.noise_floor
 
     @property
     def samples(self) -> Samples:
@@ -66,9 +68,8 @@ class Points:
 
 def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
     """The three views; `shown` is the model whose residual the map shows."""
-    residuals = [own for _, _, own in points.residuals]
-    cells, map_layout = planes(points.position, points.velocity, residuals)[shown]
-    label = points.residuals[shown][0]
+    cells, map_layout = planes(points.position, points.velocity, points.residuals)[shown]
+    label = points.case.models[shown][0]
     select = {"dragmode": "select", "margin": {"t": 12, "r": 8}}
     dots = thin(points.velocity, LIT)
     picked = _dots(wrapped(points.position[dots]), points.velocity[dots], "--text", 2, opacity=0.25, hoverinfo="skip")
@@ -101,20 +102,17 @@ def figures(points: Points, shown: int, name: str) -> dict[str, Figure]:
 
 def _over_time(points: Points, name: str) -> Figure:
     """Measured and modelled torque above what the models leave of it."""
-    kept = thin(points.residuals[0][2])
-    x, (measured, *left) = broken(points.time, kept, points.torque, *(own for _, _, own in points.residuals))
-    data = [line(x, measured, "measured", "--measured", "N m", line={"color": "--measured", "width": 3})]
-    data.append(band(points.time[[0, -1]], np.full(2, 2 * points.noise), "noise (±2σ)", yaxis="y2"))
-    for (label, color, _), own in zip(points.residuals, left, strict=True):
-        data.append(line(x, measured - own, label, color, "N m", legendgroup=label))
-        data.append(line(x, own, label, color, "N m", legendgroup=label, yaxis="y2", showlegend=False))
-    layout = stacked("torque [N m]", "residual [N m]", "time [s]")
-    layout |= {"dragmode": "select", "selectdirection": "h", "hovermode": "closest"}
-    # ranges of their own, so that nothing moves when a selection lights up
+    x, (measured, *left) = broken(points.time, thin(points.residuals[0]), points.torque, *points.residuals)
+    label = f"Measured and modelled torque over time, and their difference, {name}"
+    modelled = [measured - own for own in left]
+    drawn = before_and_after(points.case, TIME, label, x, measured, modelled, left, ("torque", "residual", "N m"))
+    noise = band(points.time[[0, -1]], np.full(2, 2 * points.noise), "noise (±2σ)", yaxis="y2")
+    layout = drawn.layout | {"dragmode": "select", "selectdirection": "h", "hovermode": "closest"}
+    # ranges of all of it, so that nothing moves when a selection lights up
     layout["xaxis"]["range"] = span([points.time], 0.01)
     layout["yaxis"]["range"] = span([points.torque])
-    layout["yaxis2"]["range"] = span([own for _, _, own in points.residuals])
-    return Figure(TIME, f"Measured and modelled torque over time, and their difference, {name}", data, layout, 420)
+    layout["yaxis2"]["range"] = span(points.residuals)
+    return Figure(TIME, label, [noise, *drawn.data], layout, 420)
 
 
 def _dots(x: Array, y: Array, color: str, size: float, **more: object) -> JSON:
@@ -148,7 +146,7 @@ def within(points: Points, region: Region) -> Mask:
 def lit(points: Points, selected: Mask, shown: int) -> dict[str, list[JSON]]:
     """Traces that each view shows on top of its own for a selection (R,)."""
     at = np.flatnonzero(selected)
-    at = at[thin(points.residuals[shown][2][at], LIT)] if len(at) else at
+    at = at[thin(points.residuals[shown][at], LIT)] if len(at) else at
     t, q, v = points.time[at], points.position[at], points.velocity[at]
     dots = {"hoverinfo": "skip", "name": "selected"}
     return {
@@ -156,6 +154,6 @@ def lit(points: Points, selected: Mask, shown: int) -> dict[str, list[JSON]]:
         PHASE: [_dots(q, v, GLOW, 4, **dots)],
         TIME: [
             _dots(t, points.torque[at], GLOW, 4, **dots),
-            _dots(t, points.residuals[shown][2][at], GLOW, 4, yaxis="y2", **dots),
+            _dots(t, points.residuals[shown][at], GLOW, 4, yaxis="y2", **dots),
         ],
     }

@@ -24,30 +24,20 @@ class Event:
     alarm: bool
 
 
-@dataclass(frozen=True)
-class Following:
-    """What is said as of one moment.
+class Follower:
+    """Follows a run by its rows, wherever the loop runs: a motor does not wait for what is computed here.
 
     Attributes:
-        said: which effect is missing.
         course: time [s] and evidence that something is missing [nat], once a second of motion.
         events: alarms, and what was added or taken out.
     """
-
-    said: OnlineDiagnosis
-    course: tuple[tuple[float, float], ...]
-    events: tuple[Event, ...]
-
-
-class Follower:
-    """Follows a run by its rows, wherever the loop runs: a motor does not wait for what is computed here."""
 
     def __init__(self, rate: float, smoothing: Smoothing) -> None:
         """Take the samples per second [Hz], and the smoothing of the measurement."""
         self._rate, self._smoothing, self._lock = rate, smoothing, Lock()
         self._diagnoser = Diagnoser(rate, smoothing=smoothing)
-        self._course: list[tuple[float, float]] = []
-        self._events: list[Event] = []
+        self.course: list[tuple[float, float]] = []
+        self.events: list[Event] = []
         self._time, self._torque = 0.0, 0.0  # the latest ones
         self._renew()
 
@@ -55,6 +45,11 @@ class Follower:
         """Watch the running model as it is from now on."""
         self._watch = Watch(self._rate, self._diagnoser.terms, smoothing=self._smoothing)
         self._kind, self._missing = "calibrating", False
+
+    @property
+    def said(self) -> OnlineDiagnosis:
+        """Which effect is missing."""
+        return self._diagnoser.said
 
     def take(self, rows: Sequence[Row]) -> None:
         """Take in what was measured since the last time."""
@@ -71,11 +66,11 @@ class Follower:
                     self._warn(verdict)
 
     def _note(self, text: str, alarm: bool) -> None:
-        self._events.append(Event(self._time, text, alarm))
+        self.events.append(Event(self._time, text, alarm))
 
     def _tell(self, said: OnlineDiagnosis) -> None:
         if np.isfinite(said.evidence):
-            self._course.append((self._time, said.evidence))
+            self.course.append((self._time, said.evidence))
         missing = said.kind == "missing"
         if missing and not self._missing:
             self._note(f"missing: {listing([name(id) for id in said.group], 'or')}", True)
@@ -110,9 +105,3 @@ class Follower:
             self._diagnoser.undo()
             self._note(f"taken out: {name(last[0])}", False)
             self._renew()
-
-    def look(self) -> Following:
-        """What is said now."""
-        with self._lock:
-            course, events = tuple(self._course), tuple(self._events)
-            return Following(self._diagnoser.said, course, events)

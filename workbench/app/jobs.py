@@ -17,24 +17,6 @@ Task = Callable[[Progress], Any]  # what a worker does; it travels to another pr
 LIBRARIES = ("workbench.cli", "estimators.diagnosis.addition", "workbench.app.live")  # what tasks need
 
 
-class Pace:
-    """What is being done, how much of it is done, and for how long; how many rounds a search takes, nobody knows."""
-
-    def __init__(self) -> None:
-        """Start the clock."""
-        self._began = time.monotonic()
-        self.what, self.share = "starting", 0.0
-
-    def tell(self, what: str, share: float) -> None:
-        """Take in what is being done and the share of the work that is done."""
-        self.what, self.share = what, max(self.share, min(share, 1.0))
-
-    @property
-    def elapsed(self) -> float:
-        """How long the work has gone on [s]."""
-        return time.monotonic() - self._began
-
-
 class Workers:
     """Keeps one worker ready, so that short work need not wait for the libraries."""
 
@@ -69,18 +51,23 @@ class Job:
 
     Attributes:
         title: what it does, as a heading.
-        pace: how far it is.
+        what, share: what is being done, and how much of all is done.
         running: whether it is on its way.
         over: set once nothing more comes of it.
     """
 
     def __init__(self, title: str, task: Task, workers: Workers, ended: Callable[[Job, Done | Failed], None]) -> None:
         """Take the task, who does it, and what is told how it ended."""
-        self.title, self.pace, self.running, self.over = title, Pace(), True, Event()
-        self._workers, self._ended = workers, ended
+        self.title, self.what, self.share, self.running, self.over = title, "starting", 0.0, True, Event()
+        self._began, self._workers, self._ended = time.monotonic(), workers, ended
         self._worker = workers.take()
         self._worker.begin(partial(_do, task))
         Thread(target=self._listen, daemon=True, name=title).start()
+
+    @property
+    def elapsed(self) -> float:
+        """How long it has gone on [s]; how long it will, nobody knows."""
+        return time.monotonic() - self._began
 
     def cancel(self) -> None:
         """Stop at once; nothing comes of it."""
@@ -90,7 +77,7 @@ class Job:
 
     def _listen(self) -> None:
         while not isinstance(word := self._worker.hear(), Done | Failed):
-            self.pace.tell(*word)
+            self.what, self.share = word
         try:
             if self.running:
                 self._ended(self, word)

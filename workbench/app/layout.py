@@ -161,10 +161,9 @@ def running(session: Session) -> list[Component]:
     job = session.job
     if job is None or not job.running:
         return []
-    pace = job.pace
-    said = f" {pace.what} · {pace.elapsed:.0f}{NBSP}s so far"
+    said = f" {job.what} · {job.elapsed:.0f}{NBSP}s so far"
     what = html.Div([html.Strong(job.title), html.Span(said, className="note")])
-    bar = html.Progress(value=str(round(pace.share, 3)), max="1", **aria(label=job.title))
+    bar = html.Progress(value=str(round(job.share, 3)), max="1", **aria(label=job.title))
     return [html.Div([what, bar], className="running-text"), button("Cancel", "cancel")]
 
 
@@ -201,15 +200,15 @@ def _connect_page(bench: Bench) -> None:
             raise PreventUpdate
         session = bench.sessions.of(id)
         stage = next((stage for stage in STAGES if f"#{stage.id}" == hash), STAGES[0])
-        with session.lock:
+        with session.lock:  # what is being done to it is waited for, but nothing waits for what is fitted below
             if ctx.triggered_id == "url":
                 session.notice = ""  # it was about another stage
-            return (
-                navigation(stage, bench.survey is not None, session.state.trouble),
-                [*story_so_far(session.state, stage), *steps(session)],
-                session.notice,
-                html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
-            )
+        return (
+            navigation(stage, bench.survey is not None, session.state.trouble),
+            [*story_so_far(session.state, stage), *steps(session)],
+            session.notice,
+            html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
+        )
 
     @bench.app.callback(
         Output("job", "children"),

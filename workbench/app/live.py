@@ -6,43 +6,35 @@ Meanwhile it is followed: whether the model still predicts, and which effect it 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
-from pathlib import Path
 from queue import SimpleQueue
-from threading import Event, Lock, Thread
+from threading import Event, Thread
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 
-from agents.pilot import Pilot
 from estimators.schemes.identification import Convergence, Identification, Identified
 from estimators.schemes.six import SCHEMES
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import EstimateParameters
 from estimators.wrappers.options import smoothing_of
 from pendulum_env._typing import Array
-from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError
-from pendulum_env.backends.simulated import TORQUE_NOISE
-from pendulum_env.excitation import Excitation
-from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics import BASE, Model
 from pendulum_env.policy import transitions
 from pendulum_env.recording import Recording
-from pendulum_env.registration import PENDULUM
-from workbench.app.following import Follower, Following
-from workbench.app.torques import LEARNT, torque_of
+from workbench.app.following import Follower, Row
+from workbench.cli import parse
+from workbench.commands.record import environment, experiment
+from workbench.inputs import plant_of
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import LOST, Done, Failed, Worker
-from workbench.rig import controller, cut_at
+from workbench.rig import configured, connected, controller, cut_at
 
-RATE = 500.0  # [Hz]
-LONGEST = 120.0  # [s] of a run
 SLICE = 0.02  # [s] of the run between two looks at the clock
 LOOK = 0.1  # [s] between two entries of the history
 FRAMES = 50  # samples of the motion that the page draws between two looks
@@ -50,58 +42,10 @@ UNSEEN = 8.0  # [s] after which a run that no page asks about stops
 UNSEEN_RIG = 3.0  # [s], of a motor that nobody watches
 GRACE = 2.5  # [s] in which a motor has to be let go of, once that was asked for, and again before it is ended
 LOST_RIG = "the program that ran the motor ended unexpectedly: the drive's watchdog has taken its torque away"
-REFUSALS = (*MISTAKES, ValueError, DriveError, ModuleNotFoundError)
+REFUSALS = (*MISTAKES, ValueError, DriveError)
 SETTLED = 0.5  # [s] from the start, before which standard errors mean nothing
 
-
-@dataclass(frozen=True)
-class Setup:
-    """What to run.
-
-    Attributes:
-        backend: of the environment.
-        excitation: name of the torque signal, or of a policy.
-        amplitude: bound of the torque [N m]; None for the usual one.
-        effects: hidden in a simulated plant.
-        seconds: length of the run.
-        seed: of all random numbers.
-        recording: file that a replay plays.
-        rig: configuration of the rig, for the backend "dm1015b".
-    """
-
-    backend: str
-    excitation: str
-    amplitude: float | None
-    effects: tuple[str, ...]
-    seconds: float
-    seed: int
-    recording: Path | None = None
-    rig: Path | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """A run as of one moment.
-
-    Attributes:
-        time: seconds that have passed in the run.
-        pace: seconds of the run in one second.
-        motion: time [s], position [rad] and torque [N m] of the last moments (K, 3).
-        identification: estimates of the schemes and how they came about; None before anything is known.
-        begun: what it told first.
-        running: whether it goes on.
-        trouble: why it ended, if it should not have.
-        following: what is said of its model.
-    """
-
-    time: float
-    pace: float
-    motion: Array
-    identification: Identification | None
-    begun: Begun
-    running: bool
-    trouble: str
-    following: Following
+Entry = tuple[float, Array, Array]  # time [s], theta and standard errors of the schemes (S, P)
 
 
 @dataclass(frozen=True)
@@ -111,42 +55,42 @@ class Begun:
     rate: float  # samples per second [Hz]
     smoothing: Smoothing
     truth: dict[str, float]  # parameters of the simulated plant, by name; empty where nobody knows them
+    is_rig: bool
     remark: str  # what else is to be known of it
 
 
 class Slice(NamedTuple):
     """What a run measured since it told last."""
 
-    rows: list[tuple[float, float, float]]  # time [s], position [rad], torque [N m]
-    entry: tuple[float, Array, Array] | None  # time, theta and standard errors of the schemes (S, P), now and then
+    rows: list[Row]
+    entry: Entry | None  # now and then
     pace: float
 
 
-def go(setup: Setup, connection: Connection[Any, Any]) -> str:
+def go(options: Sequence[str], connection: Connection[Any, Any]) -> str:
     """Go through a run, in a process of its own as a motor cannot wait for a server that draws.
 
-    Whatever comes from the server, its end included, is the word to stop. Returns the fault that ended it, if one did.
+    `options` are those of `pendulum-ident record`. Whatever comes from the server, its end included, is the word to
+    stop. Returns the fault that ended it, if one did.
 
     Raises:
         InputError: if the run cannot be, as its settings are unknown or out of range, or the rig is out of reach.
     """
+    arguments = parse(["record", *options, "--output=live.csv"])
     try:
-        rig = None if setup.rig is None else load(setup.rig)
-        command = _command(setup, RATE if rig is None else rig.rate)
-        env = _environment(setup, command)
+        rig = configured(arguments)
+        rate = arguments.rate if rig is None else rig.rate
+        command, seconds = experiment(arguments, np.random.default_rng(arguments.seed), rate)
+        with closing(environment(arguments, plant_of(arguments), command) if rig is None else connected(rig)) as bare:
+            env = EstimateParameters(bare)
+            plant: Any = bare.unwrapped
+            rate = plant.rate  # a replay has its own
+            truth = {name: e.value for name, e in plant.model.estimates.items()} if plant.simulated else {}
+            remark = "" if rig is None else cut_at(rig, command)
+            connection.send(Begun(rate, smoothing_of(env, rate), truth, rig is not None, remark))
+            return _told(transitions(env, controller(command, rate), arguments.seed), seconds, rate, connection)
     except REFUSALS as mistake:
         raise InputError(sentence(mistake)) from None
-    with closing(env):
-        bare: Any = env.unwrapped
-        rate = float(bare.rate)
-        plant: Model | None = bare.model if getattr(bare, "simulated", False) else None
-        truth = {name: e.value for name, e in plant.estimates.items()} if plant is not None else {}
-        remark = "" if rig is None else cut_at(rig, command)
-        connection.send(Begun(rate, smoothing_of(env, rate), truth, remark))
-        try:
-            return _told(transitions(env, controller(command, rate), setup.seed), setup.seconds, rate, connection)
-        except REFUSALS as mistake:
-            return sentence(mistake)
 
 
 def _told(steps: Iterable[Any], seconds: float, rate: float, connection: Connection[Any, Any]) -> str:
@@ -170,59 +114,36 @@ def _told(steps: Iterable[Any], seconds: float, rate: float, connection: Connect
     return str(info.get("fault", ""))
 
 
-def _command(setup: Setup, rate: float) -> Excitation | Pilot:
-    """What chooses the torque, at so many samples per second [Hz]."""
-    if setup.recording is not None and setup.excitation in LEARNT:
-        raise ValueError("a replay does not follow a policy: choose another backend, or any signal")
-    return torque_of(setup.excitation, np.random.default_rng(setup.seed), setup.seconds, setup.amplitude, rate)
-
-
-def _environment(setup: Setup, command: Excitation | Pilot) -> gym.Env[Any, Any]:
-    """The environment with its estimates; a rig is owned and connected from now on, and has no power."""
-    options: dict[str, Any] = {"effects": list(setup.effects)}
-    if setup.recording is not None:
-        options = {"recording": setup.recording}
-    elif setup.rig is not None:
-        options = {"config": setup.rig}
-    env = gym.make(
-        PENDULUM,
-        max_episode_steps=-1,
-        backend=setup.backend,
-        rate=RATE,
-        torque_noise=0.0 if setup.recording is not None else TORQUE_NOISE,
-        max_torque=max(MAX_TORQUE, command.amplitude),
-        **options,
-    )
-    try:
-        return EstimateParameters(env)
-    except ValueError:
-        env.close()
-        raise
-
-
 class Run:
-    """One run in a process of its own: it begins at once; `look` as often as one likes, and `stop`."""
+    """One run in a process of its own, which begins at once.
 
-    def __init__(self, setup: Setup, worker: Worker) -> None:
-        """Give it to a worker, and wait for its environment.
+    Attributes:
+        begun: what it told first.
+        rows: what it has measured.
+        pace: seconds of the run in one second.
+        trouble: why it ended, if it should not have.
+        follower: says what its model lacks.
+    """
+
+    def __init__(self, options: Sequence[str], worker: Worker) -> None:
+        """Give a worker the options of `pendulum-ident record`, and wait for the environment.
 
         Raises:
             InputError: if it cannot be, as its settings are unknown or out of range, or the rig is out of reach.
         """
-        self._worker, self._lock, self._stop = worker, Lock(), Event()
-        worker.begin(partial(go, setup))
+        self._worker, self._stop = worker, Event()
+        worker.begin(partial(go, options))
         begun = worker.hear()
         if isinstance(begun, Failed):
             worker.end()
             raise InputError(begun.why)
-        self._begun: Begun = begun
-        self.rate = begun.rate
-        self._lost, self._patience = (LOST, UNSEEN) if setup.rig is None else (LOST_RIG, UNSEEN_RIG)
-        self.follower = Follower(self.rate, begun.smoothing)
-        self._rows: list[tuple[float, float, float]] = []
-        self._history: list[tuple[float, Array, Array]] = []
-        self._pace, self._trouble, self._seen = 1.0, "", time.monotonic()
-        self._measured: SimpleQueue[list[tuple[float, float, float]] | None] = SimpleQueue()
+        self.begun: Begun = begun
+        self.follower = Follower(begun.rate, begun.smoothing)
+        self.rows: list[Row] = []
+        self.pace, self.trouble = 1.0, ""
+        self._history: list[Entry] = []
+        self._measured: SimpleQueue[list[Row] | None] = SimpleQueue()
+        self.watch()
         Thread(target=self._follow, daemon=True, name="following").start()
         self._thread = Thread(target=self._listen, daemon=True, name="live view")
         self._thread.start()
@@ -233,28 +154,39 @@ class Run:
         self._worker.send(None)  # at once: what was measured may still be looked at
         self._thread.join()
 
+    def watch(self) -> None:
+        """Note that somebody looks; a run that nobody looks at stops."""
+        self._seen = time.monotonic()
+
     @property
     def running(self) -> bool:
         """Whether it goes on."""
         return self._thread.is_alive()
 
-    def look(self) -> Look:
-        """The run as it is now; a run that nobody looks at stops."""
-        self._seen = time.monotonic()
-        with self._lock:
-            rows, history = np.array(self._rows[-round(self.rate) :]).reshape(-1, 3), list(self._history)
-            pace, trouble = self._pace, self._trouble
-        step = max(1, round(self.rate / FRAMES))
-        return Look(
-            time=float(rows[-1, 0]) if len(rows) else 0.0,
-            pace=pace,
-            motion=rows[::-step][::-1],
-            identification=_identification(history),
-            begun=self._begun,
-            running=self.running,
-            trouble=trouble,
-            following=self.follower.look(),
-        )
+    @property
+    def time(self) -> float:
+        """How far it is [s]."""
+        return self.rows[-1][0] if self.rows else 0.0
+
+    @property
+    def motion(self) -> Array:
+        """Time [s], position [rad] and torque [N m] of the last second (K, 3)."""
+        rows = np.array(self.rows[-round(self.begun.rate) :]).reshape(-1, 3)
+        return rows[:: -max(1, round(self.begun.rate / FRAMES))][::-1]
+
+    @property
+    def identification(self) -> Identification | None:
+        """Estimates of the schemes and how they came about, as figures show them; None before anything is known."""
+        history = self._history[:]
+        if len(history) < 2:
+            return None
+        times, theta, std = (np.array([entry[k] for entry in history]) for k in range(3))  # (K,), twice (K, S, P)
+        found = {}
+        for s, scheme in enumerate(SCHEMES):
+            model = Model.build(BASE, theta[-1, s], std[-1, s])
+            course = Convergence(times, theta[:, s], std[:, s])
+            found[scheme.id] = Identified(scheme.id, model, course, np.nan, scheme.unit, np.nan, (0, 0))
+        return Identification(found, (), ())
 
     def recording(self, name: str) -> Recording:
         """What has been measured so far.
@@ -262,16 +194,16 @@ class Run:
         Raises:
             RecordingError: if that is too little.
         """
-        with self._lock:
-            rows = np.array(self._rows).reshape(-1, 3)
+        rows = np.array(self.rows).reshape(-1, 3)
         return Recording(name=name, time=rows[:, 0], position=rows[:, 1], torque=rows[:, 2])
 
     def _listen(self) -> None:
         """Take in what the process tells, until it has ended: it may drive a motor."""
         connection, until, word = self._worker.connection, np.inf, None
+        patience = UNSEEN_RIG if self.begun.is_rig else UNSEEN
         try:
             while not isinstance(word, Done | Failed) and time.monotonic() < until:
-                if until == np.inf and (self._stop.is_set() or time.monotonic() - self._seen > self._patience):
+                if until == np.inf and (self._stop.is_set() or time.monotonic() - self._seen > patience):
                     until = time.monotonic() + GRACE
                     self._worker.send(None)
                 if connection.poll(SLICE) and isinstance(word := self._worker.hear(), Slice):
@@ -281,16 +213,17 @@ class Run:
             self._worker.send(None)
             self._worker.end(GRACE)  # in which the rig takes the torque away
         if isinstance(word, Done):
-            self._trouble = word.result
+            self.trouble = word.result
+        elif isinstance(word, Failed) and word.why != LOST:
+            self.trouble = word.why
         elif until == np.inf:
-            self._trouble = self._lost
+            self.trouble = LOST_RIG if self.begun.is_rig else LOST
 
     def _take(self, part: Slice) -> None:
-        with self._lock:
-            self._rows += part.rows
-            self._pace = part.pace
-            if part.entry is not None:
-                self._history.append(part.entry)
+        self.rows += part.rows
+        self.pace = part.pace
+        if part.entry is not None:
+            self._history.append(part.entry)
         self._measured.put(part.rows)
 
     def _follow(self) -> None:
@@ -299,23 +232,9 @@ class Run:
             self.follower.take(rows)
 
 
-def _entry(info: dict[str, Any]) -> tuple[float, Array, Array]:
+def _entry(info: dict[str, Any]) -> Entry:
     """Time, estimates and standard errors of all schemes (S, P)."""
     found = [info["estimates"][scheme.id] for scheme in SCHEMES]
     theta = np.array([one["theta"] for one in found])
     std = np.array([np.sqrt(np.maximum(np.diag(one["covariance"]), 0.0)) for one in found])
     return float(info["estimates_time"]), theta, std
-
-
-def _identification(history: list[tuple[float, Array, Array]]) -> Identification | None:
-    """The history as an identification has it, so that the same figures show both."""
-    if len(history) < 2:
-        return None
-    time = np.array([entry[0] for entry in history])
-    theta, std = (np.array([entry[k] for entry in history]) for k in (1, 2))  # (K, S, P)
-    found = {}
-    for s, scheme in enumerate(SCHEMES):
-        model = Model.build(BASE, theta[-1, s], std[-1, s])
-        course = Convergence(time, theta[:, s], std[:, s])
-        found[scheme.id] = Identified(scheme.id, model, course, np.nan, scheme.unit, np.nan, (0, 0))
-    return Identification(found, (), ())

@@ -9,7 +9,8 @@ import numpy as np
 from dash import Input, Output, State, html
 from dash.development.base_component import Component
 
-from workbench.app.following import Follower, Following
+from estimators.online import OnlineDiagnosis
+from workbench.app.following import Follower
 from workbench.app.parts import button, graph
 from workbench.app.session import Session
 from workbench.app.stage import Bench
@@ -65,16 +66,14 @@ def _change(session: Session, do: Callable[[Follower], None]) -> None:
         raise InputError(str(error)) from None
 
 
-def told(now: Following, running: bool) -> tuple[Any, ...]:
+def told(said: OnlineDiagnosis, running: bool) -> tuple[Any, ...]:
     """What `OUTPUTS` show."""
-    said, free = now.said, bool(now.said.group)
-    leader = said.group[0] if free else ""
+    free, leader = bool(said.group), next(iter(said.group), "")
     label = f"Add {name(leader)}" if free else "Add it"
-    return _verdict(now), _bars(now), label, leader, not (running and free), not (running and said.added)
+    return _verdict(said), _bars(said), label, leader, not (running and free), not (running and said.added)
 
 
-def _verdict(now: Following) -> str:
-    said = now.said
+def _verdict(said: OnlineDiagnosis) -> str:
     model = " + ".join(["base", *map(name, said.added)])
     if said.kind == "missing":
         word = f"missing is {listing([name(id) for id in said.group], 'or')}"
@@ -86,9 +85,8 @@ def _verdict(now: Following) -> str:
     return f"Model {model}: {word}{error}."
 
 
-def _bars(now: Following) -> Component | str:
+def _bars(said: OnlineDiagnosis) -> Component | str:
     """Probabilities, of none as well; they move by their style."""
-    said = now.said
     if not said.ranking:
         return ""
     rows = [_bar("Nothing", said.none, "")]
@@ -103,26 +101,16 @@ def _bar(label: str, share: float, note: str) -> Component:
     return html.Tr([html.Th(label, scope="row"), html.Td(meter), *numbers])
 
 
-def course(now: Following, time: float) -> Figure:
+def course(run: Follower, time: float) -> Figure:
     """Evidence that something is missing over time, its threshold, and what happened when."""
-    seen = np.array(now.course).reshape(-1, 2)
+    seen, events = np.array(run.course).reshape(-1, 2), run.events[:]
     marks = {"mode": "lines+markers", "line": {"color": "--base", "width": 2}, "marker": {"size": 5}}
     drawn = [line(seen[:, 0], np.clip(seen[:, 1], FLOOR, ROOF), "evidence", "--base", "nat", **marks)]
-    threshold, end = now.said.threshold, max(time, 1.0)
+    threshold, end = run.said.threshold, max(time, 1.0)
     lines = [_line(0.0, end, threshold, threshold, "--muted", "dot")]
-    lines += [_line(e.time, e.time, FLOOR, ROOF, "--base" if e.alarm else "--final", "solid") for e in now.events]
-    notes = [
-        {
-            "x": event.time,
-            "y": ROOF * (1.0 - 0.17 * (k % 5)),
-            "text": event.text,
-            "showarrow": False,
-            "xanchor": "left",
-            "xshift": 4,
-            "font": {"size": 11},
-        }
-        for k, event in enumerate(now.events)
-    ]
+    lines += [_line(e.time, e.time, FLOOR, ROOF, "--base" if e.alarm else "--final", "solid") for e in events]
+    beside: dict[str, Any] = {"showarrow": False, "xanchor": "left", "xshift": 4, "font": {"size": 11}}
+    notes = [{"x": e.time, "y": ROOF * (1.0 - 0.17 * (k % 5)), "text": e.text, **beside} for k, e in enumerate(events)]
     layout = {
         "xaxis": axis("time [s]", range=[0.0, end]),
         "yaxis": axis("evidence [nat]", range=[FLOOR, ROOF]),

@@ -9,7 +9,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from pendulum_env.physics import addable, effects
-from workbench.app.torques import choices
+from workbench.app.recorder import LONGEST, torques
 from workbench.app.uploads import UPLOAD
 from workbench.report import page
 from workbench.report.figure import Figure
@@ -98,14 +98,14 @@ def number_field(id: str, value: float | None, **more: Any) -> Component:
     return dcc.Input(value, type="number", id=id, **more, **KEPT)
 
 
-def run_fields(prefix: str, seconds: float, low: float, high: float) -> list[Component]:
-    """A form for a run of so many seconds from low to high: its torque, and what is hidden in the plant."""
+def run_fields(prefix: str, seconds: float) -> list[Component]:
+    """A form for a run of so many seconds: its torque, and what is hidden in the plant."""
     hidden = effects_to_choose("nothing")
     return [
-        labelled("Excitation", dropdown(f"{prefix}excitation", choices(), "paper", searchable=False, **KEPT)),
+        labelled("Excitation", dropdown(f"{prefix}excitation", torques(), "paper", searchable=False, **KEPT)),
         labelled("Hidden effect", dropdown(f"{prefix}effect", hidden, "", **KEPT)),
         labelled("Peak torque [N m]", number_field(f"{prefix}amplitude", None, min=0, placeholder="usual")),
-        labelled("Length [s]", number_field(f"{prefix}seconds", seconds, min=low, max=high)),
+        labelled("Length [s]", number_field(f"{prefix}seconds", seconds, min=1, max=LONGEST)),
     ]
 
 

@@ -9,18 +9,21 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from agents.network import NAMES
 from estimators.progress import Progress
+from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.files import write_whole
 from pendulum_env.recording import Source
 from workbench.app.session import Session
 from workbench.app.state import Loaded, State
-from workbench.app.torques import LEARNT
 from workbench.cli import parse
 from workbench.mistakes import InputError
+from workbench.report.words import opening
 from workbench.terminal import Terminal
 
 DIAGNOSIS = "diagnosis.json"
 LONGEST = 120.0  # [s]
+LEARNT = {f"rl-{policy}": policy for policy in NAMES}  # the only policies that a page can name
 
 
 @dataclass(frozen=True)
@@ -110,14 +113,22 @@ def free_name(state: State) -> str:
     return next(name for k in range(1, 1000) if (name := f"recording-{k}.csv") not in known)
 
 
+def torques() -> dict[str, str]:
+    """Signals, and policies that ship, which see the motion and what it has taught: names by what `options` takes."""
+    signals = {id: opening(id) for id in EXCITATIONS}
+    return signals | {id: f"Learnt policy, {bound} torque bounded" for id, bound in LEARNT.items()}
+
+
 def options(
-    excitation: str, seconds: float | None, effect: str, amplitude: float | None, seed: float | None
+    torque: str, seconds: float | None, effect: str, amplitude: float | None, seed: float | None
 ) -> tuple[str, ...]:
     """Options of `record` from the controls of a form; each is one word, so that none can be taken for another."""
     if seconds is None or not 1 <= seconds <= LONGEST:
-        raise InputError(f"a recording from here lasts from 1 to {LONGEST:g} s: use the command line for more")
-    learnt = ["--excitation=rl", f"--policy={LEARNT[excitation]}"] if excitation in LEARNT else []
-    words = [f"--seconds={seconds:.15g}", *(learnt or [f"--excitation={excitation}"])]
+        raise InputError(f"a run from here lasts from 1 to {LONGEST:g} s: use the command line for more")
+    if torque in LEARNT and amplitude is not None:
+        raise InputError("a learnt policy has a bound of its own: leave the peak torque empty")
+    learnt = ["--excitation=rl", f"--policy={LEARNT[torque]}"] if torque in LEARNT else []
+    words = [f"--seconds={seconds:.15g}", *(learnt or [f"--excitation={torque}"])]
     words += [] if amplitude is None else [f"--amplitude={amplitude:.15g}"]
     words += [f"--effect={effect}"] if effect else []
     return (*words, f"--seed={seed or 0:.15g}")

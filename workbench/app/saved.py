@@ -4,62 +4,67 @@ from __future__ import annotations
 
 import io
 import json
+import tempfile
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from types import NoneType
 from typing import Any, cast, get_args, get_origin, get_type_hints
 
-from estimators.diagnosis.result import Diagnosis
-from estimators.selection.data import Step
 from pendulum_env.excitation import SIGNALS, Excitation, signal_from_json, signal_json
 from pendulum_env.physics import Model, Term
-from pendulum_env.reading import Unreadable, read_json
+from pendulum_env.reading import Unreadable, amount, read_json
+from pendulum_env.recording import write_study
 from pendulum_env.recording.study import read_sources
-from workbench.app.asked import Asked
+from workbench.app import uploads
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import safe_name
+from workbench.mistakes import InputError
 
 SCHEMA = "pendulum-ident/session@1"
 CONTENTS, STUDY = "session.json", "study.toml"
 HINT = "a session is what “Save session” wrote"
+MEMBERS = {  # fields of a `State` by what they are called in a file, beside its recordings and the terms of the base
+    "model_file": "model_file",
+    "is_aligned": "is_aligned",
+    "asked": "asked",
+    "ladder": "grown",
+    "started": "started",
+    "diagnosis": "diagnosis",
+}
 
 
-@dataclass(frozen=True)
-class Saved:
-    """What a session knows beyond its recordings; the hints tell how it is read.
+def study(state: State) -> str:
+    """A study that names the recordings as they are read, for a folder in which they lie."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / STUDY
+        write_study(file, [replace(one.source, file=file.with_name(one.source.file.name)) for one in state.loaded])
+        return file.read_text(encoding="utf-8")
 
-    Attributes:
-        base: a model with the terms that the ladder begins with; its numbers say nothing.
-        model_file, is_aligned, asked, started, diagnosis: as in `State`.
-        origins: of the recordings, in their order.
-        ladder: `grown` of the `State`.
+
+def pack(state: State) -> bytes:
+    """The archive of a state.
+
+    Raises:
+        InputError: if it would be too large to be opened again.
     """
-
-    base: Model
-    model_file: str
-    is_aligned: bool
-    asked: Asked
-    origins: tuple[tuple[str, ...], ...]
-    ladder: tuple[Step, ...]
-    started: tuple[Step, ...]
-    diagnosis: Diagnosis | None
-
-
-def pack(state: State, study: str) -> bytes:
-    """The archive of a state, and of the study that reads its recordings."""
-    made = state.grown, state.started, state.diagnosis
-    origins = tuple(one.origin for one in state.loaded)
-    known = Saved(_of(state.terms), state.model_file, state.is_aligned, state.asked, origins, *made)
+    known = {"schema": SCHEMA, "base": _of(state.terms), "origins": [one.origin for one in state.loaded]}
+    known |= {key: getattr(state, name) for key, name in MEMBERS.items()}
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(CONTENTS, json.dumps({"schema": SCHEMA, **_plain(known)}, default=_plain, indent=1))
-        archive.writestr(STUDY, study)
+        archive.writestr(CONTENTS, json.dumps(known, default=_plain, indent=1))
+        archive.writestr(STUDY, study(state))
         for file in {one.source.file for one in state.loaded}:
             archive.write(file, file.name)
-    return packed.getvalue()
+    whole = packed.getvalue()
+    if len(whole) > uploads.UPLOAD:
+        raise InputError(
+            f"a session is opened up to {amount(uploads.UPLOAD)}, and this one takes {amount(len(whole))}: "
+            f"remove a recording first, or save {STUDY} and the model"
+        )
+    return whole
 
 
 def opened(folder: Path) -> State:
@@ -82,11 +87,12 @@ def opened(folder: Path) -> State:
             raise Unreadable(f"lacks {file.name}; {HINT}")
         loaded.append(Loaded.of(replace(source, file=file), loaded))
     try:
-        known: Saved = _typed(Saved, content)
-        known.asked.check(known.base.terms)
-        whole = tuple(replace(one, origin=origin) for one, origin in zip(loaded, known.origins, strict=True))
-        made = known.ladder, known.diagnosis, known.started
-        state = State(whole, known.base.terms, known.model_file, known.is_aligned, known.asked, *made)
+        hints, terms = get_type_hints(State), _typed(Model, content["base"]).terms
+        known = {name: _typed(hints[name], content[key]) for key, name in MEMBERS.items()}
+        origins = _typed(tuple[tuple[str, ...], ...], content["origins"])
+        whole = tuple(replace(one, origin=origin) for one, origin in zip(loaded, origins, strict=True))
+        state = State(loaded=whole, terms=terms, **known)
+        state.asked.check(terms)
         if not state.trouble:
             state.told.json(), state.found, state.points  # what a page would stumble over
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:

@@ -13,10 +13,10 @@ from threading import RLock
 from typing import Any
 
 from pendulum_env.reading import amount, read_archive
-from pendulum_env.recording import RecordingError, Source, write_study
+from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.study import read_sources
-from workbench.app import saved, uploads
+from workbench.app import saved
 from workbench.app.jobs import Job, Task, Workers
 from workbench.app.live import Run
 from workbench.app.mapping import Card
@@ -94,13 +94,13 @@ class Session:
                     raise InputError("wait for what is running, or cancel it first")
                 do()
             except MISTAKES as mistake:
-                self.notice = self.plain(sentence(mistake))
+                self.notice = self.told(mistake)
             finally:
                 self._sweep()
 
-    def plain(self, text: str) -> str:
-        """A sentence about files without the session's folders."""
-        return re.sub(rf"{re.escape(str(self.folder))}/(tmp\w+/)?", "", text)
+    def told(self, mistake: Exception) -> str:
+        """A mistake in the words of the command line, files without the session's folders."""
+        return re.sub(rf"{re.escape(str(self.folder))}/(tmp\w+/)?", "", sentence(mistake))
 
     def _sweep(self) -> None:
         """Delete files that no state and no card speaks of any more."""
@@ -123,14 +123,9 @@ class Session:
 
         def ended(job: Job, word: Done | Failed) -> None:
             with self.lock:
-                if self.job is not job:
-                    return
-                self.job = None
-                if isinstance(word, Done):
+                if self.job is job:
+                    self.job = None
                     self.act(lambda: keep(word.result))
-                else:
-                    self.notice, self.version = self.plain(word.why), self.version + 1
-                    self._sweep()
 
         self.job = Job(title, task, self.workers, ended)
 
@@ -203,7 +198,7 @@ class Session:
                 loaded.append(Loaded.of(source, [*self.state.loaded, *loaded]))
             except ColumnError as error:
                 try:
-                    self.cards = (*self.cards, Card.of(source, why=self.plain(sentence(error))))
+                    self.cards = (*self.cards, Card.of(source, why=self.told(error)))
                 except RecordingError:
                     refused.append(sentence(error))
             except MISTAKES as mistake:
@@ -226,27 +221,16 @@ class Session:
             raise InputError(f"{MOST_SAMPLES:,} samples are enough: remove a recording first")
         self.change(f"load {listing([one.recording.name for one in loaded])}", self.state.anew(loaded=every))
 
-    def find(self, id: str) -> Loaded:
-        """The recording of an id.
-
-        Raises:
-            InputError: if there is none.
-        """
-        for one in self.state.loaded:
-            if one.id == id:
-                return one
-        raise InputError(f"{safe_name(id)}: is not loaded any more")
-
     def remove(self, id: str) -> None:
         """Remove a recording."""
-        gone = self.find(id)
+        gone = self.state.find(id)
         self.cards = tuple(card for card in self.cards if card.known != id)
         rest = tuple(one for one in self.state.loaded if one is not gone)
         self.change(f"remove {gone.recording.name}", self.state.anew(loaded=rest))
 
     def hold_out(self, id: str, held_out: bool) -> None:
         """Keep a recording for checking, or fit it."""
-        chosen = self.find(id)
+        chosen = self.state.find(id)
         if chosen.held_out != held_out:
             source = replace(chosen.source, role="holdout" if held_out else "fit")
             self._swap("fit or check", chosen, replace(chosen, source=source))
@@ -263,7 +247,7 @@ class Session:
         Raises:
             RecordingError: if there is nothing to choose.
         """
-        card = Card.of(self.find(id).source, known=id)
+        card = Card.of(self.state.find(id).source, known=id)
         self.cards = (card, *(other for other in self.cards if other.known != id))
 
     def answer(self, card: Card) -> None:
@@ -276,14 +260,14 @@ class Session:
         try:
             source = card.asked()
             if card.known:
-                old = self.find(card.known)
+                old = self.state.find(card.known)
                 anew = Loaded.of(source, [one for one in self.state.loaded if one is not old]).recording
                 anew = replace(anew, name=old.recording.name)
                 self._swap("read columns anew", old, replace(old, source=source, recording=anew))
                 return
             first = Loaded.of(source, self.state.loaded)
         except MISTAKES as mistake:
-            self.cards = (replace(card, why=self.plain(sentence(mistake))), *rest)
+            self.cards = (replace(card, why=self.told(mistake)), *rest)
             return
         alike = [one for one in rest if not one.known and one.preview.headers == card.preview.headers]
         self.cards = tuple(one for one in rest if one not in alike)
@@ -303,28 +287,6 @@ class Session:
         terms = read_model(str(file)).terms
         self.change(f"start from {file.name}", self.state.anew(terms=terms, model_file=file.name))
 
-    def study(self) -> str:
-        """A study that names the recordings as they are read, for a folder in which they lie."""
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / saved.STUDY
-            sources = [one.source for one in self.state.loaded]
-            write_study(file, [replace(source, file=file.with_name(source.file.name)) for source in sources])
-            return file.read_text(encoding="utf-8")
-
-    def save(self) -> bytes:
-        """The whole session in one file, for `open`.
-
-        Raises:
-            InputError: if it would be too large to be opened again.
-        """
-        packed = saved.pack(self.state, self.study())
-        if len(packed) > uploads.UPLOAD:
-            raise InputError(
-                f"a session is opened up to {amount(uploads.UPLOAD)}, and this one takes {amount(len(packed))}: "
-                f"remove a recording first, or save {saved.STUDY} and the model"
-            )
-        return packed
-
     def open(self, name: str, content: str) -> None:
         """Take in an uploaded session in the place of this one, whole or not at all; nothing before it can be undone.
 
@@ -339,7 +301,7 @@ class Session:
         try:
             state = saved.opened(place)
         except (ValueError, OSError) as mistake:
-            raise InputError(f"{packed.name}: {self.plain(sentence(mistake))}") from None
+            raise InputError(f"{packed.name}: {self.told(mistake)}") from None
         self._past, self.state, self.cards = [], state, ()
 
     def halt(self) -> None:

@@ -32,7 +32,7 @@ from pendulum_env.recording.record import by_torque
 from pendulum_env.recording.study import named_twice
 from workbench.app.asked import NOTHING, Asked
 from workbench.app.brushing import Points
-from workbench.app.uploads import UNPACKED
+from workbench.app.uploads import UNPACKED, safe_name
 from workbench.commands.identify import six_schemes
 from workbench.mistakes import InputError
 from workbench.report.case import Case
@@ -156,6 +156,17 @@ class State:
     def asking(self, asked: Asked) -> State:
         """Look for other effects from now on; where other values are known, the ladder begins anew with them."""
         return replace(self, asked=asked) if asked.limits == self.asked.limits else self.anew(asked=asked)
+
+    def find(self, id: str) -> Loaded:
+        """The recording of an id.
+
+        Raises:
+            InputError: if there is none.
+        """
+        for one in self.loaded:
+            if one.id == id:
+                return one
+        raise InputError(f"{safe_name(id)}: is not loaded any more")
 
     @cached_property
     def _prepared(self) -> Prepared | str:

@@ -6,11 +6,9 @@ import argparse
 import json
 import math
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from functools import partial
-from importlib.util import find_spec
 
 from agents.baselines import BASELINE, BASELINES, baseline
 from agents.evaluation import Contender, Outcome, compare, evaluation_json
@@ -24,7 +22,7 @@ from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import Policy
 from workbench.inputs import argument, check_outputs, page, whole, wrote
 from workbench.mistakes import InputError
-from workbench.processes import QuietContext, attend, end_workers, interrupts_wait
+from workbench.survey.cluster import connected
 from workbench.terminal import Terminal
 
 MOST = 10_000  # plants, which take a quarter of an hour for each policy
@@ -49,7 +47,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--effect", dest="effects", action="append", type=argument(_effect), default=[], metavar="ID[=VALUE,...]",
         help="hide an effect in the plants (may be repeated)",
     )  # fmt: skip
-    parser.add_argument("--workers", type=whole(1, 1000), default=1, help="processes (default 1)")
+    parser.add_argument(
+        "--workers", type=whole(1, 1000), default=1, help="processes (default 1; for more: extra fleet)"
+    )
     parser.add_argument(
         "--dask",
         metavar="ADDRESS",
@@ -145,32 +145,18 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Executor | None]:
     """Where the work is done: here, in processes, or on a cluster.
 
     Raises:
-        InputError: if there is no such cluster.
+        InputError: if there is no such cluster, Dask is not installed, or a worker has died.
     """
-    if arguments.dask is None:
-        if arguments.workers == 1:
-            yield None
-            return
-        with ProcessPoolExecutor(arguments.workers, QuietContext(), initializer=attend) as pool:
-            try:
-                yield pool
-            except BrokenProcessPool:
-                raise InputError("a worker ended unexpectedly, perhaps for want of memory: use fewer") from None
-            except BaseException:  # an interrupt, above all
-                with interrupts_wait():
-                    end_workers()
-                raise
+    if arguments.dask is None and arguments.workers == 1:
+        yield None
         return
-    if find_spec("distributed") is None:
-        raise InputError("--dask needs the extra rl: pip install 'pendulum-ident[rl]'")
-    from distributed import Client
+    with connected(arguments.dask, arguments.workers) as client:
+        from distributed import KilledWorker
 
-    try:
-        client = Client(arguments.dask, timeout=10)
-    except (OSError, ValueError) as error:
-        raise InputError(f"there is no Dask cluster at {arguments.dask}: {error}") from None
-    with client:
-        yield client.get_executor()
+        try:
+            yield client.get_executor()
+        except KilledWorker:
+            raise InputError("a worker ended unexpectedly, perhaps for want of memory: use fewer") from None
 
 
 def _write_report(path: str, told: JSON, outcomes: dict[str, Outcome], terminal: Terminal) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -243,20 +244,7 @@ def _run(
     if not isinstance(command, Pilot) and arguments.backend in (None, "simulated") and arguments.until is None:
         with terminal.progress("simulating"):
             return record(plant, command, seconds, arguments.rate, arguments.counts, arguments.noise, rng=rng)
-    try:
-        env = gym.make(
-            PENDULUM,
-            max_episode_steps=-1,
-            backend=arguments.backend or "pymunk",
-            model=None if arguments.replay is not None else plant,
-            rate=arguments.rate,
-            counts=arguments.counts,
-            torque_noise=arguments.noise,
-            max_torque=max(MAX_TORQUE, command.amplitude),
-            recording=arguments.replay,
-        )
-    except ModuleNotFoundError as error:  # an engine is an extra
-        raise InputError(str(error)) from None
+    env = environment(arguments, plant, command)
     rate = env.unwrapped.rate  # type: ignore[attr-defined]
     steps = round(seconds * rate)
     judge = None if arguments.until is None else Here(rate, smoothing_of(env, rate))
@@ -272,6 +260,28 @@ def _run(
     if judge is not None:
         terminal.say(told(judge.close(), len(recording) < steps))
     return recording
+
+
+def environment(arguments: argparse.Namespace, plant: Model, command: Excitation | Pilot) -> gym.Env[Any, Any]:
+    """What answers step by step: a simulated plant, or a recording that is replayed.
+
+    Raises:
+        InputError: if its engine is not installed.
+    """
+    try:
+        return gym.make(
+            PENDULUM,
+            max_episode_steps=-1,
+            backend=arguments.backend or "pymunk",
+            model=None if arguments.replay is not None else plant,
+            rate=arguments.rate,
+            counts=arguments.counts,
+            torque_noise=arguments.noise,
+            max_torque=max(MAX_TORQUE, command.amplitude),
+            recording=arguments.replay,
+        )
+    except ModuleNotFoundError as error:  # an engine is an extra
+        raise InputError(str(error)) from None
 
 
 def _excitation(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Where a survey is computed: in processes of this computer, or on a Dask cluster."""
+"""Where work on many cases is done: in processes of this computer, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
         InputError: if Dask is not installed, or there is no such cluster.
     """
     if find_spec("distributed") is None:
-        raise InputError("a survey needs the extra fleet: pip install 'pendulum-ident[fleet]'")
+        raise InputError("several processes need Dask, of the extra fleet: pip install 'pendulum-ident[fleet]'")
     import dask
     from distributed import Client, LocalCluster
     from distributed.utils import silence_logging_cmgr
@@ -60,5 +60,5 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
 
 
 def dask_setup(worker: Worker) -> None:
-    """Called by Dask in each worker that is begun here: Ctrl-C is left to the survey, which ends its workers itself."""
+    """Called by Dask in each worker that is begun here: Ctrl-C is left to the command, which ends its workers."""
     attend()

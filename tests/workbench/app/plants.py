@@ -1,14 +1,18 @@
 """Recordings and sessions that the tests of the app share."""
 
 import base64
+import shlex
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
+from pendulum_env.physics import Model
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording, Source, write_recording
+from workbench.cli import main
 
 
 def recorded(name: str, seed: int, seconds: float = 8.0, effect: str = "stribeck", rate: float = 500.0) -> Recording:
@@ -44,3 +48,18 @@ def files_of(session) -> list[str]:
 def upload(session, name: str, content: bytes) -> None:
     """Drop a file on the page."""
     session.act(lambda: session.receive([(name, url(content))], unwrap=False))
+
+
+def comes_to_the_same(state, *languages: str) -> None:
+    """Whether what the stage Export shows makes the state's model, in the working directory with its files."""
+    from workbench.app.stages.export import commands, snippet
+
+    for language in languages:
+        Path("model.json").unlink(missing_ok=True)
+        if language == "Python":
+            exec(snippet(state), {})
+        else:
+            assert [main(shlex.split(line)[1:]) for line in commands(state).splitlines()].count(2) == 0
+        made = Model.load("model.json")
+        assert made.effects == state.model.effects
+        assert made.theta == pytest.approx(state.model.theta, rel=1e-6)

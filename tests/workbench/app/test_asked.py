@@ -1,16 +1,14 @@
 """What a diagnosis is asked to look for, and what is known before it: the same in the page and on the command line."""
 
 import json
-import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from pendulum_env.physics import Model
 from tests import slow
 from tests.patience import PATIENCE
-from tests.workbench.app.plants import recorded, written
+from tests.workbench.app.plants import comes_to_the_same, recorded, written
 
 pytest.importorskip("dash")
 
@@ -18,7 +16,6 @@ from workbench.app.asked import NOTHING, Asked
 from workbench.app.jobs import Workers
 from workbench.app.session import Session
 from workbench.app.stages import add, diagnose
-from workbench.app.stages.export import commands, snippet
 from workbench.cli import main
 
 ASKED = Asked(only="stribeck,quadratic_drag,spring", without="spring", fix="gravity=2.01", bound="viscous=0:0.2")
@@ -50,14 +47,10 @@ def test_what_is_asked_for_gives_what_the_command_line_gives(session: Session) -
     assert (base.value, base.std) == (2.01, 0.0)  # from the first rung on
     found = session.state.diagnosis
     assert found is not None and {one.effect for one in found.candidates} == {"stribeck", "quadratic_drag"}
-    for line in commands(session.state).splitlines():
-        assert main(shlex.split(line)[1:]) == 0
+    made = session.state.model.estimates
+    assert made["gravity"].value == 2.01 and made["viscous"].value <= 0.2
+    comes_to_the_same(session.state, "shell", "Python")
     assert json.loads(Path("diagnosis.json").read_text()) == json.loads(json.dumps(found.json()))
-    made = Model.load("model.json")
-    assert made.estimates["gravity"].value == 2.01 and made.estimates["viscous"].value <= 0.2
-    assert made.theta == pytest.approx(session.state.model.theta, rel=1e-6)
-    exec(snippet(session.state), {})
-    assert Model.load("model.json").theta == pytest.approx(session.state.model.theta, rel=1e-6)
 
 
 def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(session: Session) -> None:

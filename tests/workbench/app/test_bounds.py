@@ -97,7 +97,7 @@ def test_a_file_that_has_vanished_is_a_sentence_and_no_failure():
     page = Page()
     try:
         upload(page.session, "run.csv", content())
-        page.session.find("run.csv").source.file.unlink()
+        page.session.state.find("run.csv").source.file.unlink()
         for one in page.callbacks:
             if not one.get("clientside_function"):
                 assert page.ask(one, [1] * 9) in (200, 204)

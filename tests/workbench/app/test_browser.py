@@ -21,7 +21,6 @@ from tests.patience import PATIENCE
 from tests.pendulum_env.rigs import Disturbed
 from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import recorded
-from workbench.cli import main
 
 sync_api = pytest.importorskip("playwright.sync_api")
 pytest.importorskip("dash")
@@ -202,6 +201,14 @@ def tab(browser: "sync_api.Browser", address: str) -> Iterator[Tab]:
 def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
     page = tab.page
     tab.picture("1-data-empty")
+    tab.load(folder / "broken.csv")
+    page.wait_for_selector("#notice:has-text('broken.csv')")
+    assert tab.title() == "What does your model lack?"
+    shutil.copy(folder / "swing.csv", folder / "broken.csv")  # it is mended, and dropped once more
+    tab.load(folder / "broken.csv")
+    page.wait_for_selector("td:has-text('broken')")
+    assert page.inner_text("#notice") == ""
+    page.get_by_role("button", name="Remove broken").click()
     tab.load(folder / "swing.csv")
     page.wait_for_selector("td:has-text('swing')")
     assert tab.title() == "Something is missing in this model"
@@ -290,19 +297,6 @@ def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_s
     tab.go("compare")
 
 
-def test_a_long_button_is_no_wider_than_a_narrow_window(tab: Tab, folder: Path) -> None:
-    tab.load(folder / "swing.csv")
-    tab.page.wait_for_selector("td:has-text('swing')")
-    tab.go("diagnose")
-    tab.page.set_viewport_size({"width": 420, "height": 900})
-    tab.page.evaluate(
-        """() => document.querySelectorAll("#stage .action:not(td *)").forEach(
-          (one) => one.textContent = "Keep dry friction that varies with the angle and the load as a table")"""
-    )
-    assert "as a table" in tab.page.inner_text("#stage")
-    assert tab.page.evaluate("document.documentElement.scrollWidth") <= 420
-
-
 @pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
 def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(
     browser: "sync_api.Browser", folder: Path
@@ -330,22 +324,7 @@ def number_after(words: str, text: str) -> float:
     return float(re.search(rf"{words} ([\d.]+)", text.replace("\N{NO-BREAK SPACE}", " "))[1])
 
 
-def test_a_broken_file_is_refused_in_the_words_of_the_command_line(
-    tab: Tab, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(folder)
-    assert main(["identify", "broken.csv"]) == 2
-    tab.load(folder / "broken.csv")
-    tab.page.wait_for_selector("#notice:not(:empty)")
-    assert f"pendulum-ident: {tab.page.inner_text('#notice')}" == capsys.readouterr().err.strip()
-    assert tab.title() == "What does your model lack?"
-    write_recording(recorded("broken", 1, 4.0), folder / "broken.csv")  # it is mended
-    tab.load(folder / "broken.csv")
-    tab.page.wait_for_selector("td:has-text('broken')")
-    assert tab.page.inner_text("#notice") == ""
-
-
-@pytest.mark.parametrize("width", slow.but_first([1400, 1024, 420]))
+@pytest.mark.parametrize("width", slow.but_first([1400, 420]))
 def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab: Tab, folder: Path, width: int) -> None:
     swing = recorded("swing", 1, 10.0)  # logged by a servo with a gear of 6, its current 8 ms late
     rows = zip(1e3 * swing.time[4:], np.degrees(-6 * swing.position[4:]), swing.torque[:-4] / 0.091, strict=True)
@@ -446,7 +425,7 @@ def test_a_diagnosis_is_watched_over_a_reload_and_cancelled(tab: Tab, folder: Pa
 
 
 @pytest.mark.slow
-def test_what_is_asked_for_is_saved_with_the_session_opened_again_and_undone(
+def test_fields_keep_what_was_typed_and_a_saved_session_opens_in_another_tab(
     tab: Tab, browser: "sync_api.Browser", folder: Path
 ) -> None:
     page = tab.page
@@ -464,20 +443,17 @@ def test_what_is_asked_for_is_saved_with_the_session_opened_again_and_undone(
     page.fill("#ask-fix", "gravity=2.01")
     page.click("#diagnose")
     page.wait_for_selector(".ranking")
-    file = tab.save("Save session")
-    other = Tab(browser, tab.address)
+    other, file = Tab(browser, tab.address), tab.save("Save session")
     session = {"name": "session.zip", "mimeType": "application/zip", "buffer": file.read_bytes()}
     other.page.set_input_files("#open-session input[type=file]", session)
     other.page.wait_for_selector("td:has-text('swing')")
     assert other.title() == tab.title() and other.page.is_disabled("#back")
     other.go("diagnose")
     assert other.page.inner_text(".ranking") == page.inner_text(".ranking")
-    assert other.page.locator(".ranking tbody tr").count() == 1
     assert other.page.input_value("#ask-fix") == "gravity=2.01"
     other.close()
     page.click("#back:has-text('Undo: diagnose')")
-    page.wait_for_selector("#back:has-text('Undo: choose what is looked for')")
-    assert page.locator(".ranking").count() == 0
+    page.wait_for_selector(".ranking", state="detached")
 
 
 @pytest.mark.slow
@@ -519,6 +495,7 @@ def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
     tab.go("live")
     page.click("#live-start")
     page.wait_for_selector(".live .js-line")
+    assert tab.title() == "Estimates as they converge"  # whatever else is known
     page.wait_for_selector("#pendulum .arm[transform]", state="attached")
     page.wait_for_function("() => parseFloat(document.querySelector('#live-said').textContent) > 2")
     tab.picture("8-live")
@@ -544,21 +521,20 @@ def test_the_live_view_converges_and_becomes_a_recording(tab: Tab) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_stage_is_wider_than_the_window_or_has_text_that_is_cut_or_overlaps(
-    browser: "sync_api.Browser", address: str, folder: Path, scheme: str
+    browser: "sync_api.Browser", address: str, folder: Path
 ) -> None:
-    tab = Tab(browser, address, color_scheme=scheme)
+    tab = Tab(browser, address, color_scheme="dark")
     tab.load(folder / "swing.csv")
     tab.page.wait_for_selector("td:has-text('swing')")
     for stage in STAGES:
         tab.go(stage)
         for width in WIDTHS:
             tab.page.set_viewport_size({"width": width, "height": 900})
-            tab.picture(f"{scheme}-{width}-{stage}")
+            tab.picture(f"{width}-{stage}")
             assert tab.page.evaluate("document.documentElement.scrollWidth") <= width, (stage, width)
             assert tab.unreadable() == [], (stage, width)
-    assert tab.page.evaluate("document.documentElement.dataset.theme") == scheme
+    assert tab.page.evaluate("document.documentElement.dataset.theme") == "dark"
     tab.page.add_style_tag(content="#stage * {overflow: hidden; white-space: nowrap; max-width: 60px}")
     assert tab.unreadable() != []  # it would have shown
     tab.close()

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from estimators.progress import Progress, forward
+from estimators.progress import Progress
 from pendulum_env.physics import plugin
 from tests.patience import PATIENCE, wait_until
-from workbench.app.jobs import Job, Pace, Workers
+from workbench.app.jobs import Job, Workers
 from workbench.mistakes import InputError
 from workbench.processes import LOST, Done, Failed
 
@@ -75,14 +75,14 @@ class Witness:
 def test_a_job_ends_with_its_result_or_with_a_sentence(workers: Workers) -> None:
     workers.warm()
     first = Witness(functools.partial(count, 3), workers)
-    assert first.wait() == Done(3) and first.job.pace.what == "step 2"
+    assert first.wait() == Done(3) and first.job.what == "step 2"
     assert Witness(refuse, workers).wait() == Failed("the data are too few")
     assert Witness(vanish, workers).wait() == Failed(LOST)
 
 
 def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers: Workers) -> None:
     witness = Witness(sleep, workers)
-    wait_until(lambda: witness.job.pace.what == "sleeping")
+    wait_until(lambda: witness.job.what == "sleeping")
     witness.job.cancel()
     assert not witness.job.running and witness.outcome == []
     wait_until(lambda: not witness.job._worker.process.is_alive())
@@ -99,13 +99,3 @@ def test_a_file_of_effects_that_has_gone_is_told(
     file.write_text(PLUGIN)
     workers.close()  # also the one that waits, and has read what was there
     assert Witness(functools.partial(count, 1), workers).wait() == Done(1)
-
-
-def test_progress_never_falls_though_a_search_starts_over() -> None:
-    pace = Pace()
-    shares, tell = [], forward(pace.tell)
-    for _ in range(3):
-        for k in range(10):
-            tell(f"effect {k}", k / 10)
-            shares.append(pace.share)
-    assert shares == sorted(shares) and 0.4 < shares[9] <= 0.5 < shares[-1] < 1

@@ -19,82 +19,74 @@ from tests.pendulum_env.rigs import Disturbed, EmulatedRig, Host
 from tests.workbench.app.plants import recorded, written
 from workbench.app import live, missing
 from workbench.app.following import Follower
-from workbench.app.live import Run, Setup
+from workbench.app.live import Run
 from workbench.app.session import Session
 from workbench.app.sessions import Sessions
+from workbench.app.stages.live import RATE, options
 from workbench.mistakes import InputError
 from workbench.processes import Worker
 
 LIMITS = {"torque": 4.0, "reply": 1.0, "gap": 2.0, "watchdog": 3.0}  # [N m], [s]; a busy machine is no fault here
 SERVER = """
 import sys, time
-from pathlib import Path
-from workbench.app.live import Run, Setup
+from workbench.app.live import Run
 from workbench.processes import Worker
-run = Run(Setup("dm1015b", "paper", None, (), 60.0, 1, rig=Path(sys.argv[1])), Worker("rig"))
-while run.look().time < 0.3:
+run = Run(["--backend=dm1015b", f"--config={sys.argv[1]}", "--seconds=60"], Worker("rig"))
+while run.time < 0.3:
     time.sleep(0.02)
 print("running", flush=True)
 while True:
-    run.look()
+    run.watch()
     time.sleep(0.1)
 """
 ID, OTHER = "0" * 32, "1" * 32
 
 
-def begun(*setup: object, **more: object) -> Run:
-    return Run(Setup(*setup, **more), Worker("live view"))  # type: ignore[arg-type]
+def begun(*options: str) -> Run:
+    return Run([*options, "--rate=500"], Worker("live view"))
+
+
+def watched(run: Run) -> Run:
+    """The run, of which a page has just asked."""
+    run.watch()
+    return run
 
 
 def finish(run: Run) -> None:
-    wait_until(lambda: not run.look().running)
+    wait_until(lambda: not watched(run).running)
 
 
 def test_a_replay_plays_the_recording_and_knows_no_truth(tmp_path: Path) -> None:
     original = recorded("swing", 1, seconds=2.0)
-    run = begun("replay", "paper", None, (), 60.0, 0, written(original, tmp_path).file)
+    run = begun("--backend=replay", f"--replay={written(original, tmp_path).file}", "--seconds=60")
     finish(run)
-    look = run.look()
-    assert look.trouble == "" and look.begun.truth == {} and look.identification is not None
+    assert run.trouble == "" and run.begun.truth == {} and run.identification is not None
     again = run.recording("again")
     np.testing.assert_array_equal(again.position, original.position[:-1])
     np.testing.assert_array_equal(again.torque, original.torque[:-1])
-    assert len(look.motion) <= 51 and look.motion[-1, 0] == pytest.approx(again.time[-1])
+    assert len(run.motion) <= 51 and run.motion[-1, 0] == pytest.approx(again.time[-1])
 
 
 def test_a_stopped_run_is_over_and_keeps_what_it_measured() -> None:
-    run = begun("pymunk", "steps", 4.0, ("stribeck=0.4",), 60.0, 1)
-    wait_until(lambda: run.look().time >= 0.5)
+    run = begun("--excitation=steps", "--amplitude=4", "--effect=stribeck=0.4", "--seconds=60")
+    wait_until(lambda: watched(run).time >= 0.5)
     run.stop()
-    look = run.look()
-    assert not look.running and look.trouble == ""
-    assert {"inertia", "stribeck"} <= set(look.begun.truth)
+    assert not run.running and run.trouble == ""
+    assert {"inertia", "stribeck"} <= set(run.begun.truth)
     recording = run.recording("stopped")
-    assert recording.rate == pytest.approx(run.rate) and np.abs(recording.torque).max() < 4.5
+    assert recording.rate == pytest.approx(run.begun.rate) and np.abs(recording.torque).max() < 4.5
     run.stop()  # twice does no harm
 
 
-@pytest.mark.parametrize(
-    ("setup", "why"),
-    slow.but_first(
-        [
-            (("pymunk", "noise", None, ()), "unknown excitation"),
-            (("rig", "paper", None, ()), "unknown backend"),
-            (("pymunk", "paper", None, ("glue",)), "unknown effect"),
-            (("pymunk", "rl-rms", 3.0, ()), "bound of its own"),
-            (("pymunk", "rl-../../policy.npz", None, ()), "unknown excitation"),
-        ]
-    ),
-)
-def test_a_run_that_cannot_be_is_refused(setup: tuple[object, ...], why: str) -> None:
-    with pytest.raises(InputError, match=why):
-        begun(*setup, 10.0, 0)
+def test_a_run_that_cannot_be_is_refused_in_the_words_of_the_command_line() -> None:
+    with pytest.raises(InputError, match="unknown excitation 'noise'"):
+        begun("--excitation=noise")
 
 
 def test_a_policy_drives_and_keeps_to_its_constraint() -> None:
-    run = begun("pymunk", "rl-peak", None, (), 2.0, 1)
+    run = begun("--backend=pymunk", "--excitation=rl", "--policy=peak", "--seconds=2")
     finish(run)
-    assert run.look().trouble == ""
+    assert run.trouble == ""
     torque = run.recording("learnt").torque
     assert np.abs(torque).max() == pytest.approx(6.0, abs=0.2) and np.std(torque) > 3.0
 
@@ -113,12 +105,12 @@ def rig(tmp_path: Path) -> Iterator[EmulatedRig]:
     emulated.close()
 
 
-def driving(session: Session, excitation: str = "paper") -> Run:
+def driving(session: Session, torque: str = "paper") -> Run:
     """A run of the session that moves its motor."""
-    session.run = run = begun("dm1015b", excitation, None, (), 60.0, 1, rig=session.rig)
-    wait_until(lambda: run.look().time > 0.3 or not run.look().running)
-    if not run.look().running:
-        raise Disturbed(run.look().trouble)
+    session.run = run = begun(*options(session, 1, "dm1015b", None, "", torque, 60.0, None))
+    wait_until(lambda: watched(run).time > 0.3 or not run.running)
+    if not run.running:
+        raise Disturbed(run.trouble)
     return run
 
 
@@ -137,15 +129,15 @@ def sessions(rig: EmulatedRig) -> Iterator[Sessions]:
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("excitation", slow.but_first(["paper", "rl-peak"]))
+@pytest.mark.parametrize("torque", slow.but_first(["paper", "rl-peak"]))
 def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done(
-    rig: EmulatedRig, sessions: Sessions, excitation: str
+    rig: EmulatedRig, sessions: Sessions, torque: str
 ) -> None:
     session = sessions.of(ID)
-    run = driving(session, excitation)
-    wait_until(lambda: run.look().time > 1.0)  # by then either has asked for more than is allowed
-    assert run.look().begun.remark == "torque is cut at 4 N m (limits.torque), 6 were asked for"
-    assert run.look().begun.truth == {} and not is_off(rig)
+    run = driving(session, torque)
+    wait_until(lambda: watched(run).time > 1.0)  # by then either has asked for more than is allowed
+    assert run.begun.remark == "torque is cut at 4 N m (limits.torque), 6 were asked for"
+    assert run.begun.truth == {} and not is_off(rig)
 
     class Work:
         running = True
@@ -154,9 +146,9 @@ def test_the_rig_runs_and_has_no_torque_once_it_is_stopped_whatever_else_is_done
 
     session.job = Work()  # type: ignore[assignment]
     session.halt()
-    assert not run.running and run.look().trouble == "" and is_off(rig)
-    torque = run.recording("rig").torque
-    assert len(torque) > 0.2 * run.rate and 3.0 < np.abs(torque).max() < 4.1
+    assert not run.running and run.trouble == "" and is_off(rig)
+    measured = run.recording("rig").torque
+    assert len(measured) > 0.2 * run.begun.rate and 3.0 < np.abs(measured).max() < 4.1
 
 
 @pytest.mark.realtime
@@ -180,7 +172,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
         looked.set()
         stopping.join()
     assert not run.running
-    assert run.look().trouble == ""  # what was measured until then has come through
+    assert run.trouble == ""  # what was measured until then has come through
 
 
 @pytest.mark.realtime
@@ -209,7 +201,7 @@ def test_the_rig_has_no_torque_when_nobody_watches(
     monkeypatch.setattr(live, "UNSEEN_RIG", 1.5)
     run = driving(sessions.of(ID))
     wait_until(lambda: not run.running)
-    assert is_off(rig) and run.look().time < 50.0
+    assert is_off(rig) and run.time < 50.0
 
 
 @pytest.mark.realtime
@@ -217,8 +209,8 @@ def test_the_rig_has_no_torque_when_nobody_watches(
 def test_a_fault_of_the_rig_ends_the_run_and_is_told(rig: EmulatedRig, sessions: Sessions) -> None:
     run = driving(sessions.of(ID))
     rig.signal(signal.SIGSTOP)  # it does not answer any more
-    wait_until(lambda: not run.look().running)
-    assert run.look().trouble != ""
+    finish(run)
+    assert run.trouble != ""
     assert np.isfinite(run.recording("rig").position).all() and (np.diff(run.recording("rig").time) > 0).all()
 
 
@@ -241,9 +233,9 @@ def test_the_rig_has_no_torque_once_the_server_is_killed(rig: EmulatedRig) -> No
 
 def follower_of(seconds: float) -> Follower:
     """What follows a run of a pendulum with an offset of its torque, as fast as this computer can."""
-    follower = Follower(live.RATE, Smoothing.of_encoder(COUNTS, live.RATE))
+    follower = Follower(RATE, Smoothing.of_encoder(COUNTS, RATE))
     hidden = Plant(effects={"torque_offset": {"offset": 0.4}})
-    (seen,) = simulate([(hidden, Experiment(rate=live.RATE, seconds=seconds, torque_noise=0.05, seed=7))])
+    (seen,) = simulate([(hidden, Experiment(rate=RATE, seconds=seconds, torque_noise=0.05, seed=7))])
     follower.take(list(zip(seen.time, seen.position, seen.torque, strict=True)))
     return follower
 
@@ -252,24 +244,23 @@ def test_what_is_missing_is_alarmed_about_added_and_taken_out() -> None:
     with pytest.raises(ValueError, match="has not been tried yet"):
         follower_of(0.1).add("torque_offset")
     follower = follower_of(8.0)
-    now = follower.look()
-    assert now.said.kind == "missing" and "torque_offset" in now.said.group
-    assert now.events[0].alarm and now.course[-1][1] > now.said.threshold
-    figure = missing.course(now, 8.0)
+    said = follower.said
+    assert said.kind == "missing" and "torque_offset" in said.group
+    assert follower.events[0].alarm and follower.course[-1][1] > said.threshold
+    figure = missing.course(follower, 8.0)
     low, high = figure.layout["yaxis"]["range"]
-    assert all(low <= value <= high for value in figure.data[0]["y"]) and len(now.course) >= 3
+    assert all(low <= value <= high for value in figure.data[0]["y"]) and len(follower.course) >= 3
     assert figure.layout["annotations"][0]["text"].startswith("missing: ")
     with pytest.raises(ValueError, match="effect that is run"):
         follower.add("<script>")
-    leader, other = now.said.group[0], next(one.effect for one in now.said.ranking if one.effect != now.said.group[0])
-    assert missing.told(now, True)[2:4] == (f"Add {name(leader)}", leader)
+    leader, other = said.group[0], next(one.effect for one in said.ranking if one.effect != said.group[0])
+    assert missing.told(said, True)[2:4] == (f"Add {name(leader)}", leader)
     follower.add(other)  # what the page has shown before another led
-    assert follower.look().said.added == (other,)
-    verdict, _, _, _, no_add, no_undo = missing.told(follower.look(), True)
+    assert follower.said.added == (other,)
+    verdict, _, _, _, no_add, no_undo = missing.told(follower.said, True)
     assert "base + " in verdict and no_add and not no_undo
     follower.undo()
-    assert follower.look().said.added == ()
-    texts = [event.text.partition(":")[0] for event in follower.look().events]
-    assert texts == ["missing", "added", "taken out"]
+    assert follower.said.added == ()
+    assert [event.text.partition(":")[0] for event in follower.events] == ["missing", "added", "taken out"]
     with pytest.raises(ValueError, match="no effect was added"):
         follower.undo()

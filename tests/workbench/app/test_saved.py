@@ -19,13 +19,15 @@ from tests.workbench.app.plants import files_of, recorded, upload, url, written
 pytest.importorskip("dash")
 
 from workbench.app import session as session_module
+from workbench.app import uploads
 from workbench.app.asked import Asked
 from workbench.app.mapping import Choice
-from workbench.app.saved import CONTENTS, STUDY, _plain, _typed
+from workbench.app.saved import CONTENTS, STUDY, _plain, _typed, pack, study
 from workbench.app.session import Session
 from workbench.app.stages.diagnose import look_for
 from workbench.app.stages.export import commands
 from workbench.app.state import State
+from workbench.mistakes import InputError
 
 ASKED = Asked(only="stribeck,quadratic_drag", fix="gravity=2.01")
 CHOICES = [Choice("time", "ms"), Choice("position", "", "*-1/6"), Choice("torque", "A", "0.091")]
@@ -62,10 +64,10 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 
 def test_a_saved_session_opens_as_it_was(worked: Session, tmp_path: Path) -> None:
-    session = opened(tmp_path, worked.save())
+    session = opened(tmp_path, pack(worked.state))
     assert session.notice == "" and files_of(session) == ["check.csv", "swing.csv"]
     before, after = worked.state, session.state
-    assert session.study() == worked.study() and commands(after) == commands(before)
+    assert study(session.state) == study(worked.state) and commands(after) == commands(before)
     assert (after.asked, after.added, after.found) == (ASKED, before.added, before.found)
     for old, new in zip(before.loaded, after.loaded, strict=True):
         np.testing.assert_array_equal(new.recording.position, old.recording.position)
@@ -78,10 +80,10 @@ def test_a_saved_session_opens_as_it_was(worked: Session, tmp_path: Path) -> Non
 
 def test_a_session_without_recordings_or_model_opens_as_well(tmp_path: Path) -> None:
     first = Session(tmp_path / "first")
-    assert opened(tmp_path, first.save()).notice == ""
+    assert opened(tmp_path, pack(first.state)).notice == ""
     first.act(lambda: first.load([written(recorded("held", 1, 4.0), tmp_path, held_out=True)]))
     assert first.state.trouble
-    session = opened(tmp_path, first.save())
+    session = opened(tmp_path, pack(first.state))
     assert session.notice == "" and session.state.trouble == first.state.trouble
 
 
@@ -134,7 +136,7 @@ def elsewhere(files: dict[str, bytes]) -> None:
 def test_a_file_that_is_no_session_changes_nothing(
     worked: Session, tmp_path: Path, change: Callable[[dict[str, bytes]], None], why: str
 ) -> None:
-    session = opened(tmp_path, changed(worked.save(), change))
+    session = opened(tmp_path, changed(pack(worked.state), change))
     assert why in session.notice and str(tmp_path) not in session.notice and "\n" not in session.notice
     assert session.state.loaded == () and not [path for path in tmp_path.rglob("*") if path.is_file()]
 
@@ -142,14 +144,14 @@ def test_a_file_that_is_no_session_changes_nothing(
 def test_archives_that_are_damaged_or_hold_too_much_are_refused(
     worked: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for content in (b"PK", worked.save()[:-40], b"time,position,torque\n"):
+    for content in (b"PK", pack(worked.state)[:-40], b"time,position,torque\n"):
         assert "session.zip: is damaged, or no ZIP archive" in opened(tmp_path, content).notice
-    bomb = changed(worked.save(), lambda files: files.update({"zeros": bytes(10_000_000)}))
+    bomb = changed(pack(worked.state), lambda files: files.update({"zeros": bytes(10_000_000)}))
     monkeypatch.setattr(session_module, "SPACE", 5_000_000)
     assert "of which at most 5 MB are read" in opened(tmp_path, bomb).notice
-    monkeypatch.setattr(session_module.uploads, "UPLOAD", 1000)
-    with pytest.raises(session_module.InputError, match="remove a recording first"):
-        worked.save()
+    monkeypatch.setattr(uploads, "UPLOAD", 1000)
+    with pytest.raises(InputError, match="remove a recording first"):
+        pack(worked.state)
 
 
 @pytest.mark.parametrize("number", [1.5, math.inf, -math.inf, math.nan])
@@ -164,7 +166,7 @@ def test_the_terms_beside_which_end_stops_were_found_come_back(worked: Session, 
     session = Session(tmp_path / "first")
     beside = (*state.terms, HardStop())
     session.state = replace(state, diagnosis=replace(state.diagnosis, knocks_beside=beside))
-    found = opened(tmp_path, session.save()).state.diagnosis
+    found = opened(tmp_path, pack(session.state)).state.diagnosis
     assert found is not None and found.knocks_beside is not None
     assert [term.id for term in found.knocks_beside] == [term.id for term in beside]
 
@@ -204,7 +206,8 @@ def test_a_file_that_was_removed_goes_when_nothing_can_bring_it_back(
         upload(session, "swing.csv", content)
         session.act(lambda: session.remove("swing.csv"))
         assert session.notice == ""
-    assert files_of(session) == ["swing.csv"] * 2
+    upload(session, "swing.csv", b"time,position,torque\n0,0,0\n0.001,nan,0\n")  # nor does one that cannot be read
+    assert session.notice.startswith("swing.csv: ") and files_of(session) == ["swing.csv"] * 2
     for what in ("remove swing", "load swing") * 2:
         assert session.last_change == what
         session.act(session.undo)

@@ -45,14 +45,13 @@ def show(session: Session) -> list[Component]:
         html.Div(controls, className="fields wide"),
         html.P(HINT, id="selected", className="brushed", role="status"),
         dcc.Store(id="lit"),
-        html.Div(_views(session, names[0]["value"], last), id="views"),
+        html.Div(_views(state, names[0]["value"], last), id="views"),
     ]
 
 
-def _views(session: Session, id: str, shown: int) -> list[Component]:
+def _views(state: Work, id: str, shown: int) -> list[Component]:
     """The regions of a recording that stand out, and three views of it."""
-    state, points = session.state, _points(session, id)
-    recording = state.recordings[state.loaded.index(session.find(id))]
+    points, recording = _points(state, id), state.recordings[state.loaded.index(state.find(id))]
     drawn = figures(points, shown, recording.name)
     map_, phase, time = (
         html.Div(graph(drawn[view], html.B(title), LINKED), className="panel")
@@ -92,7 +91,7 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     names = effects_to_choose()
     found = [one.effect for one in state.diagnosis.candidates] if state.diagnosis is not None else []
     ranked = sorted(names, key=lambda id: found.index(id) if id in found else len(found))
-    axes = profiles(points.samples, points.residuals[shown][2], points.noise, tuple(AXES))
+    axes = profiles(points.samples, points.residuals[shown], points.noise, tuple(AXES))
     own = b64encode(picture("What is left here", axes).encode()).decode()
     rows = [
         html.Li(
@@ -122,20 +121,19 @@ def _alike(state: Work, points: Points, shown: int) -> Component:
     )
 
 
-def _points(session: Session, id: str) -> Points:
-    state = session.state
-    return state.points[state.loaded.index(session.find(id))]
+def _points(state: Work, id: str) -> Points:
+    return state.points[state.loaded.index(state.find(id))]
 
 
 def _standing_out(points: Points, shown: int) -> list[Region]:
-    return stand_out(points.samples, points.residuals[shown][2], points.noise)
+    return stand_out(points.samples, points.residuals[shown], points.noise)
 
 
 def say(points: Points, selected: Mask, shown: int) -> str:
     """A selection in words."""
     if not selected.any():
         return "Nothing is in this selection."
-    residual, time = points.residuals[shown][2][selected], points.time[selected]
+    residual, time = points.residuals[shown][selected], points.time[selected]
     mean, rms = float(residual.mean()), float(np.sqrt(np.mean(residual**2)))
     return (
         f"{len(time)} of {len(points)} windows, from {time.min():.3g} to {time.max():.3g} s: residual {number(mean)} "
@@ -156,7 +154,7 @@ def connect(bench: Bench) -> None:
         prevent_initial_call=True,
     )
     def choose(recording: str, shown: int, id: str) -> tuple[list[Component], None, str]:
-        return _views(bench.sessions.of(id), recording, shown), None, HINT
+        return _views(bench.sessions.of(id).state, recording, shown), None, HINT
 
     @bench.app.callback(
         Output("lit", "data"),
@@ -176,7 +174,7 @@ def connect(bench: Bench) -> None:
             raise PreventUpdate
         if cause == "clear":
             return None, HINT
-        points, source = _points(bench.sessions.of(id), recording), None
+        points, source = _points(bench.sessions.of(id).state, recording), None
         if cause.get("do") == "region":
             selected = within(points, _standing_out(points, shown)[cause["of"]])
         elif "range" in value:

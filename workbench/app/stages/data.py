@@ -91,7 +91,7 @@ def _upload(state: Work) -> Component:
 
 def _record() -> Component:
     fields = [
-        *run_fields("", 20, 1, recorder.LONGEST),
+        *run_fields("", 20),
         labelled("Seed", number_field("seed", 0, min=0, step=1)),
     ]
     return panel(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import shlex
 from base64 import b64encode
@@ -19,7 +20,7 @@ from pendulum_env.lookup import find
 from pendulum_env.recording.study import format_of
 from workbench.app.parts import panel, saves
 from workbench.app.recorder import DIAGNOSIS
-from workbench.app.saved import STUDY
+from workbench.app.saved import STUDY, pack, study
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import State, ids
@@ -33,6 +34,13 @@ WHOLE = (
 )
 BESIDE = f"The recordings are read as {STUDY} says: save it beside them, in the stage Data."
 UNREPORTED = f"Once there is a diagnosis, a line here writes {REPORT}, too."
+IMPORTED = {  # names of a snippet, by where they are from
+    "estimators": ("Aligned", "add", "diagnose", "fit", "gather"),
+    "estimators.arguments": ("within_limits",),
+    "pendulum_env.physics": ("BASE", "Model"),
+    "pendulum_env.recording": ("read_recording", "read_study"),
+    "workbench.report": ("write_report",),
+}
 
 
 def show(session: Session) -> list[Component]:
@@ -115,55 +123,46 @@ def _fits_more(state: State) -> bool:
 def snippet(state: State) -> str:
     """Python that comes to the same model."""
     train, holdout = _files(state)
-    diagnosed = state.diagnosis is not None
     limits, looked = (state.asked.arguments(one) for one in (state.asked.limits, state.asked.effects))
-    start = "Model" if state.model_file else "BASE" if limits else ""
-    used = [*["Aligned"] * state.is_aligned, *["add"] * bool(state.added), *["diagnose"] * diagnosed, "fit", "gather"]
-    lines = [f"from estimators import {', '.join(used)}"]
-    if limits:
-        lines.append("from estimators.arguments import within_limits")
-    if start:
-        lines.append(f"from pendulum_env.physics import {start}")
-    lines.append(f"from pendulum_env.recording import {'read_study' if _needs_study(state) else 'read_recording'}")
-    if diagnosed:
-        lines.append("from workbench.report import write_report")
-    lines.append("")
+    lines = [
+        f"recordings = [read_recording(path) for path in {train!r}]",
+        f"holdout = [read_recording(path) for path in {holdout!r}]",
+    ]
     if _needs_study(state):
-        lines += [f"study = read_study({STUDY!r})", "recordings, holdout = study.fitted, study.held_out"]
-    else:
-        lines.append(f"recordings = [read_recording(path) for path in {train!r}]")
-        lines.append(f"holdout = [read_recording(path) for path in {holdout!r}]")
+        lines = [f"study = read_study({STUDY!r})", "recordings, holdout = study.fitted, study.held_out"]
     if state.is_aligned:
         lines.append("aligned = Aligned.of(recordings, holdout)")
         lines.append("recordings, holdout = aligned.recordings, aligned.holdout")
-    if start:
-        lines.append(f"terms = {f'Model.load({state.model_file!r}).terms' if state.model_file else 'BASE'}")
+    terms = f"Model.load({state.model_file!r}).terms" if state.model_file else "BASE"
     if limits:
-        lines.append(f"terms, _ = within_limits(terms, {{}}{limits})")
-    lines.append(f"model = fit(*gather(recordings, holdout){', terms' if start else ''}).model")
+        lines.append(f"terms, _ = within_limits({terms}, {{}}{limits})")
+        terms = "terms"
+    lines.append(f"model = fit(*gather(recordings, holdout), {terms}).model")
     for effect in _moves(state):
         if effect:
             lines.append(f"model = add(model, {effect!r}, recordings, holdout{limits}).after.model")
         else:
             lines.append(f"found = diagnose(recordings, holdout, model.terms{looked}{limits})")
             lines.append(f"write_report({REPORT!r}, recordings, holdout, found)")
-    return "\n".join([*lines, f"model.save({MODEL!r})"])
+    body = "\n".join([*lines, f"model.save({MODEL!r})"])
+    used = {node.id for node in ast.walk(ast.parse(body)) if isinstance(node, ast.Name)}
+    named = {module: [name for name in names if name in used] for module, names in IMPORTED.items()}
+    imports = [f"from {module} import {', '.join(names)}" for module, names in named.items() if names]
+    return "\n".join([*imports, "", body])
 
 
-def _report(session: Session, _: str) -> tuple[str, str]:
-    state = session.state
+def _report(state: State, _: str) -> tuple[str, str]:
     return REPORT, render(state.train, state.holdout, state.told, state.identification)
 
 
-def _experiment(session: Session, _: str) -> tuple[str, str]:
-    found = session.state.diagnosis
-    if found is None or found.suggestion is None:
+def _experiment(state: State, _: str) -> tuple[str, str]:
+    if state.diagnosis is None or state.diagnosis.suggestion is None:
         raise InputError("the diagnosis suggests no experiment")
-    return EXPERIMENT, found.suggestion.csv()
+    return EXPERIMENT, state.diagnosis.suggestion.csv()
 
 
-def _recording(session: Session, id: str) -> tuple[str, bytes]:
-    file = session.find(id).source.file
+def _recording(state: State, id: str) -> tuple[str, bytes]:
+    file = state.find(id).source.file
     return file.name, file.read_bytes()
 
 
@@ -171,19 +170,19 @@ def _text(record: Any) -> str:
     return json.dumps(record.json(), indent=1) + "\n"
 
 
-def _model(session: Session, _: str) -> tuple[str, str]:
-    fitted = [one.source for one in session.state.loaded if not one.held_out]
-    return MODEL, _text(replace(session.state.model, log_format=format_of(fitted)))
+def _model(state: State, _: str) -> tuple[str, str]:
+    fitted = [one.source for one in state.loaded if not one.held_out]
+    return MODEL, _text(replace(state.model, log_format=format_of(fitted)))
 
 
-FILES: dict[str, Callable[[Session, str], tuple[str, str | bytes]]] = {  # name and content of what any stage saves
+FILES: dict[str, Callable[[State, str], tuple[str, str | bytes]]] = {  # name and content of what any stage saves
     "report": _report,
     "model": _model,
-    "diagnosis": lambda session, _: (DIAGNOSIS, _text(session.state.told)),
+    "diagnosis": lambda state, _: (DIAGNOSIS, _text(state.told)),
     "experiment": _experiment,
-    "study": lambda session, _: (STUDY, session.study()),
+    "study": lambda state, _: (STUDY, study(state)),
     "recording": _recording,
-    "session": lambda session, _: ("session.zip", session.save()),
+    "session": lambda state, _: ("session.zip", pack(state)),
 }
 
 
@@ -199,9 +198,8 @@ def connect(bench: Bench) -> None:
     def save(_: list[int], id: str) -> dict[str, Any]:
         if not any(entry["value"] for entry in dash.ctx.triggered):
             raise PreventUpdate
-        session, asked = bench.sessions.of(id), dash.ctx.triggered_id
-        with session.lock:
-            name, content = find("file", asked["save"], FILES)(session, asked["of"])
+        asked = dash.ctx.triggered_id
+        name, content = find("file", asked["save"], FILES)(bench.sessions.of(id).state, asked["of"])
         content = content.encode() if isinstance(content, str) else content
         return {"filename": name, "content": b64encode(content).decode(), "base64": True}
 

@@ -12,9 +12,10 @@ from dash.exceptions import PreventUpdate
 
 from pendulum_env._typing import JSON
 from pendulum_env.backends import BACKENDS
+from pendulum_env.env import OWN_PLANT
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Source, write_recording
-from workbench.app import live, missing
+from workbench.app import live, missing, recorder
 from workbench.app.parts import (
     KEPT,
     aria,
@@ -27,7 +28,6 @@ from workbench.app.parts import (
     spec,
     table,
 )
-from workbench.app.recorder import free_name
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.mistakes import InputError
@@ -37,9 +37,10 @@ from workbench.report.words import estimate, name, number, opening, unit
 
 RIG = "dm1015b"  # backend that is offered where a configuration was given on the command line
 NAMES = {"replay": "a recording", RIG: "the rig", "mujoco": "MuJoCo"}  # of backends
+RATE = 500.0  # [Hz], of a simulated pendulum
 BEAT = 250  # [ms] between two looks
 PARAMETERS = tuple(column.name for term in BASE for column in term.columns)
-FORM = ("backend", "excitation", "effect", "amplitude", "seconds", "replay")
+FORM = ("backend", "replay", "effect", "excitation", "seconds", "amplitude")  # controls, in the order of `options`
 PLOTS = [f"live-{k}" for k in range(len(PARAMETERS))]
 
 
@@ -75,7 +76,7 @@ def _controls(session: Session) -> list[Component]:
     first = replays[0]["value"] if replays else None
     return [
         labelled("Backend", dropdown("live-backend", backends, "pymunk", searchable=False, **KEPT)),
-        *run_fields("live-", 30, 2, live.LONGEST),
+        *run_fields("live-", 30),
         html.Div(
             labelled("To replay", dropdown("live-replay", replays, first, searchable=False)),
             id="live-replay-field",
@@ -101,13 +102,13 @@ def _views() -> list[Component]:
     ]
 
 
-def figure(look: live.Look, column: int) -> Figure | None:
+def figure(run: live.Run, column: int) -> Figure | None:
     """Estimates of one parameter over time, and the truth where it is known."""
-    found = look.identification
+    found = run.identification
     if found is None:
         return None
     drawn = convergence_figure(found, column, {id: stroke(k, id) for k, id in enumerate(found.schemes)})
-    truth, shapes = look.begun.truth.get(PARAMETERS[column]), list[JSON]()
+    truth, shapes = run.begun.truth.get(PARAMETERS[column]), list[JSON]()
     if truth is not None:
         style = {"color": "--muted", "width": 1.2, "dash": "dot"}
         place = {"xref": "paper", "x0": 0, "x1": 1, "y0": truth, "y1": truth, "layer": "below"}
@@ -115,9 +116,9 @@ def figure(look: live.Look, column: int) -> Figure | None:
     return replace(drawn, layout=drawn.layout | {"hovermode": False, "shapes": shapes})
 
 
-def _table(look: live.Look) -> Component | str:
+def _table(run: live.Run) -> Component | str:
     """Estimates of all schemes now, beside the truth where it is known."""
-    found = look.identification
+    found = run.identification
     if found is None:
         return ""
     model = next(iter(found.schemes.values())).model
@@ -126,8 +127,8 @@ def _table(look: live.Look) -> Component | str:
         [[_key(stroke(k, id)), opening(name(id))], *(estimate(one.model.estimates[p]) for p in PARAMETERS)]
         for k, (id, one) in enumerate(found.schemes.items())
     ]
-    if look.begun.truth:
-        rows.append(["truth", *(number(look.begun.truth[p], 4) for p in PARAMETERS)])
+    if run.begun.truth:
+        rows.append(["truth", *(number(run.begun.truth[p], 4) for p in PARAMETERS)])
     return table(head, rows, "Estimates")
 
 
@@ -137,12 +138,12 @@ def _key(line: JSON) -> Component:
     return html.I(className="stroke-key", style={"borderTop": f"2.5px {kind} var({line['color']})"})
 
 
-def _said(look: live.Look) -> str:
-    if look.trouble:
-        return f"Stopped: {look.trouble.removesuffix('.')}."
-    pace = "in real time" if look.pace > 0.97 else f"at {look.pace:.0%} of real time: this computer is busy"
-    remark = f" · {look.begun.remark}" if look.begun.remark else ""
-    return f"{look.time:.1f} s {pace}{remark}" if look.running else f"Ended after {look.time:.1f} s."
+def _said(run: live.Run) -> str:
+    if run.trouble:
+        return f"Stopped: {run.trouble.removesuffix('.')}."
+    pace = "in real time" if run.pace > 0.97 else f"at {run.pace:.0%} of real time: this computer is busy"
+    remark = f" · {run.begun.remark}" if run.begun.remark else ""
+    return f"{run.time:.1f} s {pace}{remark}" if run.running else f"Ended after {run.time:.1f} s."
 
 
 def connect(bench: Bench) -> None:
@@ -151,11 +152,11 @@ def connect(bench: Bench) -> None:
     missing.connect(bench)
 
     @bench.on(Input("live-start", "n_clicks"), given=tuple(Value(f"live-{name}", "value") for name in FORM))
-    def start(session: Session, clicks: int, *chosen: Any) -> None:
-        setup = _setup(session, clicks, dict(zip(FORM, chosen, strict=True)))
+    def start(session: Session, seed: int, *chosen: Any) -> None:
+        words = options(session, seed, *chosen)
         if session.run is not None:
             session.run.stop()
-        session.run = live.Run(setup, session.workers.take())
+        session.run = live.Run(words, session.workers.take())
 
     bench.buttons({"live-keep": keep})
     bench.buttons({"live-stop": Session.halt}, urgent=True)  # a motor stops whenever it is told to
@@ -170,29 +171,38 @@ def keep(session: Session) -> None:
     if session.run is None:
         raise InputError("nothing has run yet: start a run first")
     session.run.stop()
-    file = session.place() / free_name(session.state)
+    file = session.place() / recorder.free_name(session.state)
     write_recording(session.run.recording(file.stem), file)
     session.load([Source(file)])
 
 
-def _setup(session: Session, seed: int, chosen: dict[str, Any]) -> live.Setup:
-    """What the controls say.
+def options(
+    session: Session,
+    seed: int,
+    backend: str,
+    replay: str | None,
+    effect: str,
+    torque: str,
+    seconds: float | None,
+    amplitude: float | None,
+) -> list[str]:
+    """Options of `record` that run what the controls say.
 
     Raises:
-        InputError: if they make no sense.
+        InputError: if there is no recording to replay, or no rig.
     """
-    backend, seconds, effect, replay = (chosen[name] for name in ("backend", "seconds", "effect", "replay"))
-    if seconds is None or not 2 <= seconds <= live.LONGEST:
-        raise InputError(f"a live run lasts from 2 to {live.LONGEST:g} s")
-    if backend == "replay" and replay is None:
-        raise InputError("there is no recording to replay: load one first")
-    if backend == RIG and session.rig is None:
-        raise InputError("there is no rig here: start the workbench with --config rig.toml")
-    file = session.find(str(replay)).source.file if backend == "replay" else None
-    rig = session.rig if backend == RIG else None
-    hidden = (effect,) if effect and file is None and rig is None else ()
-    torque = chosen["excitation"], chosen["amplitude"]
-    return live.Setup(backend, *torque, hidden, float(seconds), seed, file, rig)
+    plant = [f"--backend={backend}", f"--rate={RATE:g}"]
+    if backend == "replay":
+        if replay is None:
+            raise InputError("there is no recording to replay: load one first")
+        if torque in recorder.LEARNT:
+            raise InputError("a replay does not follow a policy: choose another backend, or any signal")
+        plant.append(f"--replay={session.state.find(str(replay)).source.file}")
+    if backend == RIG:
+        if session.rig is None:
+            raise InputError("there is no rig here: start the workbench with --config rig.toml")
+        plant.append(f"--config={session.rig}")
+    return [*plant, *recorder.options(torque, seconds, "" if backend in OWN_PLANT else effect, amplitude, seed)]
 
 
 def _connect_beat(bench: Bench) -> None:
@@ -212,12 +222,12 @@ def _connect_beat(bench: Bench) -> None:
         run = bench.sessions.of(id).run if id else None
         if run is None:
             raise PreventUpdate
-        look = run.look()
-        drawn = [*(figure(look, k) for k in range(len(PARAMETERS))), missing.course(look.following, look.time)]
+        run.watch()
+        drawn = [*(figure(run, k) for k in range(len(PARAMETERS))), missing.course(run.follower, run.time)]
         specs = [spec(one) if one is not None else None for one in drawn]
-        motion = {"rows": look.motion.round(4).tolist(), "running": look.running}
-        said = missing.told(look.following, look.running)
-        return (*specs, motion, _said(look), _table(look), *said, not look.running)
+        motion = {"rows": run.motion.round(4).tolist(), "running": run.running}
+        said = missing.told(run.follower.said, run.running)
+        return (*specs, motion, _said(run), _table(run), *said, not run.running)
 
 
 HEADLINE = ("Live: a run of its own", "Estimates as they converge", "")
