@@ -398,7 +398,7 @@ def _read(source: Source, body: Body, terminal: Terminal) -> ArmRecording:
     terminal.say(f"{source.file}: {recording.summary}")
     if source.said_by:
         terminal.say(f"  read as {source.said_by} says: {format_told(source)}")
-    for note in dict.fromkeys(note for joint in recording.joints for note in joint.notes):
+    for note in recording.notes:
         terminal.say(f"  {note}")
     return recording
 

@@ -16,7 +16,7 @@ from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.moves import best
 from pendulum_env._typing import JSON
-from pendulum_env.arms.joints import Links, kind_at
+from pendulum_env.arms.joints import kind_at
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Estimate, ModelError
@@ -102,7 +102,7 @@ def add_arm(
         raise ModelError(f"the model has {effect} already")
     refuse_held(model.terms, kind())
     train, held = parted(recordings, holdout)
-    base = (Links(body), *model.terms)
+    base = model.terms
     models = models_of_arm(train, held, base, {kind.id: kind}, criterion, rng, progress)
     trial = best(models, base, kind)
     if trial is None:

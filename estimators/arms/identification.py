@@ -8,8 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from estimators.arms.balance import VIEWS, rows
-from estimators.arms.measurements import ArmMeasurements, measure_arm
+from estimators.arms.balance import VIEWS, Joints, measure_arm, rows
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import Fit, solve
 from estimators.regression.recursive import evenly, history
@@ -17,7 +16,7 @@ from estimators.schemes.identification import CLUSTER, CLUSTERS, FEWEST, POINTS,
 from estimators.schemes.six import SCHEMES, OnlineScheme, Regression, Scheme, give, over_samples
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import check_places, friction
+from pendulum_env.arms.joints import Links, check_places, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
@@ -117,15 +116,16 @@ def identify_arm(
         ValueError: if a scheme borrows from one that was not used before, or a term is at no joint.
     """
     recordings = [recordings] if isinstance(recordings, ArmRecording) else list(recordings)
-    terms = friction(body) if terms is None else tuple(terms)
-    check_places(terms, body.joints)
+    placed = friction(body) if terms is None else tuple(terms)
+    check_places(placed, body.joints)
+    terms = (Links(body), *placed)
     measured = [m for recording in recordings for m in measure_arm(recording)]
     names = tuple(recording.name for recording in recordings)
     for k, joint in enumerate(body.joints):
-        if not any(m.joints[k].moving.any() for m in measured):
+        if not any(m[k].moving.any() for m in measured):
             raise IdentificationError(f"{', '.join(names)}: joint '{joint}' never moves: record with all joints moving")
     results: dict[str, ArmIdentified] = {}
-    balances = {view: [rows(m, body, terms, VIEWS[view]) for m in measured] for view in {s.view for s in schemes}}
+    balances = {view: [rows(m, terms, VIEWS[view]) for m in measured] for view in {s.view for s in schemes}}
     for scheme in schemes:
         data = stack(scheme, measured, balances[scheme.view])
         if len(np.unique(data.clusters[data.usable])) < FEWEST:
@@ -142,7 +142,7 @@ def identify_arm(
         if scheme.borrows is not None and scheme.borrows not in results:
             raise ValueError(f"{scheme.id} borrows from {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
-        results[scheme.id] = _fit(scheme, data, body, terms, lender, points)
+        results[scheme.id] = _fit(scheme, data, terms, lender, points)
     return ArmIdentification(results, names)
 
 
@@ -157,9 +157,9 @@ class Stack:
     time: Array  # seconds of recording taken in [s]
 
 
-def stack(scheme: OnlineScheme, measured: Sequence[ArmMeasurements], balances: Sequence[Sequence[Equations]]) -> Stack:
+def stack(scheme: OnlineScheme, measured: Sequence[Joints], balances: Sequence[Sequence[Equations]]) -> Stack:
     """What a scheme makes of the balances of all recordings, one after the other."""
-    length = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS)
+    length = min(CLUSTER, sum(len(m[0]) * m[0].period for m in measured) / CLUSTERS)
     parts, clusters, times, seconds = [], [], [], 0.0
     for m, own in zip(measured, balances, strict=True):
         joints = [through(scheme, equations, m, k) for k, equations in enumerate(own)]
@@ -170,7 +170,7 @@ def stack(scheme: OnlineScheme, measured: Sequence[ArmMeasurements], balances: S
                 np.column_stack([one.usable for one in joints]),
             )
         )
-        elapsed = seconds + np.arange(1, len(m) + 1) * m.period
+        elapsed = seconds + np.arange(1, len(m[0]) + 1) * m[0].period
         seconds = float(elapsed[-1])
         times.append(np.repeat(elapsed, len(joints)))
         clusters.append(np.repeat((elapsed / length).astype(np.intp), len(joints)))
@@ -180,19 +180,20 @@ def stack(scheme: OnlineScheme, measured: Sequence[ArmMeasurements], balances: S
     return Stack(equations, usable.ravel(), joint, np.concatenate(clusters), np.concatenate(times))
 
 
-def through(scheme: OnlineScheme, equations: Equations, m: ArmMeasurements, joint: int) -> Regression:
+def through(scheme: OnlineScheme, equations: Equations, m: Joints, joint: int) -> Regression:
     """What a scheme makes of the balance of one joint, or of that of all."""
     if VIEWS[scheme.view].adds_up:
-        clear = np.all([own.clear(scheme.guard) for own in m.joints], axis=0)
+        clear = np.all([own.clear(scheme.guard) for own in m], axis=0)
     else:
-        clear = m.joints[joint].clear(scheme.guard)
+        clear = m[joint].clear(scheme.guard)
     gate = clear if scheme.view == "torque" else over_samples(clear)
-    return scheme.through(equations, gate, m.period)
+    return scheme.through(equations, gate, m[0].period)
 
 
 def _fit(
-    scheme: OnlineScheme, data: Stack, body: Body, terms: Sequence[Term], lender: ArmModel | None, points: int
+    scheme: OnlineScheme, data: Stack, terms: tuple[Term, ...], lender: ArmModel | None, points: int
 ) -> ArmIdentified:
+    body = ArmModel(terms).body
     use, count = data.usable, data.equations.phi.shape[1]
     given = np.flatnonzero(_of_momentum(body)) if lender is not None else np.empty(0, dtype=np.intp)
     free = np.setdiff1d(np.arange(count), given)
@@ -203,7 +204,7 @@ def _fit(
     theta[free], theta[given], std[free] = fit.theta, lent, fit.std
     if lender is not None:
         std[given] = [lender.estimates[name].std for name in np.array(body.names)[given]]
-    model = ArmModel.build(body, terms, theta, std)
+    model = ArmModel.build(terms, theta, std)
     known = np.array(list(model.estimates)[:count])[free]
     hardly = known[(np.abs(fit.worst_direction) > 0.3) & (fit.condition > HARDLY)]
     return ArmIdentified(
@@ -286,10 +287,10 @@ def compare_arm(model: ArmModel, recordings: ArmRecording | Sequence[ArmRecordin
     torques: list[list[Array]] = [[] for _ in model.body.joints]
     scheme = ARM_SCHEMES[0]
     for m in (m for recording in recordings for m in measure_arm(recording)):
-        for k, equations in enumerate(rows(m, model.body, model.terms, VIEWS["torque"])):
+        for k, equations in enumerate(rows(m, model.terms, VIEWS["torque"])):
             clear = through(scheme, equations, m, k).usable
             errors[k].append((equations.y - equations.phi @ model.theta)[clear])
-            torques[k].append(m.joints[k].torque[clear])
+            torques[k].append(m[k].torque[clear])
     found = []
     for joint, own, all_torque in zip(model.body.joints, errors, torques, strict=True):
         if not any(len(part) for part in own):

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from estimators.arms.diagnosis import ArmDiagnosis, gather_arm, parted
 from estimators.arms.identification import JointError
-from pendulum_env.arms.joints import Links
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.files import write_whole
@@ -35,7 +34,7 @@ def write_arm_report(
     base = Drawn("base model", "--base", diagnosis.base, diagnosis.before)
     final = Drawn("final model", "--final", diagnosis.model, diagnosis.after)
     case = ArmCase(
-        gather_arm(parted(recordings, holdout)[0], Links(diagnosis.model.body), diagnosis.model.terms),
+        gather_arm(parted(recordings, holdout)[0], diagnosis.model.terms),
         (base, final) if diagnosis.selected else (base,),
         "held-out data",
         diagnosis.selected,
@@ -61,7 +60,7 @@ def write_arm_comparison_report(
         OSError: if the file cannot be written.
     """
     case = ArmCase(
-        gather_arm(recordings, Links(model.body), model.terms),
+        gather_arm(recordings, model.terms),
         (Drawn("model", "--base", model, errors),),
         "the recordings compared with",
     )

@@ -11,7 +11,6 @@ from estimators.checks.residual import STANDS_OUT, Region, profiles, stand_out
 from estimators.selection.data import inertias
 from estimators.weak_form.dataset import TRIFLE
 from pendulum_env._typing import JSON
-from pendulum_env.arms.joints import Links
 from pendulum_env.recording.record import NEWTON_METRE
 from workbench.report.arm.case import ArmCase
 from workbench.report.section import Section
@@ -42,7 +41,7 @@ def joints(case: ArmCase, headline: str) -> Section:
 def strips(case: ArmCase) -> Section:
     """One strip of plots a joint: mean residual over angle, velocity and time, of each model."""
     curves = [(drawn.label, drawn.color) for drawn in case.models]
-    data, models = case.evidence.data, [(Links(drawn.model.body), *drawn.model.terms) for drawn in case.models]
+    data, models = case.evidence.data, [drawn.model.terms for drawn in case.models]
     residuals = [
         case.evidence.residual(terms, drawn.model.theta) for terms, drawn in zip(models, case.models, strict=True)
     ]
