@@ -11,8 +11,16 @@ import numpy as np
 from estimators.arms.balance import VIEWS, Joints, measure_arm, rows
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import Fit, solve
-from estimators.regression.recursive import evenly, history
-from estimators.schemes.identification import CLUSTER, CLUSTERS, FEWEST, POINTS, Convergence
+from estimators.regression.recursive import evenly
+from estimators.schemes.identification import (
+    CLUSTER,
+    CLUSTERS,
+    FEWEST,
+    POINTS,
+    Identification,
+    Identified,
+    converge,
+)
 from estimators.schemes.six import SCHEMES, OnlineScheme, Regression, Scheme, give, over_samples
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import Body
@@ -36,59 +44,39 @@ def for_arms(schemes: Sequence[Scheme]) -> tuple[OnlineScheme, ...]:
 ARM_SCHEMES = for_arms(SCHEMES)
 
 
-@dataclass(frozen=True, eq=False)
-class ArmIdentified:
+@dataclass(frozen=True, eq=False, repr=False)
+class ArmIdentified(Identified):
     """What one scheme finds of an arm.
 
     Attributes:
-        scheme: its id.
-        model: body and terms with estimates, and standard errors that hold under correlated residuals.
-        convergence: the recursive estimate on its way.
-        residual_rms: of the scheme's own residual, of each joint or of all together, in `units`.
+        residuals: root mean square of the scheme's own residual, of each joint or of all together, in `units`.
         units: of y and the residual, as many.
-        condition: of the regressor, columns scaled to equal length.
         hardly: parameters that the recording hardly tells apart.
-        used: equations that were used, of all there are.
     """
 
-    scheme: str
     model: ArmModel
-    convergence: Convergence
-    residual_rms: tuple[float, ...]
-    units: tuple[str, ...]
-    condition: float
-    hardly: tuple[str, ...]
-    used: tuple[int, int]
+    residuals: tuple[float, ...] = ()
+    units: tuple[str, ...] = ()
+    hardly: tuple[str, ...] = ()
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        return {
-            "theta": {name: estimate.json() for name, estimate in self.model.estimates.items()},
-            "residual": {"rms": list(self.residual_rms), "units": list(self.units)},
-            "condition": self.condition,
-            "hardly": list(self.hardly),
-            "used": list(self.used),
-            "convergence": self.convergence.json(),
-        }
+        residual = {"rms": list(self.residuals), "units": list(self.units)}
+        return super().json() | {"residual": residual, "hardly": list(self.hardly)}
 
 
-@dataclass(frozen=True, eq=False)
-class ArmIdentification:
+@dataclass(frozen=True, eq=False, repr=False)
+class ArmIdentification(Identification):
     """What all schemes find in the same recordings of an arm."""
 
     schemes: Mapping[str, ArmIdentified]
-    recordings: tuple[str, ...]
 
     def __getitem__(self, scheme: str) -> ArmIdentified:
         return find("scheme", scheme, self.schemes)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        return {
-            "schema": SCHEMA,
-            "recordings": list(self.recordings),
-            "schemes": {id: result.json() for id, result in self.schemes.items()},
-        }
+        return super().json() | {"schema": SCHEMA}
 
 
 def identify_arm(
@@ -143,7 +131,7 @@ def identify_arm(
             raise ValueError(f"{scheme.id} borrows from {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
         results[scheme.id] = _fit(scheme, data, terms, lender, points)
-    return ArmIdentification(results, names)
+    return ArmIdentification(results, (), names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,13 +193,17 @@ def _fit(
     if lender is not None:
         std[given] = [lender.estimates[name].std for name in np.array(body.names)[given]]
     model = ArmModel.build(terms, theta, std)
+    # the recursion takes rows of one instant one after the other
+    last = evenly(len(data.time) // len(weights), points) * len(weights) + len(weights) - 1
     known = np.array(list(model.estimates)[:count])[free]
     hardly = known[(np.abs(fit.worst_direction) > 0.3) & (fit.condition > HARDLY)]
     return ArmIdentified(
         scheme=scheme.id,
         model=model,
-        convergence=_converge(data, equations, weights, fit, free, theta, std, points),
-        residual_rms=tuple(float(one) for one in 1.0 / weights),
+        convergence=converge(equations, weights[data.joint], use, data.time, fit, free, theta, std, last),
+        residual_rms=fit.rms,
+        unit=scheme.unit,
+        residuals=tuple((1.0 / weights).tolist()),
         units=(scheme.unit,) if VIEWS[scheme.view].adds_up else tuple(body.said(at, scheme.unit) for at in body.joints),
         condition=fit.condition,
         hardly=tuple(str(name) for name in hardly),
@@ -239,20 +231,6 @@ def _of_momentum(body: Body) -> Mask:
     rng = np.random.default_rng(0)
     q, v = rng.uniform(-np.pi, np.pi, (2, 20, len(body.joints)))
     return np.asarray(np.abs(body.momentum(q, v)).max(axis=(0, 1)) > 1e-9)
-
-
-def _converge(
-    data: Stack, equations: Equations, weights: Array, fit: Fit, free: Index, theta: Array, std: Array, points: int
-) -> Convergence:
-    """The recursion over all rows, those of one instant one after the other; errors end at the batch estimate's."""
-    w = weights[data.joint]
-    last = evenly(len(data.time) // len(weights), points) * len(weights) + len(weights) - 1
-    course = history(Equations(equations.phi * w[:, None], equations.y * w), data.usable, last)
-    spread = np.sqrt(np.diagonal(course.P, axis1=1, axis2=2))
-    thetas, stds = np.tile(theta, (len(spread), 1)), np.tile(std, (len(spread), 1))
-    thetas[:, free] = course.theta
-    stds[:, free] = spread * fit.std / spread[-1]
-    return Convergence(data.time[course.points], thetas, stds)
 
 
 @dataclass(frozen=True)
