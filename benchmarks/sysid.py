@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.six_joint import COULOMB, JOINTS, RATE, ROTORS, STEP, VISCOUS, body, simulate, urdf
+from estimators.arms.balance import measure_arm, motion
 from estimators.arms.identification import identify_arm
-from estimators.arms.measurements import measure_arm
 from estimators.schemes.six import scheme
 from pendulum_env.arms.recording import ArmRecording
 
@@ -65,13 +65,14 @@ def theirs(recording: ArmRecording) -> dict[str, np.ndarray]:
             params.add(sysid.Parameter(f"{quantity}@{name}", value / 2, 0.0, 5 * value, modifier=_set))
     model = spec.compile()
     angles = sysid.TimeSeries.compute_all_state_mappings(model)[0]
-    (m,) = measure_arm(recording)
-    first, length, substeps = len(recording) - len(m) >> 1, round(PIECE * RATE), round(1 / RATE / STEP)
+    (joints,) = measure_arm(recording)
+    position, velocity, _ = motion(joints)
+    first, length, substeps = len(recording) - len(position) >> 1, round(PIECE * RATE), round(1 / RATE / STEP)
     pieces = []
-    for begin in range(0, len(m) - length, length):
+    for begin in range(0, len(position) - length, length):
         own = slice(first + begin, first + begin + length)
         held = np.repeat(recording.torque[own], substeps, axis=0)
-        state = sysid.create_initial_state(model, m.position[begin], m.velocity[begin])
+        state = sysid.create_initial_state(model, position[begin], velocity[begin])
         control = sysid.TimeSeries.from_control_names(np.arange(len(held)) * STEP, held, model)
         pieces.append((state, control, sysid.TimeSeries(np.arange(length) / RATE, recording.position[own], angles)))
     states, controls, measured = zip(*pieces, strict=True)

@@ -32,7 +32,7 @@ def chosen_recordings(given: Recordings, *, empty: bool = False) -> tuple[Record
     """
     several = (given,) if isinstance(given, Recording) else _listed(given)
     for item in several:
-        if not isinstance(item, Recording):
+        if not isinstance(item, Recording) or item.position.ndim > 1:  # of an arm
             raise TypeError(
                 f"{_shown(item)} is not a recording: read a file with pendulum_env.recording.read_recording, or make "
                 "one of arrays with Recording"

@@ -199,7 +199,8 @@ def show_recording(recording: Recording) -> str:
     if not recording.torque.any():
         remarks.append("torque is never applied: only ratios of parameters can be known")
     plots = [
-        plot(f"{label} [{unit(symbol)}] over {recording.duration:.3g} s", recording.time, [Curve(values, color)])
+        plot(f"{label} [{unit(symbol)}] over {recording.duration:.3g} s", recording.time, curves)
         for label, values, symbol, color in signals
+        for curves in [[Curve(own, color) for own in np.atleast_2d(values.T)]]  # a joint each
     ]
     return card(f"Recording {recording.name}", paragraph(recording.summary), bullets(remarks), *plots)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Any, Protocol, runtime_checkable
 
@@ -11,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from pendulum_env._typing import Array
 from pendulum_env.excitation import Excitation
 from pendulum_env.interface import note_identifier
 from pendulum_env.recording import Recording
@@ -33,10 +34,10 @@ class Policy(Protocol):
 
 @runtime_checkable
 class Controller(Protocol):
-    """What chooses the torque of one pendulum from its measurement, which an observation does not hold all of."""
+    """What chooses the torque of a pendulum or an arm from its measurement, which an observation holds not all of."""
 
-    def torque(self, info: Mapping[str, Any]) -> float:
-        """Torque for the period that begins now [N m]; `info` is the environment's, its time 0 where a run begins."""
+    def torque(self, info: Mapping[str, Any]) -> float | Array:
+        """Torque for the period that begins now [N m], of an arm (n,); `info` is the environment's, time 0 at first."""
 
 
 class OpenLoop:
@@ -59,14 +60,15 @@ class OpenLoop:
 
 
 def transitions(
-    env: gym.Env[Any, Any], policy: Policy | Controller, seed: int | None = None
-) -> Iterator[tuple[tuple[float, float, float] | None, dict[str, Any]]]:
+    env: gym.Env[Any, Any], policy: Policy | Controller, seed: int | None = None, options: dict[str, Any] | None = None
+) -> Iterator[tuple[tuple[float, Any, Any] | None, dict[str, Any]]]:
     """Run a policy or a controller to the end of the episode, as long as somebody asks for the next step.
 
     Args:
         env: whose `info` carries `time`, `position` and `torque`.
         policy: what chooses the torque.
         seed: of the reset.
+        options: of the reset.
 
     Raises:
         ValueError: if the policy is laid out for another rate than the environment's.
@@ -79,12 +81,12 @@ def transitions(
     if None not in rates and not math.isclose(*rates):  # type: ignore[arg-type]
         raise ValueError(f"the policy is laid out for {rates[0]:g} Hz, the environment runs at {rates[1]:g} Hz")
     note_identifier(env)
-    observation, info = env.reset(seed=seed)
+    observation, info = env.reset(seed=seed, options=options)
     state: State = None
     ended, first = False, True
     while not ended:
         if isinstance(policy, Controller):
-            action: Any = np.array([policy.torque(info)])
+            action: Any = np.atleast_1d(policy.torque(info))
         else:
             action, state = policy.predict(observation, state, np.array(first))
         time, position, first = info["time"], info["position"], False
@@ -120,13 +122,22 @@ def rollout(
     Returns:
         One sample for each step; its torque acts from its time on.
     """
-    rows: list[tuple[float, float, float]] = []
-    for row, info in islice(transitions(env, policy, seed), steps):
+    return Recording(name, *measure(islice(transitions(env, policy, seed), steps), watch, until))
+
+
+def measure(
+    run: Iterable[tuple[tuple[float, Any, Any] | None, dict[str, Any]]],
+    watch: Callable[[dict[str, Any]], None] | None = None,
+    until: Callable[[dict[str, Any]], bool] | None = None,
+) -> tuple[Array, Array, Array]:
+    """Time (N,) [s], position [rad] and torque [N m] of a run of `transitions`, (N,) each, or of an arm (N, n)."""
+    rows: list[tuple[float, Any, Any]] = []
+    for row, info in run:
         if row is not None:
             rows.append(row)
         if watch is not None:
             watch(info)
         if until is not None and until(info):
             break
-    measured = np.array(rows).reshape(-1, 3)
-    return Recording(name=name, time=measured[:, 0], position=measured[:, 1], torque=measured[:, 2])
+    time, position, torque = (np.array([row[k] for row in rows]) for k in range(3))
+    return time, position, torque

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
+from estimators.arms.diagnosis import diagnose_arm
 from estimators.arms.excitation import design_excitation
 from estimators.arms.following import follow
 from pendulum_env.arms.body import Body, read_body
@@ -18,12 +18,13 @@ from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
 from pendulum_env.arms.recording import ArmRecording, write_arm_recording
 from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
+from pendulum_env.physics import Estimate
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import draw_effect
 from workbench.arms import simulated, story
+from workbench.commands.demo import reveal
 from workbench.inputs import check_outputs, wrote
 from workbench.terminal import Terminal
-from workbench.words import enumerate_words
 
 RATE = 1000.0  # [Hz]
 SPREAD = 0.25  # of what nobody told, to either side
@@ -56,7 +57,8 @@ def run(
     story(found).tell(terminal, verbose, more=False)
     with terminal.progress("writing the report"):
         write_arm_report(report, [train], [holdout], found)
-    reveal(arm, read_body(truth), hidden, found, terminal)
+    at = hidden.partition(":")[0]
+    reveal([at], effect_at(at, joints)[0].law, true_parameters(arm, read_body(truth)), found, terminal)
     wrote([report, truth, *written], terminal)
     terminal.say(f"another arm: pendulum-ident demo --robot two-link --seed {seed + 1}")
 
@@ -92,32 +94,10 @@ def record(
     return recording
 
 
-def reveal(arm: PlanarArm, body: Body, hidden: str, found: ArmDiagnosis, terminal: Terminal) -> None:
-    """Print the truth beside the estimates."""
-    at = hidden.partition(":")[0]
-    terminal.heading("The truth")
-    terminal.say(f"hidden was {at}: {effect_at(at, arm.joints)[0].law}")
-    terminal.say(verdict(at, found))
-    truth = dict(zip(body.names, body.values.tolist(), strict=True))
-    for joint, model in zip(arm.joints, arm.models, strict=True):
-        truth |= {f"{name}@{joint}": estimate.value for name, estimate in model.estimates.items()}
-    estimates = found.model.estimates
-    rows = [
-        (
-            name,
-            f"{truth[name]:.4g}" if name in truth else "-",
-            estimates[name].text if name in estimates else "-",
-        )
-        for name in dict.fromkeys([*estimates, *truth])
-    ]
-    terminal.table(("parameter", "truth", "estimate"), rows)
-
-
-def verdict(hidden: str, found: ArmDiagnosis) -> str:
-    """Whether the diagnosis was right, in a sentence."""
-    if found.selected == (hidden,):
-        return "found"
-    alike = [candidate.effect for candidate in found.candidates if candidate.verdict == "ambiguous"]
-    if len(found.selected) == 1 and hidden in alike:
-        return f"found as one of a group that looks the same: {enumerate_words(sorted({*alike, *found.selected}))}"
-    return f"NOT found as it is: the diagnosis says {enumerate_words(found.selected) or 'nothing'}"
+def true_parameters(arm: PlanarArm, body: Body) -> dict[str, Estimate]:
+    """Base parameters of the links, and those of what acts at the joints."""
+    links = {
+        one.name: Estimate(value, 0.0, one.unit) for one, value in zip(body.base, body.values.tolist(), strict=True)
+    }
+    joints = zip(arm.joints, arm.models, strict=True)
+    return links | {f"{name}@{at}": own for at, model in joints for name, own in model.estimates.items()}

@@ -33,9 +33,9 @@ from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
 from pendulum_env.recording.record import NEWTON_METRE
-from pendulum_env.recording.study import Source, format_of, read_as
-from pendulum_env.words import Table
-from workbench.inputs import check_outputs, format_told, given, sources_of, wrote
+from pendulum_env.recording.study import Source, read_as
+from pendulum_env.words import Table, parameters_table
+from workbench.inputs import check_outputs, format_told, given, sources_of, write_model, wrote
 from workbench.mistakes import InputError
 from workbench.story import Story, judged, parameters_line
 from workbench.terminal import Terminal
@@ -141,9 +141,8 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
             )
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
-    if arguments.output is not None:
-        chosen = found.schemes.get(SAVED, next(iter(found.schemes.values())))
-        asked.save(chosen.model, arguments.output)
+    chosen = found.schemes.get(SAVED, next(iter(found.schemes.values())))
+    write_model(chosen.model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
 
 
@@ -231,8 +230,7 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = diagnose_arm(recordings, body, held, progress, library=library)
     if arguments.json is not None:
         write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
-    if arguments.output is not None:
-        asked.save(found.model, arguments.output)
+    write_model(found.model, arguments.output, asked.fitted, terminal)
     if arguments.report is not None:
         from workbench.report.arm import write_arm_report  # plotly takes a while to import
 
@@ -255,8 +253,7 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(str(error)) from None
     with terminal.progress(f"adding {arguments.effect}") as progress:
         added = add_arm(model, arguments.effect, recordings, held, progress)
-    if arguments.output is not None:
-        asked.save(added.after.model, arguments.output)
+    write_model(added.after.model, arguments.output, asked.fitted, terminal)
     for part, what in (("train", "fitted"), ("holdout", "held-out")):
         terminal.heading(f"Torque errors on {what} data, the model refitted without and with the effect")
         errors = [getattr(side, part) for side in (added.before, added.after)]
@@ -265,8 +262,7 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if added.looks_like is not None:
         terminal.say(added.looks_like)
     terminal.heading("Parameters")
-    rows = [(name, e.text, e.unit) for name, e in added.readable.items()]
-    terminal.table(("parameter", "estimate", "unit"), rows, left=("unit",))
+    terminal.table(*parameters_table(added.after.model))
     wrote(outputs, terminal)
 
 
@@ -319,13 +315,12 @@ def story(found: ArmDiagnosis, every: bool = False) -> Story:
     for joint, size in found.unexplained.items():
         where = f"; {said(joint, found.regions[joint].text)}" if joint in found.regions else ""
         lines.append(f"left: {size:.2g} {said(joint, NEWTON_METRE)} at {joint}{where}")
-    parameters = [(name, one.text, one.unit) for name, one in found.model.estimates.items()]
     parts: list[tuple[str, Sequence[Table | str]]] = [
         (
             "Torque errors on held-out data, clear of stick and reversals",
             [errors_table([found.before, found.after], ("before", "after"))],
         ),
-        ("Parameters", [Table(("parameter", "estimate", "unit"), parameters, left=("unit",))]),
+        ("Parameters", [parameters_table(found.model)]),
         judged(found.candidates, every),
     ]
     return Story(found.headline, lines, found.next_step, parts)
@@ -339,10 +334,6 @@ class _Given:
     recordings: list[ArmRecording]
     held: list[ArmRecording]
     fitted: tuple[Source, ...]
-
-    def save(self, model: ArmModel, path: str) -> None:
-        """Write a model, with how the recordings were read that it was fitted to."""
-        replace(model, log_format=format_of(self.fitted)).save(path)
 
 
 def _given(
@@ -398,7 +389,7 @@ def _read(source: Source, body: Body, terminal: Terminal) -> ArmRecording:
     terminal.say(f"{source.file}: {recording.summary}")
     if source.said_by:
         terminal.say(f"  read as {source.said_by} says: {format_told(source)}")
-    for note in dict.fromkeys(note for joint in recording.joints for note in joint.notes):
+    for note in recording.notes:
         terminal.say(f"  {note}")
     return recording
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,11 +15,10 @@ from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.moves import best
-from pendulum_env._typing import JSON
-from pendulum_env.arms.joints import Links, kind_at
+from pendulum_env.arms.joints import kind_at
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.physics import Estimate, ModelError
+from pendulum_env.physics import ModelError
 from pendulum_env.physics.table import refuse_held
 from pendulum_env.physics.term import loads
 
@@ -32,11 +31,6 @@ class Refitted:
     train: tuple[JointError, ...]
     holdout: tuple[JointError, ...]
 
-    def json(self) -> JSON:
-        """Plain dictionary for JSON."""
-        parts = {"train": self.train, "holdout": self.holdout}
-        return {name: [error.json() for error in errors] for name, errors in parts.items()}
-
 
 @dataclass(frozen=True, eq=False)
 class ArmAddition:
@@ -48,7 +42,6 @@ class ArmAddition:
         before: the model refitted without the effect.
         after: the same with the effect.
         objection: what speaks against the effect, None if nothing does.
-        readable: parameters with the effect, of a table where it is largest.
         looks_like: the formulas that a table comes nearest to, in a sentence; None of an effect.
     """
 
@@ -57,7 +50,6 @@ class ArmAddition:
     before: Refitted
     after: Refitted
     objection: str | None
-    readable: Mapping[str, Estimate] = field(default_factory=dict)
     looks_like: str | None = None
 
     @property
@@ -102,7 +94,7 @@ def add_arm(
         raise ModelError(f"the model has {effect} already")
     refuse_held(model.terms, kind())
     train, held = parted(recordings, holdout)
-    base = (Links(body), *model.terms)
+    base = model.terms
     models = models_of_arm(train, held, base, {kind.id: kind}, criterion, rng, progress)
     trial = best(models, base, kind)
     if trial is None:
@@ -116,7 +108,5 @@ def add_arm(
     against = objection(steps[1], steps[0], models.train.motions)
     if against is None and models.gain(trial.terms, base).chance > criterion.chance:
         against = CHANCE
-    joint, last = body.joints.index(next(iter(loads(kind.at)))), steps[1]
-    return ArmAddition(
-        effect, joint, before, after, against, last.model.readable, looks(last) if against is None else None
-    )
+    joint = body.joints.index(next(iter(loads(kind.at))))
+    return ArmAddition(effect, joint, before, after, against, looks(steps[1]) if against is None else None)

@@ -4,7 +4,8 @@
     impulse  mean over a sample             (M q')' + dU/dq - dK/dq + f = tau, momentum by its increments
     energy   mean over a sample             (K + U)' + q' f = q' tau, stored energy by its increments
 
-The rigid body's columns come from `Body`, those of a joint's terms from the pendulum's views, on the row of its joint.
+Measurements of an arm are those of its joints, at the same instants. The rigid body's columns come from `Body`, those
+of a joint's terms from the pendulum's views, on the row of its joint.
 """
 
 from __future__ import annotations
@@ -14,14 +15,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.arms.measurements import ArmMeasurements
 from estimators.regression.equations import Equations
 from estimators.schemes.six import View, energy_view, impulse_view, increments, means, supply, torque_view
-from estimators.signals.measurements import Measurements
+from estimators.signals.measurements import Measurements, measure_joints, remember
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import Links
+from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Term
 from pendulum_env.physics.term import loads
+
+Joints = tuple[Measurements, ...]  # of n joints
 
 
 @dataclass(frozen=True)
@@ -35,23 +39,36 @@ class ArmView:
         adds_up: whether the rows of all joints make one.
     """
 
-    of_body: Callable[[ArmMeasurements, Body], Array]
+    of_body: Callable[[Joints, Body], Array]
     of_column: View
     supplied: Callable[[Measurements], Array]
     adds_up: bool = False
 
 
-def _torque(m: ArmMeasurements, body: Body) -> Array:
-    return body.torque(m.position, m.velocity, m.acceleration)
+def measure_arm(recording: ArmRecording) -> list[Joints]:
+    """Measurements of each segment of a recording, see `measure_joints`."""
+    return measure_joints(recording.joints)
 
 
-def _impulse(m: ArmMeasurements, body: Body) -> Array:
-    momentum = increments(body.momentum(m.position, m.velocity)) / m.period
-    return momentum + means(body.exchange(m.position, m.velocity))
+def motion(joints: Joints) -> tuple[Array, Array, Array]:
+    """Smoothed position, velocity and acceleration of all joints, (N, n) each."""
+    parts = ((m.position, m.velocity, m.acceleration) for m in joints)
+    q, v, a = (np.column_stack(series) for series in zip(*parts, strict=True))
+    return q, v, a
 
 
-def _power(m: ArmMeasurements, body: Body) -> Array:
-    return increments(body.stored(m.position, m.velocity))[:, None] / m.period
+def _torque(joints: Joints, body: Body) -> Array:
+    return body.torque(*motion(joints))
+
+
+def _impulse(joints: Joints, body: Body) -> Array:
+    q, v, _ = motion(joints)
+    return increments(body.momentum(q, v)) / joints[0].period + means(body.exchange(q, v))
+
+
+def _power(joints: Joints, body: Body) -> Array:
+    q, v, _ = motion(joints)
+    return increments(body.stored(q, v))[:, None] / joints[0].period
 
 
 VIEWS = {
@@ -61,35 +78,39 @@ VIEWS = {
 }
 
 
-def rows(m: ArmMeasurements, body: Body, terms: Sequence[Term], view: ArmView) -> list[Equations]:
-    """Balances of N samples in base parameters and the terms' parameters: one of each joint, or one of all."""
-    m, order = m.remember(terms, body.joints), {joint: k for k, joint in enumerate(body.joints)}
-    links = view.of_body(m, body)  # (N, n or 1, P)
-    first = links.shape[2]
-    phi = np.zeros((*links.shape[:2], first + sum(len(own.columns) for own in terms)))
-    phi[:, :, :first] = links
-    y = np.column_stack([view.supplied(joint) for joint in m.joints])
-    for own in terms:
-        factors = {order[joint]: factor for joint, factor in loads(own.at).items()}
-        joint, place = _along(m, factors), next(iter(factors))
+def rows(joints: Joints, terms: Sequence[Term], view: ArmView) -> list[Equations]:
+    """Balances of N samples in the parameters of terms, the links first: one of each joint, or one of all."""
+    links, *others = terms
+    assert isinstance(links, Links)
+    names = links.body.joints
+    joints = tuple(
+        remember(m, [own for own in others if own.at == name]) for name, m in zip(names, joints, strict=True)
+    )
+    of_body = view.of_body(joints, links.body)  # (N, n or 1, P)
+    first = of_body.shape[2]
+    phi = np.zeros((*of_body.shape[:2], first + sum(len(own.columns) for own in others)))
+    phi[:, :, :first] = of_body
+    y = np.column_stack([view.supplied(m) for m in joints])
+    for own in others:
+        factors = {names.index(joint): factor for joint, factor in loads(own.at).items()}
+        m, place = _along(joints, factors), next(iter(factors))
         for column in own.columns:
-            values = view.of_column(joint, column)
+            values = view.of_column(m, column)
             for row, factor in ({0: 1.0} if view.adds_up else factors).items():
                 phi[:, row, first] = factor * values
             first += 1
         for column in own.fixed:
-            y[:, place] -= view.of_column(joint, column)
+            y[:, place] -= view.of_column(m, column)
     if view.adds_up:
         y = y.sum(axis=1, keepdims=True)
     return [Equations(phi[:, k], y[:, k]) for k in range(y.shape[1])]
 
 
-def _along(m: ArmMeasurements, factors: Mapping[int, float]) -> Measurements:
+def _along(joints: Joints, factors: Mapping[int, float]) -> Measurements:
     """Measurements of what turns with some joints, each by its factor; with one, those of the joint."""
-    first, *others = (m.joints[place] for place in factors)
-    if not others:
+    first = joints[next(iter(factors))]
+    if len(factors) == 1:
         return first
     turns = np.array(list(factors.values()))
-    motion = (part[:, list(factors)] @ turns for part in (m.position, m.velocity, m.acceleration))
-    position, velocity, acceleration = motion
+    position, velocity, acceleration = (part[:, list(factors)] @ turns for part in motion(joints))
     return replace(first, position=position, velocity=velocity, acceleration=acceleration)

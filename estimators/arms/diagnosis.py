@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -130,12 +130,18 @@ def parted(
     return [first for first, _ in pairs], [last for _, last in pairs]
 
 
-def gather_arm(recordings: Sequence[ArmRecording], links: Links, terms: Iterable[type[Term] | Term] = ()) -> Evidence:
+def gather_arm(recordings: Sequence[ArmRecording], terms: Sequence[type[Term] | Term]) -> Evidence:
     """Evidence of recordings of an arm, which no simulation follows, with the columns of terms that two joints share.
+
+    Args:
+        recordings: of the arm.
+        terms: that may be fitted to it, the links first.
 
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
     """
+    links = terms[0]
+    assert isinstance(links, Links)
     kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms)
     return Evidence(prepare_arm(recordings, links, [kind for kind in kinds if issubclass(kind, Coupling)]), ())
 
@@ -155,19 +161,14 @@ def models_of_arm(
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
     """
-    links = base[0]
-    assert isinstance(links, Links)
-    terms: tuple[type[Term] | Term, ...] = (*base[1:], *library.values())
-    evidence = gather_arm(train, links, terms), gather_arm(held, links, terms)
+    evidence = [gather_arm(part, (*base, *library.values())) for part in (train, held)]
     criterion, rng = criterion or Criterion(), rng or np.random.default_rng(0)
     return Models(*evidence, progress, library, criterion, rng, base=base, foils=foils)
 
 
 def of_arm(model: Model) -> ArmModel:
     """A model of links and of terms at joints as that of an arm."""
-    links, *terms = model.terms
-    assert isinstance(links, Links)
-    return ArmModel(links.body, tuple(terms), model.estimates)
+    return ArmModel(model.terms, model.estimates, correlation=model.correlation)
 
 
 def diagnose_arm(

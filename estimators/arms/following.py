@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from estimators.progress import Progress, no_progress
 from pendulum_env._typing import Array
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.arms.rollout import rollout_arm
+from pendulum_env.policy import measure, transitions
 
 BANDWIDTH = 30.0  # [rad/s]: fast beside the motion, slow beside samples of some milliseconds
 
@@ -74,13 +75,7 @@ def follow(
     limits = np.minimum(motion.body.torque_limits, np.inf if max_torque is None else max_torque)
     (position,), (velocity,), _ = motion(np.zeros(1))
     seconds = samples / arm.rate
-    return rollout_arm(
-        arm,
-        Follow(motion, limits),
-        samples,
-        position=position,
-        velocity=velocity,
-        seed=int(rng.integers(2**31)),
-        name=name,
-        watch=lambda info: progress(f"{info['time']:.0f} s", info["time"] / seconds),
-    )
+    start = {"position": position, "velocity": velocity}
+    run = islice(transitions(arm, Follow(motion, limits), int(rng.integers(2**31)), start), samples)
+    measured = measure(run, lambda info: progress(f"{info['time']:.0f} s", info["time"] / seconds))
+    return ArmRecording.of(name, arm.joints, *measured)

@@ -8,16 +8,23 @@ from typing import cast
 
 import numpy as np
 
-from estimators.arms.balance import VIEWS, rows
-from estimators.arms.measurements import ArmMeasurements, measure_arm
+from estimators.arms.balance import VIEWS, Joints, measure_arm, rows
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import Fit, solve
-from estimators.regression.recursive import evenly, history
-from estimators.schemes.identification import CLUSTER, CLUSTERS, FEWEST, POINTS, Convergence
+from estimators.regression.recursive import evenly
+from estimators.schemes.identification import (
+    CLUSTER,
+    CLUSTERS,
+    FEWEST,
+    POINTS,
+    Identification,
+    Identified,
+    converge,
+)
 from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, give
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import check_places, friction
+from pendulum_env.arms.joints import Links, check_places, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
@@ -37,59 +44,39 @@ def for_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
 ARM_SCHEMES = for_arms(SCHEMES)
 
 
-@dataclass(frozen=True, eq=False)
-class ArmIdentified:
+@dataclass(frozen=True, eq=False, repr=False)
+class ArmIdentified(Identified):
     """What one scheme finds of an arm.
 
     Attributes:
-        scheme: its id.
-        model: body and terms with estimates, and standard errors that hold under correlated residuals.
-        convergence: the recursive estimate on its way.
-        residual_rms: of the scheme's own residual, of each joint or of all together, in `units`.
+        residuals: root mean square of the scheme's own residual, of each joint or of all together, in `units`.
         units: of y and the residual, as many.
-        condition: of the regressor, columns scaled to equal length.
         hardly: parameters that the recording hardly tells apart.
-        used: equations that were used, of all there are.
     """
 
-    scheme: str
     model: ArmModel
-    convergence: Convergence
-    residual_rms: tuple[float, ...]
-    units: tuple[str, ...]
-    condition: float
-    hardly: tuple[str, ...]
-    used: tuple[int, int]
+    residuals: tuple[float, ...] = ()
+    units: tuple[str, ...] = ()
+    hardly: tuple[str, ...] = ()
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        return {
-            "theta": {name: estimate.json() for name, estimate in self.model.estimates.items()},
-            "residual": {"rms": list(self.residual_rms), "units": list(self.units)},
-            "condition": self.condition,
-            "hardly": list(self.hardly),
-            "used": list(self.used),
-            "convergence": self.convergence.json(),
-        }
+        residual = {"rms": list(self.residuals), "units": list(self.units)}
+        return super().json() | {"residual": residual, "hardly": list(self.hardly)}
 
 
-@dataclass(frozen=True, eq=False)
-class ArmIdentification:
+@dataclass(frozen=True, eq=False, repr=False)
+class ArmIdentification(Identification):
     """What all schemes find in the same recordings of an arm."""
 
     schemes: Mapping[str, ArmIdentified]
-    recordings: tuple[str, ...]
 
     def __getitem__(self, scheme: str) -> ArmIdentified:
         return find("scheme", scheme, self.schemes)
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        return {
-            "schema": SCHEMA,
-            "recordings": list(self.recordings),
-            "schemes": {id: result.json() for id, result in self.schemes.items()},
-        }
+        return super().json() | {"schema": SCHEMA}
 
 
 def identify_arm(
@@ -117,15 +104,16 @@ def identify_arm(
         ValueError: if a scheme borrows from one that was not used before, or a term is at no joint.
     """
     recordings = [recordings] if isinstance(recordings, ArmRecording) else list(recordings)
-    terms = friction(body) if terms is None else tuple(terms)
-    check_places(terms, body.joints)
+    placed = friction(body) if terms is None else tuple(terms)
+    check_places(placed, body.joints)
+    terms = (Links(body), *placed)
     measured = [m for recording in recordings for m in measure_arm(recording)]
     names = tuple(recording.name for recording in recordings)
     for k, joint in enumerate(body.joints):
-        if not any(m.joints[k].moving.any() for m in measured):
+        if not any(m[k].moving.any() for m in measured):
             raise IdentificationError(f"{', '.join(names)}: joint '{joint}' never moves: record with all joints moving")
     results: dict[str, ArmIdentified] = {}
-    balances = {view: [rows(m, body, terms, VIEWS[view]) for m in measured] for view in {s.view for s in schemes}}
+    balances = {view: [rows(m, terms, VIEWS[view]) for m in measured] for view in {s.view for s in schemes}}
     for scheme in schemes:
         data = stack(scheme, measured, balances[scheme.view])
         if len(np.unique(data.clusters[data.usable])) < FEWEST:
@@ -142,8 +130,8 @@ def identify_arm(
         if scheme.borrows is not None and scheme.borrows not in results:
             raise ValueError(f"{scheme.id} borrows from {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
-        results[scheme.id] = _fit(scheme, data, body, terms, lender, points)
-    return ArmIdentification(results, names)
+        results[scheme.id] = _fit(scheme, data, terms, lender, points)
+    return ArmIdentification(results, (), names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +145,9 @@ class Stack:
     time: Array  # seconds of recording taken in [s]
 
 
-def stack(scheme: Scheme, measured: Sequence[ArmMeasurements], balances: Sequence[Sequence[Equations]]) -> Stack:
+def stack(scheme: Scheme, measured: Sequence[Joints], balances: Sequence[Sequence[Equations]]) -> Stack:
     """What a scheme makes of the balances of all recordings, one after the other."""
-    length = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS)
+    length = min(CLUSTER, sum(len(m[0]) * m[0].period for m in measured) / CLUSTERS)
     parts, clusters, times, seconds = [], [], [], 0.0
     for m, own in zip(measured, balances, strict=True):
         joints = [through(scheme, equations, m, k) for k, equations in enumerate(own)]
@@ -170,7 +158,7 @@ def stack(scheme: Scheme, measured: Sequence[ArmMeasurements], balances: Sequenc
                 np.column_stack([one.usable for one in joints]),
             )
         )
-        elapsed = seconds + np.arange(1, len(m) + 1) * m.period
+        elapsed = seconds + np.arange(1, len(m[0]) + 1) * m[0].period
         seconds = float(elapsed[-1])
         times.append(np.repeat(elapsed, len(joints)))
         clusters.append(np.repeat((elapsed / length).astype(np.intp), len(joints)))
@@ -180,18 +168,17 @@ def stack(scheme: Scheme, measured: Sequence[ArmMeasurements], balances: Sequenc
     return Stack(equations, usable.ravel(), joint, np.concatenate(clusters), np.concatenate(times))
 
 
-def through(scheme: Scheme, equations: Equations, m: ArmMeasurements, joint: int) -> Regression:
+def through(scheme: Scheme, equations: Equations, m: Joints, joint: int) -> Regression:
     """What a scheme makes of the balance of one joint, or of that of all."""
     if VIEWS[scheme.view].adds_up:
-        clear = np.all([own.clear(scheme.guard) for own in m.joints], axis=0)
+        clear = np.all([own.clear(scheme.guard) for own in m], axis=0)
     else:
-        clear = m.joints[joint].clear(scheme.guard)
-    return scheme.through(equations, scheme.gate(clear), m.period)
+        clear = m[joint].clear(scheme.guard)
+    return scheme.through(equations, scheme.gate(clear), m[0].period)
 
 
-def _fit(
-    scheme: Scheme, data: Stack, body: Body, terms: Sequence[Term], lender: ArmModel | None, points: int
-) -> ArmIdentified:
+def _fit(scheme: Scheme, data: Stack, terms: tuple[Term, ...], lender: ArmModel | None, points: int) -> ArmIdentified:
+    body = ArmModel(terms).body
     use, count = data.usable, data.equations.phi.shape[1]
     given = np.flatnonzero(_of_momentum(body)) if lender is not None else np.empty(0, dtype=np.intp)
     free = np.setdiff1d(np.arange(count), given)
@@ -202,14 +189,18 @@ def _fit(
     theta[free], theta[given], std[free] = fit.theta, lent, fit.std
     if lender is not None:
         std[given] = [lender.estimates[name].std for name in np.array(body.names)[given]]
-    model = ArmModel.build(body, terms, theta, std)
+    model = ArmModel.build(terms, theta, std)
+    # the recursion takes rows of one instant one after the other
+    last = evenly(len(data.time) // len(weights), points) * len(weights) + len(weights) - 1
     known = np.array(list(model.estimates)[:count])[free]
     hardly = known[(np.abs(fit.worst_direction) > 0.3) & (fit.condition > HARDLY)]
     return ArmIdentified(
         scheme=scheme.id,
         model=model,
-        convergence=_converge(data, equations, weights, fit, free, theta, std, points),
-        residual_rms=tuple(float(one) for one in 1.0 / weights),
+        convergence=converge(equations, weights[data.joint], use, data.time, fit, free, theta, std, last),
+        residual_rms=fit.rms,
+        unit=scheme.unit,
+        residuals=tuple((1.0 / weights).tolist()),
         units=(scheme.unit,) if VIEWS[scheme.view].adds_up else tuple(body.said(at, scheme.unit) for at in body.joints),
         condition=fit.condition,
         hardly=tuple(str(name) for name in hardly),
@@ -237,20 +228,6 @@ def _of_momentum(body: Body) -> Mask:
     rng = np.random.default_rng(0)
     q, v = rng.uniform(-np.pi, np.pi, (2, 20, len(body.joints)))
     return np.asarray(np.abs(body.momentum(q, v)).max(axis=(0, 1)) > 1e-9)
-
-
-def _converge(
-    data: Stack, equations: Equations, weights: Array, fit: Fit, free: Index, theta: Array, std: Array, points: int
-) -> Convergence:
-    """The recursion over all rows, those of one instant one after the other; errors end at the batch estimate's."""
-    w = weights[data.joint]
-    last = evenly(len(data.time) // len(weights), points) * len(weights) + len(weights) - 1
-    course = history(Equations(equations.phi * w[:, None], equations.y * w), data.usable, last)
-    spread = np.sqrt(np.diagonal(course.P, axis1=1, axis2=2))
-    thetas, stds = np.tile(theta, (len(spread), 1)), np.tile(std, (len(spread), 1))
-    thetas[:, free] = course.theta
-    stds[:, free] = spread * fit.std / spread[-1]
-    return Convergence(data.time[course.points], thetas, stds)
 
 
 @dataclass(frozen=True)
@@ -285,10 +262,10 @@ def compare_arm(model: ArmModel, recordings: ArmRecording | Sequence[ArmRecordin
     torques: list[list[Array]] = [[] for _ in model.body.joints]
     scheme = ARM_SCHEMES[0]
     for m in (m for recording in recordings for m in measure_arm(recording)):
-        for k, equations in enumerate(rows(m, model.body, model.terms, VIEWS["torque"])):
+        for k, equations in enumerate(rows(m, model.terms, VIEWS["torque"])):
             clear = through(scheme, equations, m, k).usable
             errors[k].append((equations.y - equations.phi @ model.theta)[clear])
-            torques[k].append(m.joints[k].torque[clear])
+            torques[k].append(m[k].torque[clear])
     found = []
     for joint, own, all_torque in zip(model.body.joints, errors, torques, strict=True):
         if not any(len(part) for part in own):

@@ -8,15 +8,14 @@ import numpy as np
 
 from estimators.arms.balance import VIEWS, rows
 from estimators.arms.identification import ARM_SCHEMES, through
-from estimators.arms.measurements import ArmMeasurements
 from estimators.online.clock import Clock
 from estimators.regression.recursive import PRIOR, State, start, step
 from estimators.schemes.six import GUARD, Scheme
 from estimators.signals.measurements import Smoothing, measure
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import friction
-from pendulum_env.arms.model import ArmModel, parameter_names
+from pendulum_env.arms.joints import Links, friction
+from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Term
 
@@ -63,7 +62,7 @@ class ArmEstimator:
                 f"{scheme.id} cannot run on an arm as it is set: let it borrow nothing, and give it a window"
             )
         self.body, self.scheme = body, scheme
-        self.terms = friction(body) if terms is None else tuple(terms)
+        self.terms = (Links(body), *(friction(body) if terms is None else terms))
         self._weights = np.ones(len(body.joints)) if noise is None else 1.0 / np.asarray(noise, dtype=float)
         self._smoothing = Smoothing.of_encoder(counts, rate)
         self._rate, self._prior = rate, prior
@@ -75,7 +74,7 @@ class ArmEstimator:
 
     def reset(self) -> None:
         """Forget everything."""
-        self.state: State = start(len(parameter_names(self.body, self.terms)), self._prior)
+        self.state: State = start(sum(len(term.columns) for term in self.terms), self._prior)
         self._clock = Clock(self._rate)
         self.forget_motion()
 
@@ -92,7 +91,7 @@ class ArmEstimator:
     @property
     def model(self) -> ArmModel:
         """Body and terms with the present estimates, their standard errors for unit noise."""
-        return ArmModel.build(self.body, self.terms, self.state.theta, np.sqrt(np.diag(self.state.P)))
+        return ArmModel.build(self.terms, self.state.theta, np.sqrt(np.diag(self.state.P)))
 
     def update(self, time: float, position: Array, torque: Array) -> State:
         """Take in a sample: time [s], positions (n,) [rad] and the torques (n,) [N m] held from it on.
@@ -126,11 +125,11 @@ class ArmEstimator:
         times, positions, torques = (np.array(values) for values in zip(*self._samples[-self._kept :], strict=True))
         self._samples = self._samples[-self._kept :]
         recording = ArmRecording.of("online", self.body.joints, times, positions, torques)
-        m = ArmMeasurements(tuple(measure(joint, self._smoothing) for joint in recording.joints))
+        m = tuple(measure(joint, self._smoothing) for joint in recording.joints)
         # of N measurements, the last `after - reach` still wait for what decides whether they are clear
-        end = len(m) - (self._after - self._smoothing.reach)
+        end = len(m[0]) - (self._after - self._smoothing.reach)
         first = end - self._waiting if self._begun else round(MEMORY * self._rate)
-        balances = rows(m, self.body, self.terms, VIEWS[self.scheme.view])
+        balances = rows(m, self.terms, VIEWS[self.scheme.view])
         regressions = [through(self.scheme, own, m, k) for k, own in enumerate(balances)]
         for k in range(max(first, 0), end):
             for weight, (equations, usable) in zip(self._weights, regressions, strict=False):

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import null_space
 
-from estimators.arms.balance import VIEWS, rows
+from estimators.arms.balance import VIEWS, measure_arm, rows
 from estimators.arms.identification import ARM_SCHEMES, stack, weighted
-from estimators.arms.measurements import measure_arm
 from estimators.arms.standard import pseudo_inertia
 from estimators.regression.equations import Equations, IdentificationError
 from pendulum_env._typing import JSON, Array
@@ -96,7 +95,7 @@ def find_payload(
         IdentificationError: if there is too little motion.
         ValueError: if there is no such joint.
     """
-    body, terms = model.body, model.terms
+    body = model.body
     joint = joint or body.joints[-1]
     k = body.robot.links.index(find("joint", joint, {name: name for name in body.joints}))
     combine = body.combine[:, 10 * k : 10 * (k + 1)]  # (P, 10)
@@ -105,9 +104,9 @@ def find_payload(
     parts = [measure_arm(recording) for recording in (*without, *carrying)]
     measured = [m for part in parts for m in part]
     is_loaded = np.repeat([False] * len(without) + [True] * len(carrying), [len(part) for part in parts])
-    data = stack(SCHEME, measured, [rows(m, body, terms, VIEWS[SCHEME.view]) for m in measured])
+    data = stack(SCHEME, measured, [rows(m, model.terms, VIEWS[SCHEME.view]) for m in measured])
     of_base = data.equations.phi[:, : len(combine)]
-    loaded = np.repeat(is_loaded, [len(m) * len(body.joints) for m in measured])
+    loaded = np.repeat(is_loaded, [len(m[0]) * len(m) for m in measured])
     extra = np.where(loaded[:, None], of_base @ combine @ shown, 0.0)
     friction = data.equations.phi[:, len(combine) :]
     days = (friction * (loaded[:, None] == day) for day in ((False, True) if without else (True,)))

@@ -14,7 +14,6 @@ from estimators.arms.identification import for_arms
 from estimators.arms.online import ArmEstimator
 from estimators.wrappers.options import SampleClock, rate_of
 from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.model import parameter_names
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import Term
 
@@ -68,7 +67,7 @@ class EstimateArmParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordCon
             scheme.id: ArmEstimator(body, rate, terms, scheme, counts=counts)
             for scheme in for_arms(chosen_schemes(schemes))
         }
-        self.parameters = parameter_names(body, next(iter(self.estimators.values())).terms)
+        self.parameters = tuple(column.name for column in next(iter(self.estimators.values())).model.columns)
         self._clock = SampleClock(rate)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:

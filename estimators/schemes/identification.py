@@ -414,7 +414,9 @@ def _fit(scheme: Regressor, data: _Stack, terms: Sequence[Term], lender: Model |
         model=Model.build(terms, theta, std).correlated(
             [columns[j].name for j in free], fit.covariance[:count, :count]
         ),
-        convergence=_converge(data, equations, fit, free, theta, std, points),
+        convergence=converge(
+            equations, data.weights, use, data.time, fit, free, theta, std, evenly(len(data.time), points)
+        ),
         residual_rms=fit.rms,
         unit=scheme.unit,
         condition=fit.condition,
@@ -442,14 +444,22 @@ def _random_walk_covariance(equations: Equations, data: _Stack, theta: Array) ->
     return covariance
 
 
-def _converge(
-    data: _Stack, equations: Equations, fit: Fit, free: Sequence[int], theta: Array, std: Array, points: int
+def converge(
+    equations: Equations,
+    weights: Array,
+    usable: Mask,
+    time: Array,
+    fit: Fit,
+    free: Sequence[int] | Index,
+    theta: Array,
+    std: Array,
+    points: Index,
 ) -> Convergence:
-    """The recursion's history, with P scaled so that its standard errors end at the batch estimate's."""
-    weighted = Equations(equations.phi * data.weights[:, None], equations.y * data.weights)
-    course = history(weighted, data.usable, evenly(len(data.time), points))
+    """The recursion's history at some points, with P scaled so that its errors end at the batch estimate's."""
+    weighted = Equations(equations.phi * weights[:, None], equations.y * weights)
+    course = history(weighted, usable, points)
     spread = np.sqrt(np.diagonal(course.P, axis1=1, axis2=2))  # (K, F)
     thetas, stds = np.tile(theta, (len(spread), 1)), np.tile(std, (len(spread), 1))
     thetas[:, free] = course.theta
     stds[:, free] = spread * fit.std[: len(free)] / spread[-1]
-    return Convergence(data.time[course.points], thetas, stds)
+    return Convergence(time[course.points], thetas, stds)

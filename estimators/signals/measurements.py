@@ -206,19 +206,30 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
 
 
 def measure_segments(recording: Recording) -> list[Measurements]:
-    """Measurements of each segment of a recording, all smoothed alike; those too short to differentiate are left out.
+    """Measurements of each segment of a recording, see `measure_joints`."""
+    return [m for (m,) in measure_joints([recording])]
+
+
+def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]]:
+    """Measurements of n joints in each segment of their recordings; segments too short to differentiate are left out.
+
+    All pass the longest of the windows that the joints ask for: their rows of the balance share all motion.
 
     Raises:
-        IdentificationError: if all of them are too short.
+        IdentificationError: if all segments are too short.
     """
-    if len(recording.starts) == 1:
-        return [measure(recording)]
-    segments = recording.segments
-    longest = max(segments, key=len)
-    if len(longest) < SPARE:
-        return [measure(longest)]  # says so
-    smoothing = choose_smoothing(longest)
-    return [measure(segment, smoothing) for segment in segments if len(segment) >= 2 * smoothing.half_width + SPARE]
+    segments = list(zip(*(joint.segments for joint in joints), strict=True))
+    longest = max(segments, key=lambda segment: len(segment[0]))
+    if len(longest[0]) < SPARE:
+        measure(longest[0])  # says so
+    chosen = [choose_smoothing(joint) for joint in longest]
+    width = max(smoothing.half_width for smoothing in chosen)
+    chosen = [replace(smoothing, half_width=width) for smoothing in chosen]
+    return [
+        tuple(measure(*pair) for pair in zip(segment, chosen, strict=True))
+        for segment in segments
+        if len(segment[0]) >= 2 * width + SPARE
+    ]
 
 
 def remember(m: Measurements, terms: Sequence[Term]) -> Measurements:

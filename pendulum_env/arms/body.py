@@ -33,7 +33,7 @@ DIFFERENCE = 2e-6  # [s], along the motion: truncation and rounding are both bel
 INDEPENDENT = 1e-8  # relative length of what a column adds to those before it
 DRAWS = 60  # of random motion, for the rank: each tells of every joint
 
-__all__ = ["BaseParameter", "Body", "BodyError", "Chain", "read_body"]
+__all__ = ["BaseParameter", "Body", "BodyError", "read_body"]
 
 
 @dataclass(frozen=True)
@@ -52,20 +52,6 @@ class BaseParameter:
             size = "" if np.isclose(abs(factor), 1.0) else f"{abs(factor):.4g} "
             words += f" {'-' if factor < 0 else '+'} {size}{name}"
         return words
-
-
-@dataclass(frozen=True, eq=False)
-class Chain:
-    """n links in a row as the file has them, in space, where all joints are at zero."""
-
-    axes: Array  # of the joints (n, 3)
-    joints: Array  # where they are (n, 3) [m]
-    masses: Array  # (n,) [kg]
-    centers: Array  # of mass (n, 3) [m]
-    inertias: Array  # about the centres (n, 3, 3) [kg m^2]
-    rotors: Array  # inertias of the motors (n,) [kg m^2]
-    friction: Array  # viscous and dry (n, 2) [N m s/rad], [N m]
-    gravity: Array  # (3,) [m/s^2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,27 +179,6 @@ class Body:
         combine = np.asarray(np.linalg.lstsq(columns[:, lead], columns, rcond=None)[0], dtype=np.float64)
         combine[np.abs(combine) < INDEPENDENT] = 0.0
         return lead, combine
-
-    @property
-    def chain(self) -> Chain | None:
-        """The links in space, unless the arm branches."""
-        model, data, pin = self.robot.model, self.robot.model.createData(), pinocchio()
-        count = len(self.joints)
-        if list(model.parents)[1:] != list(range(count)):  # nor do any follow others
-            return None
-        jacobians = np.asarray(pin.computeJointJacobians(model, data, np.zeros(count)))
-        places, links = list(data.oMi)[1:], list(model.inertias)[1:]
-        bodies = [place.act(link) for place, link in zip(places, links, strict=True)]
-        return Chain(
-            axes=jacobians[3:].T,
-            joints=np.array([place.translation for place in places]),
-            masses=np.array([body.mass for body in bodies]),
-            centers=np.array([body.lever for body in bodies]),
-            inertias=np.array([body.inertia for body in bodies]),
-            rotors=np.array(model.armature, dtype=float),
-            friction=np.column_stack([model.damping, model.upperDryFrictionLimit]),
-            gravity=np.array(model.gravity.linear, dtype=float),
-        )
 
     # ------------------------------------------------------------------------------------------------------- regressors
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from pendulum_env._typing import JSON, Array, ArrayLike
+from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links, at_joint, coupled
-from pendulum_env.files import write_whole
-from pendulum_env.physics import Estimate, Model, ModelError, Term, library
-from pendulum_env.physics.model import ARM_SCHEMA
+from pendulum_env.physics import Model, ModelError, Term, library
+from pendulum_env.physics.model import ARM_SCHEMA, read_estimate
 from pendulum_env.physics.table import Table, read_table
 from pendulum_env.physics.term import loads
 from pendulum_env.reading import Unreadable, Value, read_json
@@ -24,61 +20,22 @@ HINT = "an arm's model is what `identify --robot` or `diagnose --robot` write wi
 
 
 @dataclass(frozen=True, eq=False)
-class ArmModel:
-    """Base parameters of a body and terms at its joints.
+class ArmModel(Model):
+    """A model whose first term are the links of an arm, with base parameters; the others are at its joints.
 
-    Attributes:
-        body: the links.
-        terms: at joints, in the order of their parameters.
-        estimates: every parameter by name: base parameters first, then `viscous@elbow`, and shape parameters such as
-            `stribeck.stribeck_velocity@elbow`.
-        log_format: how the recordings that it was fitted to were read, as that of `Model`.
+    Estimates are named as in `viscous@elbow`, shape parameters as in `stribeck.stribeck_velocity@elbow`. What takes the
+    motion of one joint, `torque` and `simulate`, is of no use here.
     """
 
-    body: Body
-    terms: tuple[Term, ...]
-    estimates: Mapping[str, Estimate] = field(default_factory=dict)
-    log_format: Mapping[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def build(
-        cls,
-        body: Body,
-        terms: Sequence[Term],
-        theta: ArrayLike,
-        std: ArrayLike = 0.0,
-        shape_std: Mapping[str, float] | None = None,
-    ) -> ArmModel:
-        """Model from linear parameters theta (P,) and their standard errors, base parameters first.
-
-        Args:
-            body: the links.
-            terms: at joints.
-            theta: linear parameters (P,).
-            std: their standard errors, scalar or (P,).
-            shape_std: standard errors of shape parameters by `id.shape@joint`, where known.
-        """
-        whole = Model.build((Links(body), *terms), theta, std, **(shape_std or {}))
-        return cls(body, tuple(terms), whole.estimates)
-
     @property
-    def theta(self) -> Array:
-        """Linear parameters (P,), base parameters first."""
-        return np.array([self.estimates[name].value for name in parameter_names(self.body, self.terms)])
-
-    def of(self, id: str) -> dict[str, Estimate]:
-        """Parameters of one of the terms, by name."""
-        (term,) = (own for own in self.terms if own.id == id)
-        names = Model.build([term], np.zeros(len(term.columns))).estimates
-        return {name: self.estimates[name] for name in names}
-
-    def biased(self) -> ArmModel:
-        """The same model, known to lack something that no term explains."""
-        return replace(self, estimates={name: replace(e, is_biased=True) for name, e in self.estimates.items()})
+    def body(self) -> Body:
+        """The links."""
+        links = self.terms[0]
+        assert isinstance(links, Links)
+        return links.body
 
     def json(self) -> JSON:
         """Plain dictionary for JSON; base parameters also say what they combine."""
-        told = {"log_format": dict(self.log_format)} if self.log_format else {}
         return {
             "schema": ARM_SCHEMA,
             "robot": self.body.name,
@@ -89,17 +46,13 @@ class ArmModel:
             "terms": [
                 {"id": own.id.partition("@")[0], "joint": own.at, "shape": own.shape}
                 | ({"extent": own.extent._asdict()} if isinstance(own, Table) else {})
-                for own in self.terms
+                for own in self.terms[1:]
             ],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
-        } | told
-
-    def save(self, path: str | Path) -> None:
-        """Write JSON, whole or not at all."""
-        write_whole(path, json.dumps(self.json(), indent=1) + "\n")
+        } | ({"log_format": dict(self.log_format)} if self.log_format else {})
 
     @classmethod
-    def load(cls, path: str | Path, body: Body) -> ArmModel:
+    def load(cls, path: str | Path, body: Body) -> ArmModel:  # type: ignore[override]  # which a file does not tell
         """Read a model of a body.
 
         Raises:
@@ -117,22 +70,19 @@ class ArmModel:
                 raise ModelError("is of an arm with other links, or with rotors where this has none, or without")
             theta = data["theta"]
             told = theta.content if isinstance(theta.content, dict) else {}
-            terms = tuple(
+            terms = [
                 _term(item, body, f"coupling.inertia@{item['joint'].text()}" in told)
                 for item in data["terms"].items(1000)
-            )
-            names = parameter_names(body, terms)
-            values = [theta[name]["value"].number() for name in names]
-            errors = [theta[name]["std"].number(0.0) for name in names]
-            shapes = [own.full(shape.name) for own in terms for shape in own.free]
-            shape_std = {name: theta[name]["std"].number(0.0) for name in shapes}
-            biased = any(theta[name].get("biased") is not None for name in names)
+            ]
+            model = cls.build((Links(body), *terms), 0.0)
             log_format = data.get("log_format")
-            read = {} if log_format is None else log_format.table()
+            return replace(
+                model,
+                estimates={name: read_estimate(theta[name], own.unit) for name, own in model.estimates.items()},
+                log_format={} if log_format is None else log_format.table(),
+            )
         except (Unreadable, ModelError) as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-        model = replace(cls.build(body, terms, np.array(values), np.array(errors), shape_std), log_format=read)
-        return model.biased() if biased else model
 
 
 @dataclass(frozen=True)
@@ -158,11 +108,6 @@ class Asked:
             return cls()  # who loads it says why
         has_rotors = rotors.content if rotors is not None and isinstance(rotors.content, bool) else None
         return cls(joints, held, has_rotors, log_format)
-
-
-def parameter_names(body: Body, terms: Sequence[Term]) -> tuple[str, ...]:
-    """Names of the linear parameters, base parameters first."""
-    return (*body.names, *(column.name for own in terms for column in own.columns))
 
 
 def _term(item: Value, body: Body, is_heavy: bool) -> Term:

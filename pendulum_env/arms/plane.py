@@ -7,6 +7,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, BodyError
 from pendulum_env.arms.planar import GRAVITY, Link
+from pendulum_env.arms.robot import pinocchio
 from pendulum_env.plant import PAPER
 
 ALIKE = 1e-6  # of directions, and of lengths as shares of the arm's
@@ -21,27 +22,32 @@ def planar_links(body: Body) -> tuple[Link, ...]:
     Raises:
         BodyError: if the arm is none such: pymunk simulates in a plane.
     """
-    chain = body.chain
-    if chain is None:
+    model, pin, count = body.robot.model, pinocchio(), len(body.joints)
+    if list(model.parents)[1:] != list(range(count)):  # nor do any follow others
         raise BodyError(f"{body.name}: branches, the simulator knows chains only: {ELSEWHERE}")
-    up = -chain.gravity / max(float(np.linalg.norm(chain.gravity)), ALIKE)
-    for joint, axis in zip(body.joints, chain.axes, strict=True):
-        if abs(axis @ up) > ALIKE or axis @ chain.axes[0] < 1 - ALIKE:
+    gravity, data = np.array(model.gravity.linear), model.createData()
+    axes = np.asarray(pin.computeJointJacobians(model, data, np.zeros(count)))[3:].T  # in space, all joints at zero
+    up = -gravity / max(float(np.linalg.norm(gravity)), ALIKE)
+    for joint, axis in zip(body.joints, axes, strict=True):
+        if abs(axis @ up) > ALIKE or axis @ axes[0] < 1 - ALIKE:
             raise BodyError(
                 f"{body.name}: joint '{joint}' does not turn in a vertical plane that all joints share, and the "
                 f"simulator knows planar arms only: {ELSEWHERE}"
             )
-    if abs(np.linalg.norm(chain.gravity) - GRAVITY) > ALIKE * GRAVITY:
+    if abs(np.linalg.norm(gravity) - GRAVITY) > ALIKE * GRAVITY:
         raise BodyError(f"{body.name}: has another gravity than {GRAVITY:g} m/s^2, which the simulator has")
-    if np.any(chain.rotors > 0):
+    if np.any(np.asarray(model.armature) > 0):
         raise BodyError(
             f"{body.name}: motors have inertia of their own, which the simulator does not know: {ELSEWHERE}"
         )
-    plane = np.stack([np.cross(up, chain.axes[0]), up])  # right and up, (2, 3)
-    joints, centers = chain.joints @ plane.T, chain.centers @ plane.T  # (n, 2)
+    plane = np.stack([np.cross(up, axes[0]), up])  # right and up, (2, 3)
+    places = list(data.oMi)[1:]
+    solids = [place.act(link) for place, link in zip(places, list(model.inertias)[1:], strict=True)]
+    joints = np.array([place.translation for place in places]) @ plane.T  # (n, 2)
+    centers = np.array([solid.lever for solid in solids]) @ plane.T
     links = []
-    for k, mass in enumerate(chain.masses.tolist()):
-        inertia = float(chain.axes[k] @ chain.inertias[k] @ chain.axes[k])
+    for k, solid in enumerate(solids):
+        mass, inertia = float(solid.mass), float(axes[k] @ solid.inertia @ axes[k])
         to_center, last = centers[k] - joints[k], k + 1 == len(joints)
         line = to_center if last else joints[k + 1] - joints[k]
         length = float(np.linalg.norm(line))
@@ -50,7 +56,7 @@ def planar_links(body: Body) -> tuple[Link, ...]:
                 raise BodyError(f"{body.name}: joints '{body.joints[k]}' and '{body.joints[k + 1]}' are in one place")
             line, length = np.array([0.0, -1.0]), float(np.sqrt(inertia / mass))  # a wheel
         along = line / length
-        damping, dry = chain.friction[k].tolist()
+        damping, dry = float(model.damping[k]), float(model.upperDryFrictionLimit[k])
         viscous, coulomb = (damping, dry) if damping or dry else (PAPER["viscous"], PAPER["coulomb"])
         links.append(
             Link(

@@ -1,4 +1,4 @@
-"""Recordings of an arm: one recording of a pendulum a joint, all on one clock."""
+"""Recordings of an arm: those of a pendulum with a column a joint."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -23,92 +24,41 @@ QUANTITIES = ("position", "torque")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ArmRecording:
-    """N samples of n joints; a joint alone is a `Recording`, with the same meaning of a held torque.
+class ArmRecording(Recording):
+    """N samples of n joints: a recording whose positions and torques have a column a joint, (N, n) [rad] and [N m].
 
     Joints that slide have positions in m and forces in N where others have rad and N m.
 
     Attributes:
-        name: of the recording.
-        names: of the joints that move.
-        joints: what was recorded of them.
+        names: of the joints that move (n,).
         still: positions (M,) of joints that do not move, of those that have a column, as rows of the file have them.
 
     Raises:
-        RecordingError: if the joints' time differs.
+        RecordingError: as `Recording` does.
     """
 
-    name: str
-    names: tuple[str, ...]
-    joints: tuple[Recording, ...]
+    names: tuple[str, ...] = ()
     still: Mapping[str, Array] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        first = self.joints[0]
-        for name, joint in zip(self.names, self.joints, strict=True):
-            same = len(joint) == len(first) and joint.starts == first.starts
-            if not (same and np.allclose(joint.time, first.time, rtol=0, atol=0.1 / first.rate)):
-                raise RecordingError(
-                    f"{self.name}: joint '{name}' has other instants than joint '{self.names[0]}': "
-                    "sample all joints at once"
-                )
 
     @classmethod
     def of(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> ArmRecording:
-        """From time (N,) [s], positions (N, n) [rad] and held torques (N, n) [N m].
+        """From time (N,) [s], positions (N, n) [rad] and held torques (N, n) [N m]; raises as `Recording` does."""
+        return cls(name, time, position, torque, names=tuple(names))
 
-        Raises:
-            RecordingError: if a shape is wrong, or as `Recording` does.
-        """
-        for what, values in (("position", position), ("torque", torque)):
-            if np.shape(values) != (len(time), len(names)):
-                raise RecordingError(
-                    f"{name}: {what} has shape {np.shape(values)}, {len(names)} joints and {len(time)} samples need "
-                    f"({len(time)}, {len(names)})"
-                )
-        pairs = zip(names, np.transpose(position), np.transpose(torque), strict=True)
-        return cls(name, tuple(names), tuple(Recording(f"{name} {joint}", time, q, u) for joint, q, u in pairs))
+    def shape_of(self, quantity: str) -> tuple[int, ...]:
+        """Positions and torques have a column a joint."""
+        return (*np.shape(self.time), len(self.names)) if quantity in QUANTITIES else np.shape(self.time)
 
-    def __len__(self) -> int:
-        return len(self.joints[0])
-
-    def __repr__(self) -> str:
-        return f"<ArmRecording {self.name!r}: {self.summary}>"
+    @cached_property
+    def joints(self) -> tuple[Recording, ...]:
+        """Each joint alone, with the same meaning of a held torque."""
+        columns = zip(*(np.ascontiguousarray(series.T) for series in (self.position, self.torque)), strict=True)
+        return tuple(Recording(self.name, self.time, q, u, starts=self.starts) for q, u in columns)
 
     @property
     def summary(self) -> str:
         """Length, rate, number of samples and joints."""
-        return f"{self.joints[0].summary}, {len(self.joints)} joint{'s' * (len(self.joints) > 1)}"
-
-    @property
-    def time(self) -> Array:
-        """(N,) [s]."""
-        return self.joints[0].time
-
-    @property
-    def position(self) -> Array:
-        """(N, n) [rad]."""
-        return np.column_stack([joint.position for joint in self.joints])
-
-    @property
-    def torque(self) -> Array:
-        """(N, n) [N m]."""
-        return np.column_stack([joint.torque for joint in self.joints])
-
-    @property
-    def segments(self) -> tuple[ArmRecording, ...]:
-        """The recording cut at its gaps."""
-        every = zip(*(joint.segments for joint in self.joints), strict=True)
-        return tuple(replace(self, joints=joints) for joints in every)
-
-    def slice(self, start: int | None, stop: int | None) -> ArmRecording:
-        """Samples start to stop - 1; raises RecordingError as `Recording.slice` does."""
-        return replace(self, joints=tuple(joint.slice(start, stop) for joint in self.joints))
-
-    def split(self, fraction: float) -> tuple[ArmRecording, ArmRecording]:
-        """The first `fraction` of the samples, and the rest; raises RecordingError as `Recording.split` does."""
-        first, rest = zip(*(joint.split(fraction) for joint in self.joints), strict=True)
-        return replace(self, joints=first), replace(self, joints=rest)
+        return f"{super().summary}, {len(self.names)} joint{'s' * (len(self.names) > 1)}"
 
 
 def read_arm_recording(
@@ -154,10 +104,23 @@ def read_arm_recording(
                 f"{path}: joint '{joint}': torque is in {single[-1].torque_unit}, and no known load tells the gain of "
                 f"an arm: give it, --columns torque_{joint}=NAME:{single[-1].torque_unit}*0.4, for one"
             )
-    name = single[0].name
+    first = single[0]
+    for joint, own in zip(joints, single, strict=True):
+        same = len(own) == len(first) and own.starts == first.starts
+        if not (same and np.allclose(own.time, first.time, rtol=0, atol=0.1 / first.rate)):
+            raise RecordingError(
+                f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at once"
+            )
     columns_of = {joint: told.get(f"position_{joint}", UNUSED) for joint in held}
-    still = {joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED}
-    return ArmRecording(name, tuple(joints), tuple(replace(own, name=name) for own in single), still)
+    return ArmRecording(
+        first.name,
+        first.time,
+        *(np.column_stack([getattr(own, quantity) for own in single]) for quantity in QUANTITIES),
+        notes=tuple(dict.fromkeys(note for own in single for note in own.notes)),
+        starts=first.starts,
+        names=tuple(joints),
+        still={joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED},
+    )
 
 
 def _still(path: str | os.PathLike[str], look: Preview, text: str) -> Array:
@@ -239,8 +202,8 @@ def write_arm_recording(recording: ArmRecording, path: str | os.PathLike[str]) -
     """
     columns = {"time": recording.time}
     for quantity in QUANTITIES:
-        pairs = zip(recording.names, recording.joints, strict=True)
-        columns |= {f"{quantity}_{name}": getattr(joint, quantity) for name, joint in pairs}
-    if len(recording.joints[0].starts) > 1:
-        columns["segment"] = segment_numbers(recording.joints[0])
+        series = getattr(recording, quantity).T
+        columns |= {f"{quantity}_{name}": own for name, own in zip(recording.names, series, strict=True)}
+    if len(recording.starts) > 1:
+        columns["segment"] = segment_numbers(recording)
     write_columns(columns, path)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -91,7 +91,7 @@ class Model:
     log_format: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def build(cls, terms: Sequence[Term], theta: ArrayLike, std: ArrayLike = 0.0, **shape_std: float) -> Model:
+    def build(cls, terms: Sequence[Term], theta: ArrayLike, std: ArrayLike = 0.0, **shape_std: float) -> Self:
         """Model from linear parameters theta (P,) and their standard errors, in the order of the terms' columns.
 
         Args:
@@ -234,7 +234,13 @@ class Model:
         named = {name: replace(e, unit=per(e.unit, torque_unit)) for name, e in self.estimates.items()}
         return replace(self, estimates=named, torque_unit=torque_unit)
 
-    def biased(self) -> Model:
+    def of(self, id: str) -> dict[str, Estimate]:
+        """Parameters of one of the terms, by name."""
+        (term,) = (own for own in self.terms if own.id == id)
+        names = [column.name for column in term.columns] + [term.full(shape.name) for shape in term.free]
+        return {name: self.estimates[name] for name in names}
+
+    def biased(self) -> Self:
         """The same model, known to lack something that no term explains."""
         return replace(self, estimates={name: replace(e, is_biased=True) for name, e in self.estimates.items()})
 
@@ -297,7 +303,7 @@ class Model:
             raise ModelError("the model names a term twice: each may appear once")
         estimates = {}
         for name, default in cls.build(terms, 0.0).estimates.items():
-            told = _estimate(theta[name], default.unit)
+            told = read_estimate(theta[name], default.unit)
             if name == "inertia" and told.value <= 0:
                 raise theta[name]["value"].fault("a number above zero")
             estimates[name] = told
@@ -305,7 +311,7 @@ class Model:
         unit, constant, covariance, log_format = (data.get(key) for key in keys)
         model = replace(
             cls(terms, estimates).per("N m" if unit is None else _unit(unit)),
-            torque_constant=None if constant is None else _estimate(constant, _unit(constant["unit"])),
+            torque_constant=None if constant is None else read_estimate(constant, _unit(constant["unit"])),
             log_format={} if log_format is None else log_format.table(),
         )
         return model if covariance is None else model.correlated(*_covariance(covariance, list(estimates)))
@@ -383,7 +389,7 @@ def _unit(told: Value) -> str:
     return text
 
 
-def _estimate(data: Value, unit: str) -> Estimate:
+def read_estimate(data: Value, unit: str) -> Estimate:
     """A parameter of a model file."""
     std = data.get("std")
     error = 0.0 if std is None else std.number(0.0, WORST)

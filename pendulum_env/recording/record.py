@@ -127,21 +127,25 @@ class Recording:
             column = np.asarray(values, dtype=np.float64).view()
         except (TypeError, ValueError) as error:
             raise RecordingError(f"recording {self.name!r} has {quantity} that is not numbers: {error}") from None
-        if column.shape != (length := np.shape(self.time)) or column.ndim != 1:
+        if column.shape != (shape := self.shape_of(quantity)) or len(np.shape(self.time)) != 1:
             raise RecordingError(
-                f"recording {self.name!r} has {quantity} of shape {column.shape} with time of shape {length}: "
-                "all arrays must be one-dimensional and equally long"
+                f"recording {self.name!r} has {quantity} of shape {column.shape} with time of shape "
+                f"{np.shape(self.time)}, where {shape} is needed: all arrays must be equally long, time one-dimensional"
             )
         if not np.isfinite(column).all():
             raise RecordingError(f"recording {self.name!r} has {quantity} that is not finite: remove NaN and inf")
         column.flags.writeable = False
         return column
 
+    def shape_of(self, quantity: str) -> tuple[int, ...]:
+        """Shape that a quantity has."""
+        return np.shape(self.time)
+
     def __len__(self) -> int:
         return len(self.time)
 
     def __repr__(self) -> str:
-        return f"<Recording {self.name!r}: {self.summary}>"
+        return f"<{type(self).__name__} {self.name!r}: {self.summary}>"
 
     def _repr_html_(self) -> str:
         from pendulum_env.notebook import show_recording  # only a notebook asks for it

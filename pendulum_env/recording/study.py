@@ -26,11 +26,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, Protocol, Self, TypeVar, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.reading import LARGE, LARGEST, Unreadable, read_toml, shown
@@ -51,20 +51,7 @@ class StudyError(RecordingError):
     """A study cannot be used; the message is one sentence with file, recording, reason and remedy."""
 
 
-class Sliceable(Protocol):
-    """A recording of one joint or of several: its time (N,) [s], and parts of it."""
-
-    @property
-    def time(self) -> Array:
-        """Of the samples (N,) [s]."""
-        ...
-
-    def slice(self, start: int | None, stop: int | None) -> Self:
-        """Samples start to stop - 1."""
-        ...
-
-
-Sliced = TypeVar("Sliced", bound=Sliceable)
+Sliced = TypeVar("Sliced", bound=Recording)  # of one joint or of several
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
-from pendulum_env.physics import BASE, Model, effect
+from pendulum_env.physics import BASE, Estimate, Model, effect
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
@@ -20,6 +22,9 @@ from workbench.inputs import check_outputs, take_verbose, whole, wrote
 from workbench.story import story
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
+
+if TYPE_CHECKING:  # Pinocchio is imported by who needs it
+    from estimators.arms.diagnosis import ArmDiagnosis
 
 FOLDER = Path("pendulum-ident-demo")  # made where the command runs, unless another place is named
 SECONDS = 20.0
@@ -71,7 +76,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     story(found).tell(terminal, arguments.verbose, more=False)
     with terminal.progress("writing the report"):
         write_report(report, [train], [holdout], found, six_schemes([train], found.model.terms))
-    reveal(plant, found, terminal)
+    reveal(plant.effects, effect(plant.effects[0]).law, plant.estimates, found, terminal)
     wrote([report, *files], terminal)
     terminal.say(f"another pendulum: pendulum-ident demo --seed {arguments.seed + 1}")
 
@@ -90,31 +95,32 @@ def run_once(plant: Model, rng: np.random.Generator, name: str) -> Recording:
     return record(plant, excitation("paper", rng, SECONDS), SECONDS, rng=rng, name=name)
 
 
-def reveal(plant: Model, found: Diagnosis, terminal: Terminal) -> None:
-    """Print the truth beside the estimates."""
+def reveal(
+    hidden: Sequence[str], law: str, truth: Mapping[str, Estimate], found: Diagnosis | ArmDiagnosis, terminal: Terminal
+) -> None:
+    """Print what was hidden, whether it was found, and the true parameters beside the estimates."""
     terminal.heading("The truth")
-    hidden = enumerate_words(plant.effects)
-    terminal.say(f"hidden was {hidden}: {effect(plant.effects[0]).law}")
-    terminal.say(verdict(plant, found))
-    names = list(dict.fromkeys([*plant.estimates, *found.model.estimates]))
+    terminal.say(f"hidden was {enumerate_words(hidden)}: {law}")
+    terminal.say(verdict(hidden, found))
+    estimates = found.model.estimates
     rows = [
         (
             name,
-            f"{plant.estimates[name].value:.4g}" if name in plant.estimates else "-",
-            found.model.estimates[name].text if name in found.model.estimates else "-",
-            (plant.estimates.get(name) or found.model.estimates[name]).unit,
+            f"{truth[name].value:.4g}" if name in truth else "-",
+            estimates[name].text if name in estimates else "-",
+            (truth.get(name) or estimates[name]).unit,
         )
-        for name in names
+        for name in dict.fromkeys([*truth, *estimates])
     ]
     terminal.table(("parameter", "truth", "estimate", "unit"), rows, left=("unit",))
 
 
-def verdict(plant: Model, found: Diagnosis) -> str:
+def verdict(hidden: Sequence[str], found: Diagnosis | ArmDiagnosis) -> str:
     """Whether the diagnosis was right, in a sentence."""
-    hidden, named = set(plant.effects), set(found.selected)
-    alike = {effect for group in found.ambiguous if hidden & set(group) for effect in group} - hidden
-    if hidden == named:
+    true, named = set(hidden), set(found.selected)
+    alike = {effect for group in found.ambiguous if true & set(group) for effect in group} - true
+    if true == named:
         return "found" + (f", though {enumerate_words(sorted(alike))} would look the same" if alike else "")
-    if len(named) == len(hidden) and named <= hidden | alike:
-        return f"found as one of a group that looks the same: {enumerate_words(sorted(hidden | alike))}"
+    if len(named) == len(true) and named <= true | alike:
+        return f"found as one of a group that looks the same: {enumerate_words(sorted(true | alike))}"
     return f"NOT found as it is: the diagnosis says {enumerate_words(found.selected) or 'nothing'}"

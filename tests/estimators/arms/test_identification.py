@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import Multisine, TwoLink
-from estimators.arms.balance import VIEWS, rows
+from estimators.arms.balance import VIEWS, measure_arm, rows
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
-from estimators.arms.measurements import measure_arm
 from estimators.regression.equations import IdentificationError
 from estimators.regression.recursive import start, step
 from estimators.schemes.six import PAPER
-from pendulum_env.arms.joints import friction
+from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import ModelError
@@ -84,8 +83,8 @@ def test_the_recursion_ends_at_the_batch_estimate(found):
 
 def test_the_papers_recursion_takes_the_rows_one_by_one(recording, body):
     (m,) = measure_arm(recording)
-    equations = rows(m, body, friction(body), VIEWS["impulse"])
-    clear = [joint.clear(0.02) for joint in m.joints]
+    equations = rows(m, (Links(body), *friction(body)), VIEWS["impulse"])
+    clear = [joint.clear(0.02) for joint in m]
     state = start(equations[0].phi.shape[1])
     for k in range(2, 3000):
         for own, usable in zip(equations, clear, strict=True):
@@ -111,7 +110,7 @@ def test_torque_of_another_run_is_predicted(found, body, tmp_path):
     model = found["filtered_dynamic"].model
     errors = compare_arm(model, run(7, 5.0))
     assert all(error.share < 0.02 for error in errors)
-    wrong = ArmModel.build(body, model.terms, model.theta * np.where(np.arange(len(model.theta)) == 2, 1.2, 1.0))
+    wrong = ArmModel.build(model.terms, model.theta * np.where(np.arange(len(model.theta)) == 2, 1.2, 1.0))
     assert compare_arm(wrong, run(7, 5.0))[0].torque_rms > 3 * errors[0].torque_rms
     model.save(tmp_path / "arm.json")
     assert np.array_equal(ArmModel.load(tmp_path / "arm.json", body).theta, model.theta)

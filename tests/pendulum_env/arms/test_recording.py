@@ -68,7 +68,7 @@ def test_an_unknown_name_of_a_column_is_refused(tmp_path):
     path = table(tmp_path / "run.csv", time=TIME)
     with pytest.raises(ValueError, match="unknown column of the arm 'torque_elbo': did you mean torque_elbow"):
         read_arm_recording(path, JOINTS, columns={"torque_elbo": "x"})
-    with pytest.raises(RecordingError, match="position has shape"):
+    with pytest.raises(RecordingError, match="position of shape"):
         ArmRecording.of("run", JOINTS, TIME, POSITION[:, :1], TORQUE)
 
 
@@ -79,5 +79,5 @@ def test_what_is_noted_of_a_column_can_be_pasted_for_its_joint(tmp_path):
         v += (torque[k] - 9.81 * q[k] - 0.2 * v) / 200.0
         q[k + 1] = q[k] + v / 200.0
     path = table(tmp_path / "run.csv", time=time, position_hip=q, torque_hip=torque)
-    (hip,) = read_arm_recording(path, ("hip",)).joints
-    assert "read it with --columns position_hip=position_hip:deg,torque_hip=torque_hip" in hip.notes[-1]
+    recording = read_arm_recording(path, ("hip",))
+    assert "read it with --columns position_hip=position_hip:deg,torque_hip=torque_hip" in recording.notes[-1]

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from pendulum_env.physics import Estimate
+from pendulum_env.physics import Estimate, Model
 from pendulum_env.physics.table import Curve, Table
 from workbench.report.case import Case
 from workbench.report.figure import Figure, axis, band, line
 from workbench.report.section import Section
 from workbench.report.words import name, opening
 
+if TYPE_CHECKING:  # Pinocchio is imported by who needs it
+    from pendulum_env.arms.body import BaseParameter
+
 WIDTH, ROW, MARGIN = 240.0, 14.0, 12.0  # of an interval plot [px]
 SIGMAS = 2.0  # standard errors on either side
+MOST = 20  # parameters, of which a table of correlations can be read
 
 
 @dataclass(frozen=True)
@@ -42,23 +47,29 @@ class Row:
 def parameters(case: Case) -> Section:
     """Every parameter at every step."""
     steps = case.diagnosis.steps
-    models = [step.model.readable for step in steps]
-    rows = [row(label, [model.get(label) for model in models]) for label in models[-1]]
-    names, correlation = list(case.diagnosis.model.estimates), case.diagnosis.model.correlation
-    single = [k for k, label in enumerate(names) if label in models[-1]]  # entries of tables have their figure
+    labels = [case.first if step.added is None else f"+ {name(step.added)}" for step in steps]
+    return of_models([step.model for step in steps], labels)
+
+
+def of_models(models: Sequence[Model], labels: Sequence[str], combined: Sequence[BaseParameter] = ()) -> Section:
+    """Every parameter of the last of some models under each, and base parameters of an arm that combine several."""
+    shown, final = [model.readable for model in models], models[-1]
+    single = [k for k, label in enumerate(final.estimates) if label in shown[-1]]  # entries of tables have their figure
+    correlation = final.correlation if len(single) <= MOST else ()
+    names = list(final.estimates)
     return Section(
         "parameters",
         "Parameters",
         "Parameters and how sure they are",
         {
-            "rows": rows,
-            "first": case.first,
-            "added": [step.added for step in steps],
+            "rows": [row(label, [known.get(label) for known in shown]) for label in shown[-1]],
+            "labels": labels,
             "width": WIDTH,
             "sigmas": SIGMAS,
+            "combined": combined,
             "names": [names[k] for k in single],
             "correlation": [[correlation[k][j] for j in single] for k in single] if correlation else (),
-            "figures": [drawn(term, curve) for term, curve in case.diagnosis.model.tables.values()],
+            "figures": [drawn(term, curve) for term, curve in final.tables.values()],
         },
     )
 
