@@ -22,9 +22,10 @@ columns = {torque = "i_q:A*0.091"}   # instead of those above
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self, TypeVar, get_args
 
@@ -73,7 +74,7 @@ class Source:
 
     file: Path
     role: Role = "fit"  # fitted, or held out
-    columns: Mapping[str, str] = field(default_factory=dict)  # as in `read_recording`
+    columns: Mapping[str, str] = field(default_factory=dict, hash=False)  # as in `read_recording`
     unwrap: bool = False
     range: tuple[float, float] | None = None  # [s] from the first sample; None: all of it
     load: Load | None = None  # what is known to hang on the joint
@@ -83,24 +84,15 @@ class Source:
     of_study: bool = field(default=False, compare=False)  # which says all of it
     said_by: str = ""  # the model file that says what nobody else did
 
-    def read(self, file: Path | None = None) -> Recording:
-        """Read the recording, from a copy of the file if one is named.
+    def read(self) -> Recording:
+        """Read the recording.
 
         Raises:
             RecordingError: if it cannot be read, holds too little within the range, or is of an arm.
         """
         if self.joints is not None:
             raise RecordingError(f"{self.file}: its study names joints of an arm: give the links with --robot ARM.urdf")
-        try:
-            recording = read_recording(
-                file or self.file, unwrap=self.unwrap, columns=self.columns, drive=self.drive, largest=self.largest
-            )
-        except ColumnError as error:
-            if not self.said_by:
-                raise
-            said = f"{error}; it was read as {self.said_by} says: say --columns for a log of another format"
-            raise ColumnError(said) from None
-        return self.within_range(replace(recording, load=self.load))
+        return replace(self.within_range(_of_one_joint), load=self.load)
 
     @property
     def format(self) -> JSON:
@@ -110,22 +102,45 @@ class Source:
         said = (dict(self.columns), self.unwrap, load, drive)
         return {key: value for key, value in zip(FORMAT, said, strict=True) if value}
 
-    def within_range(self, recording: Sliced) -> Sliced:
-        """The part of a recording that is asked for.
+    def within_range(self, read: Callable[..., Sliced], *arguments: Hashable) -> Sliced:
+        """The part that is asked for of `read(source, *arguments)`, which has the whole file.
+
+        The file is read once for all of its ranges that follow each other.
 
         Raises:
-            RecordingError: if it holds too little.
+            RecordingError: as `read` does, or if the part holds too little.
         """
         if self.range is None:
-            return recording
+            return read(self, *arguments)
+        changed = self.file.stat().st_mtime_ns if self.file.exists() else 0
+        recording = _whole(read, replace(self, role="fit", range=None, load=None), changed, *arguments)
         first, last = np.searchsorted(recording.time - recording.time[0], self.range)
         try:
-            return deepcopy(recording.slice(int(first), int(last)))  # the rest of the file is not kept
+            part: Sliced = deepcopy(recording.slice(int(first), int(last)))  # the rest of the file is not kept
+            return part
         except RecordingError:
             raise RecordingError(
                 f"{self.file}: holds no two samples from {self.range[0]:g} to {self.range[1]:g} s: "
                 f"it lasts {recording.time[-1] - recording.time[0]:.3g} s"
             ) from None
+
+
+def _of_one_joint(source: Source) -> Recording:
+    try:
+        return read_recording(
+            source.file, unwrap=source.unwrap, columns=source.columns, drive=source.drive, largest=source.largest
+        )
+    except ColumnError as error:
+        if not source.said_by:
+            raise
+        said = f"{error}; it was read as {source.said_by} says: say --columns for a log of another format"
+        raise ColumnError(said) from None
+
+
+@lru_cache(maxsize=1)
+def _whole(read: Callable[..., Any], source: Source, changed: int, *arguments: Hashable) -> Any:
+    """What `read` has of a file that was last changed then."""
+    return read(source, *arguments)
 
 
 def format_of(sources: Iterable[Source]) -> JSON:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pendulum_env.recording import Recording, RecordingError, read_recording, storage, write_recording
+from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.sampling import uniform
 from pendulum_env.recording.vocabulary import TOLD, UNITS, _names
@@ -444,7 +445,7 @@ def test_a_name_that_is_no_utf_8_is_told(tmp_path: Path, ending: str) -> None:
     ("change", "match"),
     [
         ({"position": np.array(["a"] * 2000)}, "has type <U1"),
-        ({"position": np.array([None] * 2000)}, "allow_pickle=False"),
+        ({"position": np.array([None] * 2000)}, "has type object"),
         ({"position": np.zeros((2000, 1, 2))}, r"shape \(2000, 1, 2\)"),
         ({"position": np.zeros(1999)}, "arrays differ in length"),
         ({"position": np.zeros(2000, dtype=complex)}, "has type complex128"),
@@ -670,10 +671,11 @@ def test_samples_lost_at_regular_intervals_are_told_by_the_motion(every: int) ->
     time = np.arange(10_000) / 1000
     kept = np.arange(len(time)) % every != 37
     signals = {"time": time, "position": np.sin(3 * time) + 0.4 * np.sin(12 * time), "torque": np.cos(time)}
-    made, _, notes = uniform({name: values[kept] for name, values in signals.items()})
-    assert len(made["time"]) == len(time)
-    assert made["position"] == pytest.approx(signals["position"], abs=1e-5)
-    assert "missing" in notes[0] or "resampled" in notes[0]
+    log = Log({name: values[kept] for name, values in signals.items()})
+    uniform(log)
+    assert len(log.values["time"]) == len(time)
+    assert log.values["position"] == pytest.approx(signals["position"], abs=1e-5)
+    assert "missing" in log.notes[0] or "resampled" in log.notes[0]
 
 
 def test_lost_samples_amid_jitter_are_filled_in_before_resampling(write: Write) -> None:
