@@ -71,8 +71,11 @@ DIAGNOSES = [
 RIG = 'adapter = "serial"\n[serial]\n'
 RIGS = [
     (f'{RIG}port = "/dev/tty\\u0000"', "holds '/dev/tty\\x00', which is no text"),
-    (f'{RIG}port = "{"a" * 2000}"', "it has to be a text in quotes, of up to 1000 characters"),
-    (f'{RIG}port = "a"\n[limits]\nslew = 1e308', "limits.slew is 1e+308: it has to be a number from 0 to 1e+09"),
+    (f'{RIG}port = "{"a" * 2000}"', "it has to be a text of up to 1000 characters"),
+    (
+        f'{RIG}port = "a"\n[limits]\nslew = 1e308',
+        "'limits.slew' is 1e+308: it has to be a finite number from 0 to 1e+09",
+    ),
     (f"{RIG}port = {'[' * 100_000}", "nests too deeply"),
     (f"{'a' * 100_000} = 1", "unknown key 'aaa"),
 ]
