@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.config import Config
 from pendulum_env import isolated
-from pendulum_env.plant import hide, paper_plant
+from pendulum_env.plant import paper_plant
 from pendulum_env.recording import Recording, write_recording
 from workbench.cli import main
 from workbench.mistakes import LONGEST, InputError, sentence
@@ -276,10 +275,3 @@ def test_a_sentence_is_short_and_holds_nothing_that_a_terminal_obeys() -> None:
     told = sentence(InputError(f"a{'b' * 1000}c \x1b[31m\n\td"))
     assert len(told) == LONGEST and told.startswith("ab") and told.endswith("bc \\x1b[31m d") and " ... " in told
     assert sentence(InputError("plain ± text")) == "plain ± text"
-
-
-def test_what_is_usual_is_far_from_the_ends() -> None:
-    for constraint in ("peak", "rms"):
-        for algorithm in ("ppo", "sac"):
-            assert Config.of({"constraint": constraint, "algorithm": algorithm})
-    assert hide(paper_plant(), "hard_stop").json()
