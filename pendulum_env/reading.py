@@ -16,13 +16,14 @@ import re
 import stat
 import tomllib
 import zipfile
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import MISSING, Field, dataclass, field, fields
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pendulum_env.files import at_once
+from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 
 LARGEST = 500_000_000  # bytes that a recording may take, as a file and in memory: some 8 million rows of CSV
@@ -30,19 +31,13 @@ REMEDY = "shorten it, or allow more by --max-size (largest=)"  # on the command 
 DOCUMENT = 5_000_000  # bytes of JSON; a long diagnosis takes 100 kB
 TYPED = 1_000_000  # bytes of TOML, which takes 300 times as much memory; a study of 1000 recordings takes 300 kB
 ARRAYS = 50_000_000  # bytes of all arrays of a policy; those that ship take 60 kB
-DEPTH = 32  # of tables in tables; the deepest file here has 7
 DIGITS = 18  # of a whole number: those fit into 64 bits
 LARGE = 1e9  # of any number in a file: in SI units no pendulum has more of anything, and squares stay finite
 SHOWN = 60  # characters of a value that a sentence quotes
-TEXT = re.compile(  # of TOML, or a remark
-    r'"""(?:[^"\\]++|\\.|"(?!""))*+(?:"""|\Z)|'
-    r"'''(?:[^']++|'(?!''))*+(?:'''|\Z)|"
-    r'"[^"\\\n]*+(?:\\[^\n][^"\\\n]*+)*+"?|'
-    r"'[^'\n]*+'?|"
-    r"#[^\n]*+|[ \t]++",
-    re.DOTALL,
-)
-DOTTED = re.compile(rf"(?<![\w-])(?:[\w-]++\.){{{DEPTH},}}")  # a key whose texts are letters, without blanks
+LONGEST = 1000  # characters of a text in a record
+DOTS = 60  # in a line of TOML: to read a key takes the square of its dots
+
+T = TypeVar("T")
 
 
 class Unreadable(Mistake):
@@ -184,8 +179,10 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
         Unreadable: as `read_json`, or if a key nests too deeply.
     """
     text = read_text(path)
-    if DOTTED.search(TEXT.sub(lambda found: "a" if found[0][0] in "\"'" else "", text)):  # takes the square of its dots
-        raise Unreadable(f"{path}: nests more than {DEPTH} deep: write fewer dots in a key")
+    if any(line.count(".") > DOTS for line in text.split("\n")):
+        raise Unreadable(
+            f"{path}: has a line of more than {DOTS} dots: write fewer in a key, or a list in several lines"
+        )
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -217,12 +214,22 @@ def _refuse_values(path: str | os.PathLike[str], content: Any) -> None:
             raise Unreadable(f"{path}: holds a number of more than {DIGITS} digits: write a smaller one")
 
 
+def within(low: float, high: float = LARGE, default: Any = MISSING, also: str | None = None) -> Any:
+    """A field of a record: a number from low to high, or a word that stands for None."""
+    return field(default=default, metadata={"range": (low, high), "also": also})
+
+
+def one_of(*known: Any, default: Any = MISSING) -> Any:
+    """A field of a record: one of the known values."""
+    return field(default=default, metadata={"known": known})
+
+
 @dataclass(frozen=True)
 class Value:
     """A value of a document and the key that it stands under; every method takes it as what is asked for.
 
     Attributes:
-        of: what the document is, as a sentence names it: `the model`.
+        of: what the document is, as a sentence names it: `the model`; empty where the file's name says it.
         key: such as `theta.inertia.value`; empty for the whole document.
         content: as the parser gave it.
     """
@@ -233,9 +240,8 @@ class Value:
 
     def fault(self, asked: str) -> Unreadable:
         """The mistake that it is not what was asked for."""
-        if not self.key:
-            return Unreadable(f"{self.of} is {shown(self.content)}: it has to be {asked}")
-        return Unreadable(f"'{self.key}' of {self.of} is {shown(self.content)}: it has to be {asked}")
+        what = " of ".join(filter(None, [f"'{self.key}'" * bool(self.key), self.of])) or "it"
+        return Unreadable(f"{what} is {shown(self.content)}: it has to be {asked}")
 
     def __getitem__(self, name: str | int) -> Value:
         """What stands under a key of a table, or at a place in a list.
@@ -248,7 +254,7 @@ class Value:
         found = self.get(name)
         if found is None:
             inside = f" under '{self.key}'" if self.key else ""
-            raise Unreadable(f"{self.of} lacks '{name}'{inside}")
+            raise Unreadable(f"{self.of or 'it'} lacks '{name}'{inside}")
         return found
 
     def get(self, name: str) -> Value | None:
@@ -288,21 +294,58 @@ class Value:
         Raises:
             Unreadable: if it is none, empty, or of more than `most` characters.
         """
-        if not isinstance(self.content, str) or not 0 < len(self.content) <= most:
+        if not isinstance(self.content, str) or not self.content.strip() or len(self.content) > most:
             raise self.fault(f"a text of up to {most} characters")
         return self.content
 
-    def number(self, low: float = -LARGE, high: float = LARGE, above: bool = False) -> float:
+    def number(self, low: float = -LARGE, high: float = LARGE, above: bool = False, whole: bool = False) -> float:
         """A number from low to high, or `above` low.
 
         Raises:
             Unreadable: if it is none.
         """
-        number = isinstance(self.content, int | float) and not isinstance(self.content, bool)
+        number = isinstance(self.content, int if whole else int | float) and not isinstance(self.content, bool)
         if not number or not low <= self.content <= high or (above and self.content == low):
-            asked = f"a number above {low:g}, up to {high:g}" if above else f"a finite number from {low:g} to {high:g}"
+            kind = "whole" if whole else "finite"
+            asked = f"a number above {low:g}, up to {high:g}" if above else f"a {kind} number from {low:g} to {high:g}"
             raise self.fault(asked)
-        return float(self.content)
+        return int(self.content) if whole else float(self.content)
+
+    def record(self, kind: type[T]) -> T:
+        """A record of a table, whose keys are its fields: of their types, and as `within` and `one_of` bound them.
+
+        Raises:
+            Unreadable: if this is no table, or lacks a key, or a value is not what its field asks for.
+            Mistake: if it has a key of another name.
+        """
+        known = {asked.name: asked for asked in fields(kind)}  # type: ignore[arg-type]
+        for name in self.table():
+            find(f"key in [{self.key}]" if self.key else "key", name, known)
+        needed = {name for name, asked in known.items() if asked.default is MISSING} | set(self.table())
+        return kind(**{name: self[name]._as(asked) for name, asked in known.items() if name in needed})
+
+    def _as(self, asked: Field[Any]) -> Any:
+        """What a field asks for."""
+        if "known" in asked.metadata:
+            if not any(self.content == one and type(self.content) is type(one) for one in asked.metadata["known"]):
+                raise self.fault(f"one of {', '.join(map(str, asked.metadata['known']))}")
+            return self.content
+        kind = asked.type if isinstance(asked.type, str) else asked.type.__name__
+        match kind.removesuffix(" | None"):
+            case "bool":
+                if not isinstance(self.content, bool):
+                    raise self.fault("true or false")
+                return self.content
+            case "str":
+                return self.text(LONGEST)
+            case "Value":
+                return self
+        (low, high), also = asked.metadata["range"], asked.metadata["also"]
+        if isinstance(self.content, str) and also is not None:
+            if self.content != also:
+                raise self.fault(f'a number, or "{also}"')
+            return None
+        return self.number(low, high, whole=kind.startswith("int"))
 
 
 # -------------------------------------------------------------------------------------------------------- archives

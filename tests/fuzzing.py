@@ -273,38 +273,12 @@ def hdf5(path: Path) -> bytes:
     return path.read_bytes()
 
 
-KIND = "application/vnd.oasis.opendocument.spreadsheet"
+def excel(path: Path) -> bytes:
+    from tests.pendulum_env.recording.test_formats import write_xlsx
 
-
-def ods(path: Path) -> bytes:
-    """The least that is a workbook of OpenDocument."""
-    names = {"office": "office:1.0", "table": "table:1.0", "text": "text:1.0"}
-    spaces = " ".join(f'xmlns:{short}="urn:oasis:names:tc:opendocument:xmlns:{long}"' for short, long in names.items())
-    words = "".join(
-        f'<table:table-cell office:value-type="string"><text:p>{word}</text:p></table:table-cell>' for word in signals()
-    )
-    rows = "".join(
-        "<table:table-row>"
-        + "".join(f'<table:table-cell office:value-type="float" office:value="{value!r}"/>' for value in row)
-        + "</table:table-row>"
-        for row in zip(*(values.tolist() for values in signals().values()), strict=True)
-    )
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w") as archive:
-        archive.writestr("mimetype", KIND)
-        archive.writestr(
-            "META-INF/manifest.xml",
-            '<?xml version="1.0"?>'
-            '<manifest:manifest xmlns:manifest="urn:oasis:names:tc:opendocument:xmlns:manifest:1.0">'
-            f'<manifest:file-entry manifest:full-path="/" manifest:media-type="{KIND}"/></manifest:manifest>',
-        )
-        archive.writestr(
-            "content.xml",
-            f'<?xml version="1.0"?><office:document-content {spaces}><office:body><office:spreadsheet>'
-            f'<table:table table:name="Run"><table:table-row>{words}</table:table-row>{rows}</table:table>'
-            "</office:spreadsheet></office:body></office:document-content>",
-        )
-    return packed.getvalue()
+    columns = signals()
+    write_xlsx(path, [list(columns), *np.column_stack(list(columns.values())).tolist()])
+    return path.read_bytes()
 
 
 def bag(path: Path, kind: str = "mcap") -> bytes:
@@ -336,7 +310,7 @@ FILES: dict[str, Door] = {
     # what a helper reads with the libraries of others
     "recording.mat": (".mat", read_recording, matlab),
     "recording.h5": (".h5", read_recording, hdf5),
-    "recording.ods": (".ods", read_recording, ods),
+    "recording.xlsx": (".xlsx", read_recording, excel),
     "recording.mcap": (".mcap", read_elbow, bag),
     "recording.bag": (".bag", read_elbow, functools.partial(bag, kind="ros1")),
     "recording.db3": (".db3", read_elbow, functools.partial(bag, kind="sqlite3")),

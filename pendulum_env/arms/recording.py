@@ -150,10 +150,13 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
     """
     if source.load is not None:
         raise RecordingError(f"{source.file}: a load is of one joint: leave it out, an arm's last link carries it")
-    recording = read_arm_recording(
+    return source.within_range(_of_arm, tuple(joints), tuple(held))
+
+
+def _of_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> ArmRecording:
+    return read_arm_recording(
         source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns, largest=source.largest
     )
-    return source.within_range(recording)
 
 
 def _told(

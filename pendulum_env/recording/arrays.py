@@ -1,10 +1,8 @@
 """Files that hold arrays by name: NPZ, MATLAB and HDF5, with columns of a matrix as columns of their own: `x[0]`."""
 
-import math
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +17,6 @@ from pendulum_env.recording.table import Find, Table, need
 WIDEST = 64  # columns of a matrix
 
 
-@dataclass(frozen=True)
-class Stored:
-    """An array in a file, not read yet."""
-
-    name: str
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    load: Callable[[], NDArray[Any]]
-
-
 def read_npz(path: Path, find: Find = find_columns) -> Table:
     """The arrays in need, never unpickled.
 
@@ -37,25 +25,14 @@ def read_npz(path: Path, find: Find = find_columns) -> Table:
     """
     if not zipfile.is_zipfile(path):
         raise RecordingError("it is no NPZ archive, or a damaged one: write it with numpy.savez")
-    with zipfile.ZipFile(path) as archive:
-        return _table([_member(archive, name) for name in archive.namelist() if name.endswith(".npy")], find)
-
-
-def _member(archive: zipfile.ZipFile, name: str) -> Stored:
-    """An array of an archive, of which only the description is read yet."""
-
-    def load() -> NDArray[Any]:
-        with archive.open(name) as file:
-            array = np.lib.format.read_array(file, allow_pickle=False)
-            if file.read(1):  # its end is where the checksum is compared
-                raise ValueError(f"'{name}' is longer than it says")
-        return np.asarray(array)
-
-    with archive.open(name) as file:
-        first = np.lib.format.read_magic(file) == (1, 0)
-        read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
-        shape, _, dtype = read(file)
-    return Stored(name.removesuffix(".npy"), shape, dtype, load)
+    arrays: dict[str, NDArray[Any]] = {}
+    with np.load(path, allow_pickle=False) as archive:
+        for name in archive.files:
+            try:
+                arrays[name] = np.asarray(archive[name])
+            except ValueError:
+                arrays[name] = np.empty((), dtype=object)  # which only unpickling would make
+    return _table(arrays, find)
 
 
 def read_mat(path: Path, find: Find = find_columns) -> Table:
@@ -70,10 +47,11 @@ def read_mat(path: Path, find: Find = find_columns) -> Table:
     from scipy.io import loadmat  # takes a while to import
 
     content = loadmat(path, simplify_cells=True)
-    return _table([*_flat("", {name: value for name, value in content.items() if not name.startswith("__")})], find)
+    named = {name: value for name, value in content.items() if not name.startswith("__")}
+    return _table(dict(_flat("", named)), find)
 
 
-def _flat(name: str, value: Any) -> Iterator[Stored]:
+def _flat(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
     """Arrays in nested structures; of Simulink's signals the label is the name."""
     if isinstance(value, dict):
         label = value.get("label")
@@ -86,7 +64,7 @@ def _flat(name: str, value: Any) -> Iterator[Stored]:
         for k, inner in enumerate(value[:WIDEST]):
             yield from _flat(f"{name}[{k}]", inner)
     elif isinstance(value, np.ndarray):
-        yield Stored(name, value.shape, value.dtype, lambda: value)
+        yield name, value
 
 
 def read_hdf5(path: Path, find: Find = find_columns) -> Table:
@@ -99,10 +77,10 @@ def read_hdf5(path: Path, find: Find = find_columns) -> Table:
     import h5py
 
     with h5py.File(path, "r") as file:
-        return _table([*_below(file)], find)
+        return _table(dict(_below(file)), find)
 
 
-def _below(group: Any, path: str = "") -> Iterator[Stored]:
+def _below(group: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Datasets that hang below a group, none of them behind a link or a reference of MATLAB."""
     import h5py
 
@@ -112,44 +90,41 @@ def _below(group: Any, path: str = "") -> Iterator[Stored]:
         item = group[name]
         if isinstance(item, h5py.Group):
             yield from _below(item, f"{path}{name}/")
-        elif isinstance(item, h5py.Dataset):
-            yield Stored(path + name, item.shape or (), item.dtype, partial(_unpacked, item))
+        elif isinstance(item, h5py.Dataset) and item.shape is not None:
+            yield path + name, item
 
 
-def _unpacked(dataset: Any) -> NDArray[Any]:
-    """What a dataset holds, all of it in this file: others of this computer are nobody's business."""
-    if dataset.external or dataset.is_virtual:
-        raise RecordingError(f"dataset {dataset.name!r} lies in another file: save it in this one")
-    return np.asarray(dataset[()])
+def _loaded(stored: Any) -> NDArray[Any]:
+    """What a dataset of HDF5 holds, all of it in this file: others of this computer are nobody's business."""
+    if getattr(stored, "external", None) or getattr(stored, "is_virtual", False):
+        raise RecordingError(f"dataset {stored.name!r} lies in another file: save it in this one")
+    return np.asarray(stored[()])
 
 
-def _width(one: Stored) -> int:
+def _width(shape: tuple[int, ...]) -> int:
     """Columns of a matrix, whose longer side is time; 1 of a vector, and of what is neither."""
-    return min(one.shape) if len(one.shape) == 2 else 1
+    return min(shape) if len(shape) == 2 else 1
 
 
-def _table(stored: Sequence[Stored], find: Find) -> Table:
-    places = [(one, k) for one in stored for k in range(_width(one) if _width(one) <= WIDEST else 0)]
-    columns = find([one.name if _width(one) == 1 else f"{one.name}[{k}]" for one, k in places])
-    loaded: dict[str, NDArray[Any]] = {}
+def _table(stored: Mapping[str, Any], find: Find) -> Table:
+    """Columns of arrays by name, those of HDF5 not read yet."""
+    widths = {name: _width(array.shape) for name, array in stored.items()}
+    places = [(name, k) for name, width in widths.items() if width <= WIDEST for k in range(width)]
+    columns = find([name if widths[name] == 1 else f"{name}[{k}]" for name, k in places])
+    load = cache(lambda name: _loaded(stored[name]))
     values: dict[str, Array] = {}
     for quantity, column in columns.items():
-        one, k = places[column.index]
-        dates = quantity == "time" and one.dtype.kind == "M"
-        if (
-            not (dates or one.dtype.kind in "iufO")
-            or len(one.shape) not in (1, 2)
-            or max(one.shape) != math.prod(one.shape) // max(_width(one), 1)
-        ):
+        name, k = places[column.index]
+        shape, dtype = stored[name].shape, stored[name].dtype
+        dates = quantity == "time" and dtype.kind == "M"
+        if not (dates or dtype.kind in "iufO") or len(shape) not in (1, 2):
             raise RecordingError(
-                f"array {one.name!r} ({quantity}) has type {one.dtype} and shape {one.shape}: "
+                f"array {name!r} ({quantity}) has type {dtype} and shape {shape}: "
                 "store real numbers, one of each per sample"
             )
-        if one.name not in loaded:
-            loaded[one.name] = one.load()
-        array = loaded[one.name]
+        array = load(name)
         if array.ndim == 2:
-            array = array[:, k] if array.shape[0] >= array.shape[1] else array[k]
+            array = array[:, k] if shape[0] >= shape[1] else array[k]
         if dates:
             array = (array - array[0]) / np.timedelta64(1, "s")
         values[quantity] = np.asarray(array, dtype=np.float64)

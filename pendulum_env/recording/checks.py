@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Index
 from pendulum_env.filters import savitzky_golay
 from pendulum_env.reading import LARGE
-from pendulum_env.recording.cleaning import Rows
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import ColumnError, Recording, RecordingError
 
@@ -65,7 +64,7 @@ def refuse_still(position: Array) -> None:
         )
 
 
-def refuse_jumps(position: Array, rows: Rows, starts: Sequence[int], origin: Origin, *, allow_wrapped: bool) -> None:
+def refuse_jumps(position: Array, rows: Index, starts: Sequence[int], origin: Origin, *, allow_wrapped: bool) -> None:
     """Refuse angles that jump by more than half a turn between samples: wrapped, or not an angle at all."""
     jumps = np.abs(np.diff(position))
     jumps[[start - 1 for start in starts[1:]]] = 0.0  # across a gap the joint may go anywhere

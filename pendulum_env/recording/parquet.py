@@ -1,23 +1,20 @@
 """Parquet, with vectors as columns of their own: `observation.state[0]`."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from pendulum_env._typing import Array
-from pendulum_env.recording.columns import Column, find_columns
+from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.table import Find, Table, gather, since
+from pendulum_env.recording.table import Find, Table, numbers
 
 LONGEST = 64  # elements of a vector
 
 
 def read_parquet(path: Path, find: Find = find_columns) -> Table:
-    """The columns in need, read row group by row group, nulls as NaN; time stamps are counted from the first row.
+    """The columns in need.
 
     Raises:
         RecordingError: if a column is missing or does not hold numbers.
@@ -26,16 +23,19 @@ def read_parquet(path: Path, find: Find = find_columns) -> Table:
         places = _places(file)
         columns = find([name if k is None else f"{name}[{k}]" for name, k in places])
         chosen = [places[column.index] for column in columns.values()]
-        for (name, k), column in zip(chosen, columns.values(), strict=True):
-            kind = file.schema_arrow.field(name).type
-            kind = kind.value_type if k is not None else kind
-            stamps = pa.types.is_timestamp(kind) and column.quantity == "time"
-            if not (stamps or pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
-                raise RecordingError(
-                    f"column {column.header!r} ({column.quantity}) has type {kind}: "
-                    "store it as a floating-point number in SI"
-                )
-        return gather(columns, _row_groups(file, chosen, columns))
+        table = file.read(columns=list(dict.fromkeys(name for name, _ in chosen)), use_threads=False)
+    values = {}
+    for (name, k), column in zip(chosen, columns.values(), strict=True):
+        series = table[name] if k is None else pc.list_element(table[name], k)
+        kind = series.type
+        stamps = pa.types.is_timestamp(kind) and column.quantity == "time"
+        if not (stamps or pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
+            raise RecordingError(
+                f"column {column.header!r} ({column.quantity}) has type {kind}: "
+                "store it as a floating-point number in SI"
+            )
+        values[column.quantity] = numbers(series)
+    return Table(columns, values)
 
 
 def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:
@@ -54,18 +54,3 @@ def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:
 
 def _is_vector(kind: pa.DataType) -> bool:
     return pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
-
-
-def _row_groups(
-    file: pq.ParquetFile, chosen: list[tuple[str, int | None]], columns: dict[str, Column]
-) -> Iterator[list[Array]]:
-    began = None
-    for batch in file.iter_batches(columns=list(dict.fromkeys(name for name, _ in chosen)), use_threads=False):
-        block = []
-        for name, k in chosen:
-            values = batch[name] if k is None else pc.list_element(batch[name], k)
-            if pa.types.is_timestamp(values.type):
-                began = pc.min(values).value if began is None else began
-                values = since(values, began)
-            block.append(np.asarray(values.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)))
-        yield block

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.record import RecordingError, is_uniform, unevenness
 
 LONG = 1.5  # steps of the median from which a sample seems to be lost
@@ -24,54 +25,58 @@ NAMED = 5  # places, as many as a note names
 NEGLIGIBLE = 1e-4  # of a step: at 1 kHz and 10 rad/s this moves position by 1e-6 rad
 FINER = 10  # times the samples that there are, at most, on uniform time
 SMALL = 1_000_000  # samples that are always made
-BLOCK = 1 << 18  # samples interpolated at a time
-MARGIN = 32  # samples on either side of a block; a cubic spline forgets by 0.27 per sample
-
-Starts = tuple[int, ...]
 
 
-def cut(time: Array, position: Array, apart: Sequence[int] = ()) -> tuple[Starts, tuple[str, ...]]:
-    """Index of the first sample of each segment of increasing time (N,) [s], and notes on the gaps between them.
+def cut(log: Log, position: Array) -> None:
+    """Begin a segment after every gap of increasing time, beside those that begin where a column counts another run.
 
     Args:
-        apart: starts that are known, as runs are counted in the file.
+        log: is told where its segments begin, and of the gaps.
+        position: (N,), unwrapped if need be.
     """
+    counted = log.values.get("segment")
+    known = set() if counted is None else set((np.flatnonzero(np.diff(counted)) + 1).tolist())
+    log.values = {quantity: column for quantity, column in log.values.items() if quantity != "segment"}
+    time = log.values["time"]
     steps = np.diff(time)
     usual = float(np.median(steps))
     gaps = np.empty(0, dtype=np.intp)
     if steps.max() > LONG * usual and not is_rounded(time, position):
         gaps = np.flatnonzero(steps > (bridgeable(time, position) + LONG) * usual) + 1
-    known = set(apart)
     new = [int(gap) for gap in gaps if gap not in known]
-    notes: tuple[str, ...] = ()
     if new:
         sizes = steps[np.array(new) - 1]
         size = f"{sizes.min():.3g} to {sizes.max():.3g} s" if len(new) > 1 else f"{sizes[0]:.3g} s"
         many = f"{len(new)} gaps" if len(new) > 1 else "a gap"
-        notes = (
-            f"{many} of {size} after {_times(time[new] - steps[np.array(new) - 1] - time[0])}: segments end there",
-        )
-    return tuple(sorted({0, *known, *new})), notes
+        log.notes.append(f"{many} of {size} after {_times(time[new] - sizes - time[0])}: segments end there")
+    log.starts = tuple(sorted({0, *known, *new}))
 
 
-def long_enough(values: dict[str, Array], starts: Starts) -> tuple[dict[str, Array], Starts, tuple[str, ...]]:
-    """Leave out segments too short for any estimate, unless all are; returns values, starts and notes."""
-    time = values["time"]
-    bounds = (*starts, len(time))
-    fits = [b - a >= FEWEST and time[b - 1] - time[a] >= SHORTEST for a, b in pairwise(bounds)]
-    if all(fits):
-        return values, starts, ()
-    parts = [slice(a, b) for (a, b), fit in zip(pairwise(bounds), fits, strict=True) if fit]
-    if not parts:
+def long_enough(log: Log) -> None:
+    """Leave out segments too short for any estimate.
+
+    Raises:
+        RecordingError: if all are.
+    """
+    time = log.values["time"]
+    parts = list(pairwise((*log.starts, len(time))))
+    fits = [b - a >= FEWEST and time[b - 1] - time[a] >= SHORTEST for a, b in parts]
+    if not any(fits):
         raise RecordingError(
             f"none of its {len(fits)} segments between gaps lasts {SHORTEST:g} s: record without losing samples"
         )
-    short = [b - a for (a, b), fit in zip(pairwise(bounds), fits, strict=True) if not fit]
-    lengths = np.cumsum([0, *(part.stop - part.start for part in parts)])
-    many = f"{len(short)} segments" if len(short) > 1 else "a segment"
-    note = f"{sum(short)} samples in {many} shorter than {SHORTEST:g} s are left out"
-    kept = {quantity: np.concatenate([column[part] for part in parts]) for quantity, column in values.items()}
-    return kept, tuple(lengths[:-1].tolist()), (note,)
+    short = [b - a for (a, b), fit in zip(parts, fits, strict=True) if not fit]
+    if short:
+        many = f"{len(short)} segments" if len(short) > 1 else "a segment"
+        log.notes.append(f"{sum(short)} samples in {many} shorter than {SHORTEST:g} s are left out")
+        lengths = [b - a for a, b in parts]
+        log.keep(np.repeat(fits, lengths))
+        log.starts = _starts([length for length, fit in zip(lengths, fits, strict=True) if fit])
+
+
+def _starts(lengths: Sequence[int]) -> tuple[int, ...]:
+    """Where segments of so many samples begin, one after the other."""
+    return tuple(np.cumsum([0, *lengths[:-1]]).tolist())
 
 
 def is_rounded(time: Array, position: Array) -> bool:
@@ -127,8 +132,8 @@ def _longest_run(good: Mask) -> slice:
     return slice(int(first[longest]), int(min(end[longest] + 1, first[longest] + INTACT)))
 
 
-def uniform(values: dict[str, Array], starts: Starts = (0,)) -> tuple[dict[str, Array], Starts, tuple[str, ...]]:
-    """The same signals, by quantity, on uniform time of one period in all segments; and notes on what was done.
+def uniform(log: Log) -> None:
+    """Set the signals to uniform time of one period in all segments.
 
     The few samples that were lost are filled in first. Time that is uniform then, or would be but for the rounding of
     its printed digits, leaves the signals as they are. Else position and velocity are interpolated by cubic splines,
@@ -138,38 +143,38 @@ def uniform(values: dict[str, Array], starts: Starts = (0,)) -> tuple[dict[str, 
     Raises:
         RecordingError: if uniform time had many more samples than there are.
     """
-    if is_uniform(values["time"], starts):
-        return values, starts, ()
-    parts = [
-        {name: column[a:b] for name, column in values.items()} for a, b in pairwise((*starts, len(values["time"])))
-    ]
+    time = log.values["time"]
+    if is_uniform(time, log.starts):
+        return
+    parts = [{name: column[a:b] for name, column in log.values.items()} for a, b in pairwise((*log.starts, len(time)))]
     usual = float(np.median(np.concatenate([np.diff(part["time"]) for part in parts])))
-    filling: tuple[str, ...] = ()
-    if len(parts) > 1 or not is_rounded(values["time"], values["position"]):
-        parts, filling = _filled(parts, usual)
-    values, starts = _joined(parts)
-    time = values["time"]
-    if is_uniform(time, starts):
-        return values, starts, filling
+    if len(parts) > 1 or not is_rounded(time, log.values["position"]):
+        parts = _filled(log, parts, usual)
+        _join(log, parts)
+        time = log.values["time"]
+    if is_uniform(time, log.starts):
+        return
     steps = np.concatenate([np.diff(part["time"]) for part in parts])
     slow = steps > LONG * usual
     period = float(np.mean(steps))
     off = max(unevenness(part["time"], period) for part in parts)
-    loses = len(parts) == 1 and skips(time, values["position"])
+    loses = len(parts) == 1 and skips(time, log.values["position"])
     if off <= max(1.001 * printed_resolution(time), NEGLIGIBLE * period) and not loses:
         grids = [_grid(part["time"][0], period, len(part["time"])) for part in parts]
-        note = f"time set to uniform {1 / period:.6g} Hz, from which it differed by rounding only (up to {off:.2g} s)"
-        return values | {"time": np.concatenate(grids)}, starts, (*filling, note)
+        log.values = {**log.values, "time": np.concatenate(grids)}
+        log.notes.append(
+            f"time set to uniform {1 / period:.6g} Hz, from which it differed by rounding only (up to {off:.2g} s)"
+        )
+        return
     if slow.any():
         period = float(np.mean(steps[~slow]))
     _refuse_finer(sum(float(part["time"][-1] - part["time"][0]) for part in parts) / period, len(time), period)
-    note = (
+    _join(log, [_resampled(part, period) for part in parts])
+    rarely = f", {np.count_nonzero(slow)} of them over {LONG:g} times the usual" if slow.any() else ""
+    log.notes.append(
         f"resampled to {1 / period:.6g} Hz: steps were {1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms "
-        f"(standard deviation {1e3 * steps.std():.2g} ms)"
+        f"(standard deviation {1e3 * steps.std():.2g} ms){rarely}"
     )
-    if slow.any():
-        note += f", {np.count_nonzero(slow)} of them over {LONG:g} times the usual"
-    return *_joined([_resampled(part, period) for part in parts]), (*filling, note)
 
 
 def _refuse_finer(count: float, known: int, period: float) -> None:
@@ -181,28 +186,28 @@ def _refuse_finer(count: float, known: int, period: float) -> None:
         )
 
 
-def _joined(parts: Sequence[dict[str, Array]]) -> tuple[dict[str, Array], Starts]:
-    lengths = np.cumsum([0, *(len(part["time"]) for part in parts)])
-    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    return joined, tuple(lengths[:-1].tolist())
+def _join(log: Log, parts: Sequence[dict[str, Array]]) -> None:
+    """Make a log of its segments."""
+    log.values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    log.starts = _starts([len(part["time"]) for part in parts])
 
 
-def _filled(parts: Sequence[dict[str, Array]], usual: float) -> tuple[list[dict[str, Array]], tuple[str, ...]]:
-    """The same segments with the few samples that were lost filled in, and notes that say how many.
+def _filled(log: Log, parts: Sequence[dict[str, Array]], usual: float) -> list[dict[str, Array]]:
+    """The same segments with the few samples that were lost filled in.
 
     Position and velocity are interpolated by cubic splines, torque linearly: nobody knows what it was.
     """
-    full, places = [], []
+    full, places, count = [], [], 0
     for part in parts:
         missing = _lost(part["time"], usual)
         _refuse_finer(float(missing.sum()), len(missing), usual)
         places.append(part["time"][:-1][missing > 0] - parts[0]["time"][0])
         full.append(_with_lost(part, missing) if missing.any() else part)
-    count = sum(len(one["time"]) for one in full) - sum(len(part["time"]) for part in parts)
-    if not count:
-        return full, ()
-    many = f"{count} samples are" if count > 1 else "1 sample is"
-    return full, (f"{many} missing after {_times(np.concatenate(places))}: filled in by interpolation",)
+        count += int(missing.sum())
+    if count:
+        many = f"{count} samples are" if count > 1 else "1 sample is"
+        log.notes.append(f"{many} missing after {_times(np.concatenate(places))}: filled in by interpolation")
+    return full
 
 
 def _lost(time: Array, usual: float) -> Index:
@@ -265,16 +270,10 @@ def _mean_held(grid: Array, period: float, time: Array, torque: Array) -> Array:
 
 
 def _interpolated(grid: Array, time: Array, values: Array) -> Array:
-    """Cubic spline through values (N,) at time (N,), read at grid (M,), block by block to bound memory."""
+    """Cubic spline through values (N,) at time (N,), read at grid (M,)."""
     from scipy.interpolate import CubicSpline  # here, as it takes half a second
 
-    result = np.empty_like(grid)
-    for start in range(0, len(grid), BLOCK):
-        block = grid[start : start + BLOCK]
-        first, last = np.searchsorted(time, block[[0, -1]])
-        near = slice(max(first - MARGIN, 0), last + MARGIN)
-        result[start : start + BLOCK] = CubicSpline(time[near], values[near])(block)
-    return result
+    return np.asarray(CubicSpline(time, values)(grid))
 
 
 def _times(times: Array) -> str:

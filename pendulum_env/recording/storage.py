@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -18,14 +18,14 @@ from pendulum_env._typing import Array
 from pendulum_env.files import replacing
 from pendulum_env.isolated import Answer, isolated
 from pendulum_env.reading import LARGEST, REMEDY, Unreadable, regular_size
-from pendulum_env.recording import checks, cleaning
+from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz
 from pendulum_env.recording.bags import is_bag, read_bag
+from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.columns import Column, find_columns
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.parquet import read_parquet
 from pendulum_env.recording.record import QUANTITIES, WARNING, ColumnError, Recording, RecordingError
-from pendulum_env.recording.sampling import cut, long_enough, uniform
 from pendulum_env.recording.table import Find, Table, one_line
 from pendulum_env.recording.text import read_csv, read_excel
 from pendulum_env.servo.drive import Drive
@@ -226,13 +226,7 @@ def _told(path: Path, find: Find) -> Answer:
 
 def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str]) -> Recording:
     """Convert to SI, leave out what the logger spoilt, cut at gaps, make time uniform; refuse what cannot be true."""
-    notes = [*(note for column in table.columns.values() for note in column.notes), *table.notes]
-    origin = Origin(table.columns, named)
-
-    def noted(told: tuple[str, ...]) -> None:
-        notes.extend(told)
-
-    values = table.values
+    origin, values = Origin(table.columns, named), table.values
     for quantity, column in table.columns.items():
         with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
             values[quantity] *= column.scale
@@ -246,48 +240,28 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
         values["torque"] = np.zeros_like(values["position"])  # until the motion is known
     checks.refuse_absurd(values)
     checks.refuse_too_few(values["time"])
-    values, told = cleaning.aligned(values, checks.FEWEST)
-    noted(told)
-    values, rows, told = cleaning.finite(values, checks.FEWEST)
-    noted(told)
-    values = cleaning.followed_on(values)
-    values, rows, told = cleaning.ordered(values, rows)
-    noted(told)
-    turns = np.unwrap(values["position"]) if unwrap else values["position"]
-    values, rows, told = cleaning.sound(values, rows, turns)
-    noted(told)
-    checks.refuse_too_few(values["time"])
-    checks.refuse_still(values["position"])
-    starts = cleaning.runs(values.pop("segment", None))
-    starts, told = cut(values["time"], np.unwrap(values["position"]) if unwrap else values["position"], starts)
-    noted(told)
-    checks.refuse_jumps(values["position"], rows, starts, origin, allow_wrapped=unwrap)
-    turned: tuple[str, ...] = ()
-    if unwrap:
-        values["position"], turned = _unwrapped(values["position"])
-        is_angle = drive is None or not drive.acts_on_speed
-        if "reference" in values and is_angle:  # on the turn that the joint is on
-            whole = np.round((values["position"] - values["reference"]) / math.tau)
-            values["reference"] = values["reference"] + math.tau * whole
-        noted(turned)
-    values, starts, told = long_enough(values, starts)
-    noted(told)
-    values, starts, told = uniform(values, starts)
-    noted(told)
+
+    def turns() -> Array:
+        return np.unwrap(log.values["position"]) if unwrap else log.values["position"]
+
+    log = Log(values, [*(note for column in table.columns.values() for note in column.notes), *table.notes])
+    cleaning.aligned(log, checks.FEWEST)
+    cleaning.finite(log, checks.FEWEST)
+    cleaning.follow_on(log)
+    cleaning.ordered(log)
+    cleaning.sound(log, turns())
+    checks.refuse_too_few(log.values["time"])
+    checks.refuse_still(log.values["position"])
+    sampling.cut(log, turns())
+    checks.refuse_jumps(log.values["position"], log.rows, log.starts, origin, allow_wrapped=unwrap)
+    jumps = _unwrap(log, is_angle=drive is None or not drive.acts_on_speed) if unwrap else 0
+    sampling.long_enough(log)
+    sampling.uniform(log)
+    signals: dict[str, Any] = {**log.values}
+    if "enabled" in signals:
+        signals["enabled"] = np.asarray(signals["enabled"] > 0.5, dtype=float)
     recording = Recording(
-        name,
-        values["time"],
-        values["position"],
-        values["torque"],
-        velocity=values.get("velocity"),
-        notes=tuple(notes),
-        starts=starts,
-        reference=values.get("reference"),
-        supply=values.get("supply"),
-        enabled=None if "enabled" not in values else np.asarray(values["enabled"] > 0.5, dtype=float),
-        torque_unit=unit,
-        drive=drive,
-        origin=origin,
+        name, **signals, notes=tuple(log.notes), starts=log.starts, torque_unit=unit, drive=drive, origin=origin
     )
     if drive is not None and "torque" not in table.columns:
         asked = "torque is not taken from the log: it is what the drive asked for"
@@ -295,7 +269,7 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
     checks.refuse_too_short(recording, origin)
     if recording.velocity is not None:
         checks.refuse_foreign_velocity(recording, origin)
-    if not turned:  # jumps of 2 pi tell the unit
+    if not jumps:  # of 2 pi, which tell the unit
         recording = replace(recording, notes=(*recording.notes, *_doubts(recording, origin)))
     return recording
 
@@ -321,10 +295,18 @@ def _asked_for(recording: Recording, drive: Drive) -> Array:
     return np.concatenate(parts)
 
 
-def _unwrapped(position: Array) -> tuple[Array, tuple[str, ...]]:
+def _unwrap(log: Log, is_angle: bool) -> int:
+    """Undo jumps of 2 pi in position, a reference that `is_angle` following; returns how many there were."""
+    position = log.values["position"]
     unwrapped = np.unwrap(position)
+    log.values = {**log.values, "position": unwrapped}
+    if "reference" in log.values and is_angle:  # on the turn that the joint is on
+        reference = log.values["reference"]
+        log.values["reference"] = reference + math.tau * np.round((unwrapped - reference) / math.tau)
     jumps = int(np.count_nonzero(np.abs(np.diff(position)) > np.pi))
-    return unwrapped, ((f"position unwrapped at {jumps} jumps of 2 pi",) if jumps else ())
+    if jumps:
+        log.notes.append(f"position unwrapped at {jumps} jumps of 2 pi")
+    return jumps
 
 
 def _write_csv(file: BinaryIO | gzip.GzipFile, columns: dict[str, Array]) -> None:

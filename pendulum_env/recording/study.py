@@ -19,21 +19,23 @@ drive = {kp = 400}               # beside what [drive] says of all
 columns = {torque = "i_q:A*0.091"}   # instead of those above
 """
 
+from __future__ import annotations
+
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
-from pendulum_env.lookup import find
-from pendulum_env.reading import LARGE, LARGEST, Unreadable, read_toml, shown
+from pendulum_env.reading import LARGEST, LONGEST, Unreadable, Value, one_of, read_toml, within
 from pendulum_env.recording.columns import refuse_unknown_quantity
 from pendulum_env.recording.record import ColumnError, Load, Recording, RecordingError
 from pendulum_env.recording.storage import read_recording
@@ -41,7 +43,6 @@ from pendulum_env.servo.drive import Drive
 
 Role = Literal["fit", "holdout"]
 MOST = 1000  # recordings
-LONGEST = 1000  # characters of what is said of a column
 FORMAT = ("columns", "unwrap", "load", "drive")  # of what is said of a recording, that which the next is alike in
 
 GRAVITY = 9.81  # [m/s^2]
@@ -60,7 +61,7 @@ class Source:
 
     file: Path
     role: Role = "fit"  # fitted, or held out
-    columns: Mapping[str, str] = field(default_factory=dict)  # as in `read_recording`
+    columns: Mapping[str, str] = field(default_factory=dict, hash=False)  # as in `read_recording`
     unwrap: bool = False
     range: tuple[float, float] | None = None  # [s] from the first sample; None: all of it
     load: Load | None = None  # what is known to hang on the joint
@@ -70,24 +71,15 @@ class Source:
     of_study: bool = field(default=False, compare=False)  # which says all of it
     said_by: str = ""  # the model file that says what nobody else did
 
-    def read(self, file: Path | None = None) -> Recording:
-        """Read the recording, from a copy of the file if one is named.
+    def read(self) -> Recording:
+        """Read the recording.
 
         Raises:
             RecordingError: if it cannot be read, holds too little within the range, or is of an arm.
         """
         if self.joints is not None:
             raise RecordingError(f"{self.file}: its study names joints of an arm: give the links with --robot ARM.urdf")
-        try:
-            recording = read_recording(
-                file or self.file, unwrap=self.unwrap, columns=self.columns, drive=self.drive, largest=self.largest
-            )
-        except ColumnError as error:
-            if not self.said_by:
-                raise
-            said = f"{error}; it was read as {self.said_by} says: say --columns for a log of another format"
-            raise ColumnError(said) from None
-        return self.within_range(replace(recording, load=self.load))
+        return replace(self.within_range(_of_one_joint), load=self.load)
 
     @property
     def format(self) -> JSON:
@@ -97,22 +89,45 @@ class Source:
         said = (dict(self.columns), self.unwrap, load, drive)
         return {key: value for key, value in zip(FORMAT, said, strict=True) if value}
 
-    def within_range(self, recording: Sliced) -> Sliced:
-        """The part of a recording that is asked for.
+    def within_range(self, read: Callable[..., Sliced], *arguments: Hashable) -> Sliced:
+        """The part that is asked for of `read(source, *arguments)`, which has the whole file.
+
+        The file is read once for all of its ranges that follow each other.
 
         Raises:
-            RecordingError: if it holds too little.
+            RecordingError: as `read` does, or if the part holds too little.
         """
         if self.range is None:
-            return recording
+            return read(self, *arguments)
+        changed = self.file.stat().st_mtime_ns if self.file.exists() else 0
+        recording = _whole(read, replace(self, role="fit", range=None, load=None), changed, *arguments)
         first, last = np.searchsorted(recording.time - recording.time[0], self.range)
         try:
-            return deepcopy(recording.slice(int(first), int(last)))  # the rest of the file is not kept
+            part: Sliced = deepcopy(recording.slice(int(first), int(last)))  # the rest of the file is not kept
+            return part
         except RecordingError:
             raise RecordingError(
                 f"{self.file}: holds no two samples from {self.range[0]:g} to {self.range[1]:g} s: "
                 f"it lasts {recording.time[-1] - recording.time[0]:.3g} s"
             ) from None
+
+
+def _of_one_joint(source: Source) -> Recording:
+    try:
+        return read_recording(
+            source.file, unwrap=source.unwrap, columns=source.columns, drive=source.drive, largest=source.largest
+        )
+    except ColumnError as error:
+        if not source.said_by:
+            raise
+        said = f"{error}; it was read as {source.said_by} says: say --columns for a log of another format"
+        raise ColumnError(said) from None
+
+
+@lru_cache(maxsize=1)
+def _whole(read: Callable[..., Any], source: Source, changed: int, *arguments: Hashable) -> Any:
+    """What `read` has of a file that was last changed then."""
+    return read(source, *arguments)
 
 
 def format_of(sources: Iterable[Source]) -> JSON:
@@ -132,7 +147,7 @@ def read_as(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
     if source.of_study or not unsaid:
         return source
     try:
-        told = _source(Path(), {"file": "log", **{key: format[key] for key in unsaid}}, {}, {})
+        told = _source(Path(), Value("", "", {"file": "log", **{key: format[key] for key in unsaid}}), {}, {})
     except ValueError as error:
         raise StudyError(f"{said_by}, log_format: {error}") from None
     return replace(source, **{key: getattr(told, key) for key in unsaid}, said_by=said_by)
@@ -186,23 +201,20 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
     Raises:
         StudyError: if the study makes no sense: with the number of the recording.
     """
-    path, where = Path(path), ""
+    path, where, sources = Path(path), "", []
     try:
         content = read_toml(path)
-        _refuse_unknown(content, "joints", "columns", "drive", "recording")
-        joints = _joints(content.get("joints"))
-        shared, drive = _columns(content.get("columns", {})), _drive(content.get("drive"), {})
-        tables = content.get("recording")
-        if not isinstance(tables, list) or not tables:
-            raise StudyError('names no recordings: write [[recording]] and below it file = "run.csv"')
-        if len(tables) > MOST:
-            raise StudyError(f"names {len(tables)} recordings, at most {MOST} are read: divide it")
-        sources = []
-        for number, table in enumerate(tables, start=1):
-            where = f", recording {number}"
-            sources.append(replace(_source(path.parent, table, shared, drive), joints=joints, of_study=True))
     except Unreadable as error:
         raise StudyError(str(error)) from None
+    try:
+        study = Value("", "", content).record(_Study)
+        if study.recording is None or not isinstance(study.recording.content, list) or not study.recording.content:
+            raise StudyError('names no recordings: write [[recording]] and below it file = "run.csv"')
+        joints, shared, drive = _joints(study.joints), _columns(study.columns), _drive(study.drive, {})
+        for number, table in enumerate(study.recording.items(MOST), start=1):
+            where = f", recording {number}"
+            source = _source(path.parent, Value("", "", table.content), shared, drive)
+            sources.append(replace(source, joints=joints, of_study=True))
     except ValueError as error:
         raise StudyError(f"{path}{where}: {error}") from None
     if (twice := named_twice(sources)) is not None:
@@ -246,85 +258,85 @@ def write_study(path: str | os.PathLike[str], sources: Sequence[Source]) -> None
     write_whole(path, "\n".join(lines))
 
 
-def _source(folder: Path, table: Any, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
-    if not isinstance(table, dict):
-        raise StudyError('a recording is a table: write [[recording]] and below it file = "run.csv"')
-    _refuse_unknown(table, "file", "role", "columns", "unwrap", "range", "load", "drive")
-    file, role, unwrap = table.get("file"), table.get("role", "fit"), table.get("unwrap", False)
-    if not isinstance(file, str) or not file.strip():
-        raise StudyError('a recording needs its file: write file = "run.csv"')
-    if role not in get_args(Role):
-        raise StudyError(f'role is {shown(role)}: write "fit" or "holdout"')
-    if not isinstance(unwrap, bool):
-        raise StudyError(f"unwrap is {shown(unwrap)}: write true or false")
-    columns, told = _columns(table.get("columns", {})), _drive(table.get("drive"), drive)
+@dataclass(frozen=True)
+class _Study:
+    """What stands in a study."""
+
+    joints: Value | None = None
+    columns: Value | None = None
+    drive: Value | None = None
+    recording: Value | None = None
+
+
+@dataclass(frozen=True)
+class _Said:
+    """What it says of a recording."""
+
+    file: str
+    role: Role = one_of("fit", "holdout", default="fit")  # noqa: RUF009
+    columns: Value | None = None
+    unwrap: bool = False
+    range: Value | None = None
+    load: Value | None = None
+    drive: Value | None = None
+
+
+@dataclass(frozen=True)
+class _Weight:
+    """A load told by mass and distance from the axis."""
+
+    mass: float = within(0.0)  # [kg]
+    length: float = within(0.0)  # [m]
+
+
+def _source(folder: Path, table: Value, shared: Mapping[str, str], drive: Mapping[str, Any]) -> Source:
+    said = table.record(_Said)
+    told = _drive(said.drive, drive)
     return Source(
-        folder / file, role, {**shared, **columns}, unwrap, _range(table.get("range")), _load(table.get("load")),
-        Drive.of(told) if told else None,
+        folder / said.file, said.role, {**shared, **_columns(said.columns)}, said.unwrap, _range(said.range),
+        _load(said.load), Drive.of(told) if told else None,
     )  # fmt: skip
 
 
-def _joints(value: Any) -> tuple[str, ...] | None:
+def _joints(value: Value | None) -> tuple[str, ...] | None:
     if value is None:
         return None
-    if not (isinstance(value, list) and value and all(isinstance(name, str) and name.strip() for name in value)):
-        raise StudyError(f'joints is {shown(value)}: write the names of those that move, ["lift", "elbow"]')
-    return tuple(value)
+    if not value.items():
+        raise value.fault('the names of those that move, as ["lift", "elbow"]')
+    return tuple(name.text() for name in value.items())
 
 
-def _columns(table: Any) -> dict[str, str]:
-    if not isinstance(table, dict):
-        raise StudyError(f'columns are a table, not {shown(table)}: write [columns] and below it torque = "tau"')
-    for quantity, text in table.items():
+def _columns(table: Value | None) -> dict[str, str]:
+    if table is None:
+        return {}
+    for quantity in table.table():
         refuse_unknown_quantity(quantity, of_arm=True)
-        if not isinstance(text, str) or not text.strip() or len(text) > LONGEST:
-            raise StudyError(f"{quantity} is {shown(text)}: write the name of a column in quotes")
-    return dict(table)
+    return {quantity: table[quantity].text(LONGEST) for quantity in table.table()}
 
 
-def _drive(table: Any, shared: Mapping[str, Any]) -> dict[str, Any]:
+def _drive(table: Value | None, shared: Mapping[str, Any]) -> dict[str, Any]:
     """What is said of a drive, beside what is said of all."""
     if table is None:
         return dict(shared)
-    if not isinstance(table, dict):
-        raise StudyError(f'a drive is a table, not {shown(table)}: write [drive] and below it preset = "xl330"')
-    Drive.of({"kp": 1.0, **shared, **table})  # what is wrong is told where it stands
-    return {**shared, **table}
+    Drive.of({"kp": 1.0, **shared, **table.table()})  # what is wrong is told where it stands
+    return {**shared, **table.table()}
 
 
-def _range(value: Any) -> tuple[float, float] | None:
+def _range(value: Value | None) -> tuple[float, float] | None:
     if value is None:
         return None
-    if not (isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)) and 0 <= value[0] < value[1]):
-        raise StudyError(f"range is {shown(value)}: write [from, to] in seconds from the first sample")
-    return float(value[0]), float(value[1])
+    numbers = tuple(number.number(0.0) for number in value.items())
+    if len(numbers) != 2 or numbers[0] >= numbers[1]:
+        raise value.fault("[from, to] in seconds from the first sample")
+    return numbers
 
 
-def _load(table: Any) -> Load | None:
-    if table is None:
-        return None
-    if not isinstance(table, dict):
-        raise StudyError(f"load is {shown(table)}: write {{mass = 0.5, length = 0.2}} in kg and m")
-    _refuse_unknown(table, "mass", "length", "inertia", "gravity")
-    for name, value in table.items():
-        if not _is_number(value) or (name != "gravity" and value < 0):
-            low = -LARGE if name == "gravity" else 0.0
-            raise StudyError(f"{name} is {shown(value)}: write a number from {low:g} to {LARGE:g}")
-    if set(table) == {"mass", "length"}:
-        mass, length = float(table["mass"]), float(table["length"])
-        return Load(mass * length * length, mass * GRAVITY * length)
-    if set(table) == {"inertia", "gravity"}:
-        return Load(float(table["inertia"]), float(table["gravity"]))
-    raise StudyError("a load is told by mass and length, or by inertia and gravity: give one pair")
-
-
-def _refuse_unknown(table: Mapping[str, Any], *known: str) -> None:
-    for name in table:
-        find("key", name, dict.fromkeys(known))
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGE
+def _load(table: Value | None) -> Load | None:
+    """A load by mass and length, or by inertia and gravity."""
+    if table is None or not {"mass", "length"} & set(table.table()):
+        return None if table is None else table.record(Load)
+    weight = table.record(_Weight)
+    return Load(weight.mass * weight.length**2, weight.mass * GRAVITY * weight.length)
 
 
 def _text(text: str) -> str:

@@ -1,6 +1,6 @@
 """What every file format is read into, before anyone asks whether it makes sense."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 
@@ -9,8 +9,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from pendulum_env._typing import Array
-from pendulum_env.reading import LARGEST as LARGEST
-from pendulum_env.reading import REMEDY as REMEDY
 from pendulum_env.recording.columns import Column
 from pendulum_env.recording.record import RecordingError
 
@@ -26,16 +24,12 @@ class Table:
     notes: tuple[str, ...] = ()  # what else a user should know
 
 
-def gather(columns: dict[str, Column], blocks: Iterable[list[Array]]) -> Table:
-    """Join blocks of rows, each a list in the order of `columns`."""
-    parts = list(zip(*blocks, strict=True)) or [(np.empty(0),)] * len(columns)
-    return Table(columns, {quantity: np.concatenate(part) for quantity, part in zip(columns, parts, strict=True)})
-
-
-def since(stamps: pa.Array, began: int) -> pa.Array:
-    """Time stamps as seconds since `began`, in the unit of the stamps since 1970."""
-    ticks = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[stamps.type.unit]
-    return pc.divide(pc.subtract(stamps.cast(pa.int64()), began).cast(pa.float64()), ticks)
+def numbers(column: pa.ChunkedArray) -> Array:
+    """Values (N,) of a column of Arrow, nulls as NaN; time stamps in seconds since the first."""
+    if pa.types.is_timestamp(column.type):
+        ticks = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
+        column = pc.divide(pc.subtract(column.cast(pa.int64()), pc.min(column).value).cast(pa.float64()), ticks)
+    return np.array(column.cast(pa.float64(), safe=False).to_numpy())
 
 
 def need(module: str) -> None:

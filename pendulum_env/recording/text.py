@@ -1,21 +1,20 @@
-"""Text, plain or gzipped, and sheets of Excel: read in blocks so that only the columns in need are ever held."""
+"""Text, plain or gzipped, and sheets of Excel; only the columns in need are ever held."""
 
 import csv
 import io
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 
 from pendulum_env._typing import Array
 from pendulum_env.recording.columns import Column, find_columns
 from pendulum_env.recording.expression import letters
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.table import Find, Table, gather, need, one_line, since
+from pendulum_env.recording.table import Find, Table, need, numbers, one_line
 from pendulum_env.recording.vocabulary import HEADER, UNITS
 
 HEAD = 1 << 16  # bytes in which header and delimiter must show themselves
@@ -86,14 +85,14 @@ def read_text(opened: Opened, find: Find) -> Table:
     if dated := _stamp(layout, columns["time"]):
         notes.append(f"time is counted from {dated[0].strip()}")
     try:
-        table = gather(columns, _blocks(opened, layout, columns))
+        values = _values(opened, layout, columns)
     except RecordingError as refusal:
         try:  # a logger that was interrupted leaves half a row
-            table = gather(columns, _blocks(lambda: _without_last_line(opened), layout, columns))
+            values = _values(lambda: _without_last_line(opened), layout, columns)
         except RecordingError:
             raise refusal from None
         notes.append("the last row is cut off: left out")
-    return replace(table, notes=tuple(notes))
+    return Table(columns, values, tuple(notes))
 
 
 def _without_last_line(opened: Opened) -> pa.NativeFile:
@@ -106,37 +105,26 @@ def _shown(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
-def _blocks(opened: Opened, layout: Layout, columns: dict[str, Column]) -> Iterator[list[Array]]:
+def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[str, Array]:
     names = [str(index) for index in range(len(layout.headers))]  # the file's own may repeat
     kept = [names[column.index] for column in columns.values()]
     types = dict.fromkeys(kept, pa.float64())
     if stamp := _stamp(layout, columns["time"]):
         types[names[columns["time"].index]] = pa.timestamp("ns", tz="UTC" if stamp["zone"] else None)
-    began = None
     try:
         with opened() as stream:
             stream.read(layout.offset)
-            reader = pacsv.open_csv(
+            table = pacsv.read_csv(
                 stream,
                 read_options=pacsv.ReadOptions(column_names=names, block_size=BLOCK, use_threads=False),  # counts rows
                 parse_options=pacsv.ParseOptions(delimiter=layout.delimiter),
                 convert_options=pacsv.ConvertOptions(
-                    include_columns=kept,
-                    column_types=types,
-                    null_values=[""],
-                    decimal_point=layout.decimal,
+                    include_columns=kept, column_types=types, null_values=[""], decimal_point=layout.decimal
                 ),
             )
-            for batch in reader:
-                block = []
-                for column in batch.columns:
-                    if pa.types.is_timestamp(column.type):
-                        began = pc.min(column).value if began is None else began
-                        column = since(column, began)
-                    block.append(column.to_numpy(zero_copy_only=False))
-                yield block
     except pa.ArrowInvalid as error:
         raise RecordingError(_complaint(str(error), layout, columns)) from None
+    return dict(zip(columns, map(numbers, table.columns), strict=True))
 
 
 def _stamp(layout: Layout, time: Column) -> re.Match[str] | None:

@@ -2,7 +2,6 @@
 
 import gzip
 import io
-import json
 import os
 import sys
 import zipfile
@@ -12,14 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from agents.network import SHIPPED, Network
 from pendulum_env.files import write_whole
 from pendulum_env.reading import (
-    DEPTH,
     DIGITS,
+    DOTS,
     Unreadable,
     Value,
     read_arrays,
@@ -29,30 +26,8 @@ from pendulum_env.reading import (
 )
 from pendulum_env.recording import read_recording
 from tests import slow
-from tests.fuzzing import ALL, ANYTHING, FILES, check, stored
+from tests.fuzzing import ALL, FILES, stored
 from tests.pendulum_env.recording.test_formats import write_xlsx
-
-
-@pytest.mark.parametrize("name", ["model", "diagnosis"])
-@settings(max_examples=200)
-@given(data=st.data())
-def test_a_document_with_any_value_anywhere_is_read_or_refused_in_one_sentence(
-    tmp_path_factory: pytest.TempPathFactory, name: str, data: st.DataObject
-) -> None:
-    ending, read, good = ALL[name]
-    path = tmp_path_factory.getbasetemp() / f"{name}{ending}"
-    content = json.loads(good(path))
-    place: Any = content
-    while True:  # down to a place that is replaced
-        keys = list(place) if isinstance(place, dict) else range(len(place))
-        key = data.draw(st.sampled_from(keys))
-        if not isinstance(place[key], dict | list) or not place[key] or data.draw(st.integers(0, 3)) == 0:
-            place[key] = data.draw(ANYTHING)
-            break
-        place = place[key]
-    path.write_text(json.dumps(content))
-    check(read, path)
-
 
 # ------------------------------------------------------------------------------------------------------- documents
 
@@ -80,8 +55,7 @@ def test_json_that_no_one_meant_is_refused(tmp_path: Path, text: str, match: str
     ("text", "match"),
     [
         ("a = " + "[" * 100_000, "nests too deeply"),
-        ("a = 1\n" + "a." * 40_000 + "b = 1", f"nests more than {DEPTH} deep: write fewer dots"),
-        ("a = '\"'\n[" + "'a' . " * 40 + "b]", f"nests more than {DEPTH} deep: write fewer dots"),
+        ("a = 1\n" + "a." * 40_000 + "b = 1", f"has a line of more than {DOTS} dots: write fewer"),
         ("a = " + "9" * 5000, f"holds a number of more than {DIGITS} digits"),
         ("a = [" + "9" * 400 + "]", f"holds a number of more than {DIGITS} digits"),
         ('a = "\\u0000"', r"holds '\\x00', which is no text"),
@@ -93,12 +67,6 @@ def test_toml_that_no_one_meant_is_refused(tmp_path: Path, text: str, match: str
     path.write_text(text)
     with pytest.raises(Unreadable, match=rf"a\.toml: {match}"):
         read_toml(path)
-
-
-def test_dots_in_texts_and_remarks_nest_nothing(tmp_path: Path) -> None:
-    path, dots = tmp_path / "a.toml", "b." * 100
-    path.write_text(f"""a = ['{dots}', "\\"{dots}", '''\n{dots}'''] # {dots}\nb = {[1.5] * 100}""")
-    assert list(read_toml(path)) == ["a", "b"]
 
 
 def test_a_value_is_told_with_its_key_and_never_at_length() -> None:
@@ -135,35 +103,16 @@ def test_a_device_a_pipe_and_a_folder_are_refused_at_once(tmp_path: Path, name: 
     for path, reason in [(pipe, "it is a device or a pipe"), (link, "it is a device or a pipe"), (folder, "directory")]:
         with pytest.raises(ValueError, match=reason):
             read(path)
+    if Path("/proc/kmsg").exists():  # a regular file of Linux, which waits for what the system will say
+        link.unlink()
+        link.symlink_to("/proc/kmsg")
+        with pytest.raises(ValueError, match="the system makes it up"):
+            read(link)
     sparse = tmp_path / f"sparse{ending}"
     with sparse.open("wb") as file:
         file.truncate(100 * 10**9)  # takes no room
     with pytest.raises(ValueError, match="holds 100 GB, of which at most"):
         read(sparse)
-
-
-@pytest.mark.skipif(not Path("/proc/kmsg").exists(), reason="a file of Linux")
-@pytest.mark.parametrize("name", FILES)
-def test_a_file_that_waits_for_what_the_system_will_say_is_refused_at_once(tmp_path: Path, name: str) -> None:
-    ending, read, _ = ALL[name]
-    path = tmp_path / f"made{ending}"
-    path.symlink_to("/proc/kmsg")  # a regular file
-    with pytest.raises(ValueError, match="the system makes it up"):
-        read(path)
-
-
-@pytest.mark.skipif(not hasattr(os, "statvfs"), reason="a call of Unix")
-def test_a_file_system_that_gives_no_answer_is_told_in_one_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def gone(path: object) -> None:
-        raise OSError(116, "Stale file handle")
-
-    monkeypatch.setattr(os, "statvfs", gone)
-    path = tmp_path / "a.json"
-    path.touch()
-    with pytest.raises(Unreadable, match=r"a\.json: cannot be read \(Stale file handle\): check the path"):
-        read_json(path, "a hint")
 
 
 # ---------------------------------------------------------------------------------------------------------- memory
@@ -257,20 +206,14 @@ def edited(**changes: object) -> Callable[[dict[str, Any]], None]:
     ("edit", "match"),
     [
         (edited(weight0=None), "it lacks weight0"),
-        (edited(bias1=None), "it lacks bias1"),
-        (edited(constraint=None), "its constraint is ''"),
         (edited(constraint=np.array("peek")), "its constraint is 'peek', none of peak, rms"),
         (edited(levels=np.array([np.nan] * 5)), "levels holds a number that is not finite"),
         (edited(levels=np.array([-2.0, -0.5, 0.0, 0.5, 1.0])), "a level is beyond 1"),
         (edited(levels=np.array(["a"] * 5)), "levels has type '<U1'"),
         (edited(levels=np.zeros(4)), "outputs and levels differ in number"),
-        (edited(levels=np.zeros((5, 1))), "levels has type .* and shape"),
-        (edited(weight0=np.zeros((64, 3))), "weight0 has shape"),
         (edited(weight1=np.zeros((64, 63))), r"weight1 has shape \(64, 63\), where \(64, 64\) follows"),
-        (edited(weight1=np.full((64, 64), np.inf)), "weight1 holds a number that is not finite"),
         (edited(weight1=np.full((64, 64), 1e30)), r"weight1 holds a number that is not finite, or beyond 1e\+06"),
         (edited(bias0=np.full(64, np.longdouble("1e4000"))), "bias0 holds a number that is not finite"),
-        (edited(bias0=np.zeros((64, 1))), "bias0 has type"),
         (edited(bias0=np.zeros(0)), "bias0 has type"),
         (edited(bias0=np.zeros(64, dtype=complex)), "bias0 has type 'complex128'"),
     ],
@@ -291,23 +234,6 @@ def test_numbers_of_a_policy_may_be_of_any_kind(tmp_path: Path) -> None:
         np.savez(path, **{k: v.astype(np.float16) if v.dtype.kind == "f" else v for k, v in file.items()})
     for weight, own in zip(Network.load(path).weights, Network.load(SHIPPED / "peak.npz").weights, strict=True):
         np.testing.assert_allclose(weight, own, rtol=1e-3, atol=1e-6)
-
-
-def test_a_policy_cut_or_with_a_flipped_byte_is_never_used(tmp_path: Path) -> None:
-    path, good = tmp_path / "policy.npz", (SHIPPED / "peak.npz").read_bytes()
-    want = Network.load(SHIPPED / "peak.npz")
-    rng = np.random.default_rng(0)
-    for place in rng.integers(len(good), size=60):
-        path.write_bytes(good[:place])
-        with pytest.raises(Unreadable):
-            Network.load(path)
-        path.write_bytes(good[:place] + bytes([good[place] ^ 1 << int(rng.integers(8))]) + good[place + 1 :])
-        try:
-            got = Network.load(path)
-        except Unreadable:
-            continue
-        for ours, theirs in zip((*got.weights, *got.biases), (*want.weights, *want.biases), strict=True):
-            np.testing.assert_array_equal(ours, theirs)  # a bit that means nothing, as of a date
 
 
 def test_nothing_is_unpickled(tmp_path: Path) -> None:

@@ -23,10 +23,9 @@ from estimators.diagnosis.run import diagnose
 from pendulum_env._typing import JSON
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term, load_plugin
-from pendulum_env.reading import regular_size
+from pendulum_env.reading import REMEDY, regular_size
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import by_torque
-from pendulum_env.recording.table import REMEDY
 from workbench.mistakes import MISTAKES, InputError, printable, sentence
 from workbench.survey.cases import Case
 from workbench.survey.dataset import VERDICTS

@@ -31,12 +31,8 @@ class ServoDrive:
             self._objects |= dict.fromkeys([(parameters, 1), (parameters, 2)], bytes(4))
             self._objects |= dict.fromkeys([(mapping, k) for k in range(9)], bytes(4))
         self._objects[cia402.RATED_TORQUE] = struct.pack("<I", round(1e3 * RATED))
-        self._status, self._control, self._error, self._kept = 0x40, 0, 0, False
+        self._status, self._control, self._error = 0x40, 0, 0
         self._operational = False
-
-    def settings(self, place: str) -> dict[str, Any]:
-        """Keys of its table in rig.toml."""
-        return {"interface": "slcan", "channel": place, "timestamp": True}
 
     def answer(self, data: bytes) -> bytes:
         """What the adapter sends when these bytes have come: messages of the bus as lines, `tIIILDD...`."""
@@ -58,8 +54,10 @@ class ServoDrive:
         """Identifiers and data of its answers to a message."""
         motor = self.motor
         motor.advance()
-        if motor.expired and not self._error:
-            self._fail(HOST_LOST)
+        if motor.faulty or motor.expired:
+            self._error, self._status = OVER_TEMPERATURE if motor.faulty else HOST_LOST, FAULT
+            motor.switch(False)
+            motor.expired = False
         if id == cia402.NMT and len(data) == 2 and data[1] in (0, NODE):
             self._operational = data[0] == cia402.START
         elif id == cia402.REQUEST + NODE and len(data) == cia402.SDO.size:
@@ -89,9 +87,8 @@ class ServoDrive:
         reset = control & cia402.FAULT_RESET and not self._control & cia402.FAULT_RESET
         self._control = control
         if self._error:
-            if reset and not self._kept:
+            if reset and not self.motor.faulty:
                 self._error, self._status = 0, 0x40
-                self.motor.expired = False
             return
         name, onwards = cia402.state(self._status)
         if not control & 0x02:  # disable voltage
@@ -102,11 +99,6 @@ class ServoDrive:
             self._status = order[order.index(self._status) + 1]
             if self._status == POWER_OF[cia402.ENABLED]:
                 self.motor.switch(True)
-
-    def _fail(self, code: int) -> None:
-        self._error, self._status = code, FAULT
-        self.motor.switch(False)
-        self.motor.expired = False
 
     def _serve(self, command: int, where: tuple[int, int], value: bytes) -> bytes:
         """Answer to a request for an object."""
@@ -121,13 +113,8 @@ class ServoDrive:
         self._objects[where] = value
         return cia402.pack_sdo(cia402.DOWNLOADED, where)
 
-    def fault(self) -> None:
-        """Over-temperature, until the process ends."""
-        self._kept = True
-        self._fail(OVER_TEMPERATURE)
 
-
-def make(motor: Motor) -> tuple[ServoDrive, Wire]:
-    """Drive around a motor, and the adapter's cable."""
-    drive = ServoDrive(motor)
-    return drive, Wire(drive.answer)
+def make(motor: Motor) -> tuple[Wire, dict[str, Any]]:
+    """The adapter's cable to a drive around a motor, and keys of its table in rig.toml."""
+    wire = Wire(ServoDrive(motor).answer)
+    return wire, {"interface": "slcan", "channel": wire.place, "timestamp": True}

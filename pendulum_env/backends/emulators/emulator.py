@@ -27,16 +27,6 @@ MARK = "# written by an emulator, and overwritten by the next one\n"
 TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which acts in time anyway
 
 
-class Device(Protocol):
-    """One side of a protocol: what a drive does with what it is sent."""
-
-    def settings(self, place: str) -> dict[str, Any]:
-        """Keys of its table in rig.toml, by which it is reached at a place."""
-
-    def fault(self) -> None:
-        """Report a fault from now on, without power."""
-
-
 class Cable(Protocol):
     """How a drive is reached."""
 
@@ -61,13 +51,12 @@ class Cable(Protocol):
 class Emulated(NamedTuple):
     """What is emulated."""
 
-    device: Device
-    cable: Cable
     motor: Motor
+    cable: Cable
 
 
 MISHAPS: dict[str, Callable[[Emulated, str], None]] = {  # by name, with the word that may follow it
-    "fault": lambda rig, _: rig.device.fault(),  # the drive reports over-temperature
+    "fault": lambda rig, _: rig.motor.fail(),  # the drive reports over-temperature
     "unplug": lambda rig, _: rig.cable.pull(),
     "corrupt": lambda rig, p: rig.cable.corrupt(_number(p)),  # each bit on the cable is wrong with that probability
     "push": lambda rig, torque: rig.motor.push(_number(torque)),  # [N m], by somebody
@@ -116,17 +105,16 @@ def emulate(
         priority.realtime()
     _own(config)
     motor = Motor(plant, first=first, log=log)
-    device, cable = module.make(motor)
-    rig = Emulated(device, cable, motor)
+    cable, reached = module.make(motor)
     try:
         # its arm hangs down at the first count, and later rests wherever friction holds it
-        tables = {kind: device.settings(cable.place), "encoder": {"zero": first % 2**32}, "plant": _plant(plant)}
+        tables = {kind: reached, "encoder": {"zero": first % 2**32}, "plant": _plant(plant)}
         for name, values in settings.items():
             tables[name] = {**tables.get(name, {}), **values}
         write_whole(config, MARK + _toml({"adapter": kind, "rate": rate, "realtime": realtime}, tables))
         mark_checked(load(config))  # nobody gets hurt
         said(f"ready: an emulated {kind} rig at {cable.place}, described by {config}")
-        _serve(rig, said)
+        _serve(Emulated(motor, cable), said)
     finally:
         cable.pull()
 

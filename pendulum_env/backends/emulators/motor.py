@@ -53,7 +53,7 @@ class Motor:
         self._angle = 0.0
         self._acting = 0.0  # [N m]
         self._deadline = math.inf
-        self.powered, self.expired = False, False
+        self.powered, self.expired, self.faulty = False, False, False
         self._pushed = 0.0  # [N m], by somebody's hand
         self._hand: tuple[float, float] | None = None  # of one that holds the arm: where it is, and goes [rad]
         self._inertia, self._speed = model.estimates["inertia"].value, 0.0  # [kg m^2], [rad/s]
@@ -82,10 +82,15 @@ class Motor:
             self._off(self._now)
         self._run(now)
 
+    def fail(self) -> None:
+        """Something in the drive breaks: no power any more, and over-temperature in its own words."""
+        self.faulty = True
+        self.switch(False)
+
     def switch(self, on: bool) -> None:
         """Power, at zero torque, or none."""
         self.advance()
-        if not on:
+        if not on or self.faulty:
             self._off(self._now)
             return
         self.expired = False

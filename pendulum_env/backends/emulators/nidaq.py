@@ -39,7 +39,7 @@ class Card:
         """Take the motor."""
         self.motor = motor
         self._tasks, self._watchdog = 0, ""  # made so far, and the name of the watchdog's
-        self._healthy, self._timeout = True, math.inf
+        self._timeout = math.inf
         self.calls: dict[str, Callable[[Any], Fields]] = {
             "GetSystemInfoAttributeUInt32": lambda request: {"value": VERSION},
             "CreateTask": self._create,
@@ -60,16 +60,6 @@ class Card:
             "ReadCounterScalarU32": lambda request: {"value": motor.counts() % 2**32},
             "ReadDigitalLines": self._read_fault,
         }
-
-    def settings(self, place: str) -> dict[str, Any]:
-        """Keys of its table in rig.toml."""
-        channels = {name: f"{DEVICE}/{channel}" for name, channel in CHANNELS.items()}
-        return {**channels, "newton_metres_per_volt": NEWTON_METRES_PER_VOLT, "server": place}
-
-    def fault(self) -> None:
-        """The fault line falls, until the process ends."""
-        self._healthy = False
-        self.motor.switch(False)
 
     def _create(self, request: Any) -> Fields:
         self._tasks += 1
@@ -105,11 +95,12 @@ class Card:
     def _set_enable(self, request: Any) -> Fields:
         self.motor.advance()
         if not self.motor.expired:  # else the card holds the line
-            self.motor.switch(request.write_array != b"\0" and self._healthy)
+            self.motor.switch(request.write_array != b"\0")
         return {"samps_per_chan_written": 1}
 
     def _read_fault(self, request: Any) -> Fields:
-        return {"read_array": struct.pack("?", self._healthy), "samps_per_chan_read": 1, "num_bytes_per_samp": 1}
+        level = struct.pack("?", not self.motor.faulty)
+        return {"read_array": level, "samps_per_chan_read": 1, "num_bytes_per_samp": 1}
 
 
 def _add(asked: str, use: str) -> Fields:
@@ -120,7 +111,7 @@ def _add(asked: str, use: str) -> Fields:
 
 
 class Server:
-    """The network to a card; calls come in a thread of its own, one after the other."""
+    """The network to a card, as a cable; calls come in a thread of its own, one after the other."""
 
     descriptor = -1  # nothing to watch
 
@@ -159,7 +150,8 @@ def _handler(name: str, work: Callable[[Any], Fields], turn: threading.Lock) -> 
     return grpc.unary_unary_rpc_method_handler(answer, request.FromString, response.SerializeToString)
 
 
-def make(motor: Motor) -> tuple[Card, Server]:
-    """Card with a motor, and the network to it."""
-    card = Card(motor)
-    return card, Server(card)
+def make(motor: Motor) -> tuple[Server, dict[str, Any]]:
+    """The network to a card with a motor, and keys of its table in rig.toml."""
+    server = Server(Card(motor))
+    channels = {name: f"{DEVICE}/{channel}" for name, channel in CHANNELS.items()}
+    return server, {**channels, "newton_metres_per_volt": NEWTON_METRES_PER_VOLT, "server": server.place}

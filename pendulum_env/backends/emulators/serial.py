@@ -18,12 +18,8 @@ class Firmware:
 
     def __init__(self, motor: Motor) -> None:
         """Take the motor."""
-        self.motor, self._splitter, self._faults = motor, frames.Splitter(), 0
+        self.motor, self._splitter = motor, frames.Splitter()
         self._set, self._ready = 0, False  # torque [uN m]; whether there has been a SETUP
-
-    def settings(self, place: str) -> dict[str, Any]:
-        """Keys of its table in rig.toml."""
-        return {"port": place}
 
     def answer(self, data: bytes) -> bytes:
         """What it sends when these bytes have come."""
@@ -43,7 +39,7 @@ class Firmware:
             self._set, self._ready = 0, True
             motor.watchdog = 1e-3 * values[0]
         elif kind == frames.POWER:
-            motor.switch(bool(values[0]) and self._ready and not self._faults)
+            motor.switch(bool(values[0]) and self._ready)
             self._set = 0
         elif kind != frames.READ:
             return b""
@@ -51,15 +47,10 @@ class Firmware:
         flags = frames.POWERED * motor.powered + frames.EXPIRED * motor.expired
         micro = int(motor.moment / frames.MICRO) % 2**32
         torque = self._set if motor.powered else 0
-        return frames.pack(frames.STATE, sequence, flags, self._faults, micro, counts, torque)
-
-    def fault(self) -> None:
-        """Over-temperature, until the process ends."""
-        self._faults |= OVER_TEMPERATURE
-        self.motor.switch(False)
+        return frames.pack(frames.STATE, sequence, flags, OVER_TEMPERATURE * motor.faulty, micro, counts, torque)
 
 
-def make(motor: Motor) -> tuple[Firmware, Wire]:
-    """Firmware around a motor, and the cable to it."""
-    firmware = Firmware(motor)
-    return firmware, Wire(firmware.answer)
+def make(motor: Motor) -> tuple[Wire, dict[str, Any]]:
+    """The cable to a firmware around a motor, and keys of its table in rig.toml."""
+    wire = Wire(Firmware(motor).answer)
+    return wire, {"port": wire.place}

@@ -7,7 +7,7 @@ import math
 import select
 import struct
 import time
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from typing import Any
 
 import can
@@ -15,7 +15,7 @@ import can
 from pendulum_env.backends.hardware import cia402
 from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import CanSettings, RigConfig
-from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent
+from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
 
 SWITCHING = 2.0  # [s] that a drive may take to switch on
 PER_MILLE = 1e-3
@@ -45,7 +45,9 @@ class Canopen402:
         """Join the bus and lay out the messages."""
         link = self._link
         own = [cia402.TPDO1 + link.node, cia402.TPDO2 + link.node, cia402.ANSWER + link.node]
-        try:
+        with said(
+            f"the CAN bus {link.interface} {link.channel} cannot be opened", "check canopen402.interface and channel"
+        ):
             self._bus = can.Bus(
                 interface=link.interface,
                 channel=link.channel,
@@ -53,11 +55,6 @@ class Canopen402:
                 can_filters=[{"can_id": id, "can_mask": 0x7FF, "extended": False} for id in own],
                 **(SERIAL_LINE if link.interface == "slcan" else {}),
             )
-        except Exception as error:  # each kind of bus has a driver of its own, which raises what it likes
-            raise DriveError(
-                f"the CAN bus {link.interface} {link.channel} cannot be opened ({error}): check canopen402.interface "
-                "and channel"
-            ) from None
         self._clock, self._patience = DriveClock(), max(OPENING, self._reply)
         self._lay_out()
         self._patience = self._reply
@@ -128,7 +125,7 @@ class Canopen402:
         until = time.monotonic() + self._reply
         while cia402.state(self._sync()[0])[0] == cia402.ENABLED:
             if time.monotonic() > until:
-                raise DriveError("the drive says that it has power still: use the emergency stop")
+                raise DriveError(STILL_ON)
 
     def close(self) -> None:
         """Leave the bus."""
@@ -148,8 +145,6 @@ class Canopen402:
 
     def _sync(self) -> tuple[int, Reading]:
         """Statusword and counts at a SYNC."""
-        if self._bus is None:
-            raise DriveError("the CAN bus is not open")
         for _ in range(STALE):
             if not self._is_waiting() or self._receive(0.0) is None:
                 break
@@ -203,14 +198,21 @@ class Canopen402:
             return "it does not say why"
         return cia402.ERRORS.get(code, f"error code 0x{code:04x}")
 
-    def _post(self, id: int, data: bytes) -> None:
-        """Send a message; waits no longer than for an answer where the bus takes nothing."""
+    @property
+    def _opened(self) -> can.BusABC:
         if self._bus is None:
             raise DriveError("the CAN bus is not open")
-        try:
-            self._bus.send(can.Message(arbitration_id=id, is_extended_id=False, data=data), timeout=self._patience)
-        except Exception as error:  # python-can lets through what its many buses raise
-            raise self._lost(error) from None
+        return self._bus
+
+    @property
+    def _lost(self) -> AbstractContextManager[None]:
+        return said(f"the CAN bus {self._link.channel} was lost", "check its plug")
+
+    def _post(self, id: int, data: bytes) -> None:
+        """Send a message; waits no longer than for an answer where the bus takes nothing."""
+        message = can.Message(arbitration_id=id, is_extended_id=False, data=data)
+        with self._lost:
+            self._opened.send(message, timeout=self._patience)
 
     def _answer(self, until: float) -> tuple[int, bytes]:
         """Identifier and data of the next message of the drive, which has to come by a time [s]."""
@@ -225,27 +227,15 @@ class Canopen402:
 
     def _receive(self, seconds: float) -> tuple[int, bytes] | None:
         """Identifier and data of a message that comes within a time."""
-        assert self._bus is not None  # something was sent
-        try:
-            message = self._bus.recv(seconds)
-        except Exception as error:
-            raise self._lost(error) from None
+        with self._lost:
+            message = self._opened.recv(seconds)
         if message is None:
             return None
         return message.arbitration_id, b"" if message.is_error_frame else bytes(message.data)
 
     def _is_waiting(self) -> bool:
         """Whether something may have come: a serial adapter takes a millisecond to say that nothing has."""
-        assert self._bus is not None
         try:
-            return bool(select.select([self._bus.fileno()], [], [], 0)[0])
-        except (
-            NotImplementedError,
-            OSError,
-            ValueError,
-            can.CanError,
-        ):  # not every bus tells; reading says what is wrong
-            return True
-
-    def _lost(self, error: Exception) -> DriveError:
-        return DriveError(f"the CAN bus {self._link.channel} was lost ({error}): check its plug")
+            return bool(select.select([self._opened.fileno()], [], [], 0)[0])
+        except (NotImplementedError, OSError, ValueError, can.CanError):
+            return True  # not every bus tells; reading says what is wrong

@@ -10,33 +10,22 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NoReturn
+from typing import Any
 
 from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
 from pendulum_env.plant import PAPER
-from pendulum_env.reading import LARGE, Unreadable, read_text, read_toml, shown
+from pendulum_env.reading import Unreadable, Value, one_of, read_text, read_toml, within
 
-LONGEST = 1000  # characters of a text
 CHECKED = ".checked"  # ending of the file beside a configuration that says which wiring has passed the check
 
 
 class ConfigError(ValueError):
     """A configuration cannot be used; the message names the file, the key, what is wrong and what to do."""
-
-
-def within(low: float, high: float = LARGE, default: Any = MISSING, also: str | None = None) -> Any:
-    """A field: a number from low to high, or a word that stands for None."""
-    return field(default=default, metadata={"range": (low, high), "also": also})
-
-
-def one_of(*known: Any, default: Any = MISSING) -> Any:
-    """A field: one of the known values."""
-    return field(default=default, metadata={"known": known})
 
 
 @dataclass(frozen=True)
@@ -243,11 +232,11 @@ def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
     tables = {name: value for name, value in data.items() if isinstance(value, dict)}
     for name in tables:
         find("table", name, {**TABLES, **LINKS})
-    top = _read(Top, "", {name: value for name, value in data.items() if name not in tables})
+    top = Value("", "", {name: value for name, value in data.items() if name not in tables}).record(Top)
     if top.adapter not in tables:
         raise ValueError(f"adapter is '{top.adapter}' but there is no table [{top.adapter}]: add it")
-    settings = {name: _read(kind, name, tables.get(name, {})) for name, kind in TABLES.items()}
-    link = _read(LINKS[top.adapter], top.adapter, tables[top.adapter])
+    settings = {name: Value("", name, tables.get(name, {})).record(kind) for name, kind in TABLES.items()}
+    link = Value("", top.adapter, tables[top.adapter]).record(LINKS[top.adapter])
     config = RigConfig(**vars(top), link=link, **settings, path=path.resolve())
     limits, rest = config.limits, config.rest
     if not limits.soft_velocity <= limits.hard_velocity:
@@ -262,48 +251,3 @@ def _rig(path: Path, data: dict[str, Any]) -> RigConfig:
         return replace(config, checked=read_text(config.note).strip() == config.wiring)
     except Unreadable:  # there is no note
         return config
-
-
-def _read(kind: type[Any], table: str, given: dict[str, Any]) -> Any:
-    """Record of a kind from the keys of a table."""
-    known = {f.name: f for f in fields(kind)}
-    for name in given:
-        find(f"key in [{table}]" if table else "key", name, known)
-    values = {}
-    for name, f in known.items():
-        where = f"{table}.{name}" if table else name
-        if name in given:
-            values[name] = _value(where, f, given[name])
-        elif f.default is MISSING:
-            raise ValueError(f"{where} is missing: docs/hardware.md says what it means")
-    return kind(**values)
-
-
-def _value(where: str, asked: Field[Any], value: Any) -> Any:
-    """A value that is what the type and the metadata of a field ask for.
-
-    Raises:
-        ValueError: if it is not.
-    """
-
-    def refuse(what: str) -> NoReturn:
-        raise ValueError(f"{where} is {shown(value)}: it has to be {what}")
-
-    kind, known = str(asked.type).removesuffix(" | None"), asked.metadata.get("known")
-    if known is not None:
-        if not any(value == one and type(value) is type(one) for one in known):
-            refuse(f"one of {', '.join(map(str, known))}")
-        return value
-    if kind == "bool":
-        return value if isinstance(value, bool) else refuse("true or false")
-    if kind == "str":
-        right = isinstance(value, str) and 0 < len(value) <= LONGEST
-        return value if right else refuse(f"a text in quotes, of up to {LONGEST} characters")
-    (low, high), also = asked.metadata["range"], asked.metadata["also"]
-    if also is not None and value == also:
-        return None
-    whole = kind == "int"
-    right = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
-    if not right or not low <= value <= high:
-        refuse(f"a {'whole ' * whole}number from {low:g} to {high:g}" + (f', or "{also}"' if also else ""))
-    return value if whole else float(value)

@@ -5,13 +5,31 @@ Adapters neither judge nor wait for the next sample: the guard does the one, the
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple, Protocol
 
+STILL_ON = "the drive says that it has power still: use the emergency stop"
 OPENING = 2.0  # [s] to wait for an answer at least while the drive is opened, without power: it may set itself up
 
 
 class DriveError(RuntimeError):
     """The drive cannot be reached or does not obey; the message says what happened and what to do about it."""
+
+
+@contextmanager
+def said(what: str, remedy: str) -> Iterator[None]:
+    """Tell of whatever a driver raises, what it was and what to do; drivers raise what they like.
+
+    Raises:
+        DriveError: if one does.
+    """
+    try:
+        yield
+    except DriveError:
+        raise
+    except Exception as error:
+        raise DriveError(f"{what} ({' '.join(str(error).split())[:200].rstrip('.')}): {remedy}") from None
 
 
 class Reading(NamedTuple):

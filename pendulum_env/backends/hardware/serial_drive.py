@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, suppress
 
 import serial
 
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
-from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent
+from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
 
 REFUSED = 5  # torques in a row that are not set: more than damaged frames
 TRIES = 4  # requests in the time allowed for a reply: a damaged frame alone ends no run
@@ -33,14 +34,12 @@ class SerialDrive:
         """Open the port, wait for a board that starts anew with that, and set the watchdog."""
         link, self._on = self._link, False
         self._sequence, self._clock, self._splitter = 0, DriveClock(), frames.Splitter()
-        try:
+        with said(f"serial port {link.port} cannot be opened", "check serial.port"):
             self._port = serial.Serial(
                 link.port, link.baud, timeout=self._reply / TRIES, write_timeout=self._reply, exclusive=True
             )
             self._port.reset_input_buffer()
             self._port.write(b"\0")  # ends whatever was begun
-        except (OSError, ValueError) as error:  # SerialException is an OSError
-            raise DriveError(f"serial port {link.port} cannot be opened ({error}): check serial.port") from None
         self._set_up(max(OPENING, self._reply))
 
     def _set_up(self, patience: float) -> None:
@@ -78,16 +77,14 @@ class SerialDrive:
         self._on = False
         state, *_ = self._ask(frames.POWER, 0)
         if state.flags & frames.POWERED:
-            raise DriveError("the drive says that it has power still: use the emergency stop")
+            raise DriveError(STILL_ON)
 
     def close(self) -> None:
         """Close the port."""
         port, self._port = self._port, None
         if port is not None:
-            try:
+            with suppress(OSError):  # it is gone
                 port.close()
-            except OSError:
-                pass  # it is gone
 
     def _ask(self, kind: int, *values: int, patience: float | None = None) -> tuple[frames.State, float, float]:
         """Send a request until it is answered: the answer, when it was asked for, and when it came [s]."""
@@ -104,28 +101,30 @@ class SerialDrive:
         raise DriveError(f"the drive on {self._link.port} did not answer within {1e3 * patience:.0f} ms: {why}")
 
     def _send(self, kind: int, *values: int) -> int:
-        port = self._port
-        if port is None:
-            raise DriveError("the serial port is not open")
         self._sequence = (self._sequence + 1) % 256
-        try:
-            port.write(frames.pack(kind, self._sequence, *values))
-        except OSError as error:
-            raise DriveError(f"serial port {self._link.port} was lost ({error}): check its plug") from None
+        with self._lost:
+            self._opened.write(frames.pack(kind, self._sequence, *values))
         return self._sequence
 
     def _answers(self, until: float) -> Iterator[frames.State]:
         """States that arrive until a time [s]."""
-        assert self._port is not None  # something was sent
         while time.monotonic() < until:
-            try:
-                data = self._port.read(1)
-                data += self._port.read(self._port.in_waiting) if data else b""
-            except (OSError, TypeError) as error:  # TypeError: pyserial, closed meanwhile
-                raise DriveError(f"serial port {self._link.port} was lost ({error}): check its plug") from None
+            with self._lost:
+                data = self._opened.read(1)
+                data += self._opened.read(self._opened.in_waiting) if data else b""
             for kind, *values in self._splitter.feed(data):
                 if kind == frames.STATE:
                     yield frames.State(*values)
+
+    @property
+    def _opened(self) -> serial.Serial:
+        if self._port is None:
+            raise DriveError("the serial port is not open")
+        return self._port
+
+    @property
+    def _lost(self) -> AbstractContextManager[None]:
+        return said(f"serial port {self._link.port} was lost", "check its plug")
 
 
 def _fault(state: frames.State) -> str | None:

@@ -114,17 +114,6 @@ def test_hdf5_reads_no_other_file_and_ends(tmp_path, make, match):
         read_recording(tmp_path / "run.h5")
 
 
-def test_hdf5_is_read_however_it_is_packed(tmp_path):
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(tmp_path / "run.h5", "w") as file:
-        for name, values in signals().items():
-            file.create_dataset(name, data=values, chunks=(300,), compression="gzip", shuffle=True, fletcher32=True)
-        noise = np.frombuffer(np.random.default_rng(0).bytes(8000))  # which is stored as it is
-        file.create_dataset("noise", data=np.nan_to_num(noise), chunks=(1000,), compression="gzip")
-    assert_read(read_recording(tmp_path / "run.h5"))
-    assert preview(tmp_path / "run.h5").headers[0] == "noise"
-
-
 # Parquet
 
 
