@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +17,9 @@ from estimators.checks.alignment import Aligned
 from estimators.checks.torque_constant import Calibrated
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
-from pendulum_env.files import check_output
+from pendulum_env._typing import JSON
+from pendulum_env.files import check_output, write_whole
+from pendulum_env.lookup import find
 from pendulum_env.physics import Model, ModelError, Term, effect
 from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import DIGITS, LARGE, LARGEST, Unreadable, Value, read_json, shown
@@ -76,6 +79,17 @@ def whole(low: int, high: int = 10**DIGITS) -> Callable[[str], int]:
         return value
 
     return converted
+
+
+def one_of(kind: str, known: Iterable[str]) -> Callable[[str], str]:
+    """Converter for argparse: one of the names that are known."""
+    names = dict.fromkeys(known)
+
+    def converted(text: str) -> str:
+        find(kind, text, names)
+        return text
+
+    return argument(converted)
 
 
 def take_plant(parser: argparse.ArgumentParser, *, arm: bool = False) -> None:
@@ -176,7 +190,12 @@ def take_reading(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def page(text: str) -> str:
+def take_report(parser: argparse.ArgumentParser, what: str = "a report with plots, one file to share") -> None:
+    """Declare the page that is written."""
+    parser.add_argument("--report", type=argument(_page), metavar="FILE.html", help=f"write {what}")
+
+
+def _page(text: str) -> str:
     """Name of a report's file.
 
     Raises:
@@ -472,10 +491,7 @@ def read_suggestion(path: str) -> Suggestion:
         InputError: if the file is missing or no diagnosis, or nothing is open that an experiment would settle.
     """
     hint = "a diagnosis is what `diagnose --json` writes"
-    try:
-        content = read_json(path, hint)
-    except Unreadable as error:
-        raise InputError(str(error)) from None
+    content = read_json(path, hint)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise InputError(f"{path}: is not a diagnosis; {hint}")
     data = Value("the diagnosis", "", content)
@@ -530,6 +546,12 @@ def write_model(model: Model, path: str | None, fitted: Sequence[Source], termin
     if path is not None:
         replace(model, log_format=format_of(fitted)).save(path)
     return path
+
+
+def write_json(path: str | None, content: JSON) -> None:
+    """Write plain data for programs, if that was asked for."""
+    if path is not None:
+        write_whole(path, json.dumps(content, indent=1) + "\n")
 
 
 def wrote(paths: Sequence[str | Path | None], terminal: Terminal) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import takewhile
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import pyarrow.parquet as pq
 
@@ -158,9 +159,10 @@ def _table(path: Path) -> list[dict[str, str]]:
     try:
         if path.suffix.lower() == ".parquet":
             table = pq.read_table(path)
-            headers, *rows = table.column_names, *zip(*(column.to_pylist() for column in table.columns), strict=True)
+            lines: list[Sequence[Any]] = [table.column_names, *zip(*table.to_pydict().values(), strict=True)]
         else:
-            headers, *rows = filter(None, csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+            lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+        headers, *rows = filter(None, lines)
         for header in _plain(headers):
             find("column", header, dict.fromkeys(("file", *LABELS)))
     except (OSError, ValueError, csv.Error) as error:

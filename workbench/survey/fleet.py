@@ -227,7 +227,8 @@ def _shared(joints: Sequence[Joint]) -> Iterator[Shared]:
         for k in range(len(effects)):
             known = gains[np.isfinite(gains[:, k]).all(axis=1), k]  # (n, 3)
             if len(known) > 1:
-                pooled = pool(*known.T, rivals=len(effects) * len(groups))
+                gain, error, forms = known.T
+                pooled = pool(gain, error, forms, rivals=len(effects) * len(groups))
                 if pooled.chance <= CHANCE:
                     sure[k] = pooled
         if sure:

@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake
 from pendulum_env.plant import PAPER
 from pendulum_env.reading import LARGE, Unreadable, read_text, read_toml, shown
 
@@ -25,7 +26,7 @@ LONGEST = 1000  # characters of a text
 CHECKED = ".checked"  # ending of the file beside a configuration that says which wiring has passed the check
 
 
-class ConfigError(ValueError):
+class ConfigError(Mistake):
     """A configuration cannot be used; the message names the file, the key, what is wrong and what to do."""
 
 
