@@ -7,7 +7,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -304,25 +304,27 @@ def known_effect(id: str, known: Callable[[str], type[Term]] = effect) -> str:
 
 def known(text: str) -> dict[str, float]:
     """Values by parameter, of `gravity=2.01,...`; raises ValueError if it is something else."""
-    values = {}
-    for part in text.split(","):
-        name, equals, value = (word.strip() for word in part.partition("="))
-        if not (name and equals):
-            raise InputError(f"{shown(part)} should be NAME=VALUE, such as gravity=2.01")
-        values[name] = _bound(value)
-    return values
+    return {name: _bound(value) for name, value in _pairs(text, "NAME=VALUE, such as gravity=2.01")}
 
 
 def ranges(text: str) -> dict[str, tuple[float, float]]:
     """Bounds by parameter, of `viscous=0:0.5,...`; raises ValueError if it is something else."""
-    bounds = {}
-    for part in text.split(","):
-        name, equals, both = (word.strip() for word in part.partition("="))
+    bounds, asked = {}, "NAME=LOW:HIGH, such as viscous=0:0.5"
+    for name, both in _pairs(text, asked):
         low, colon, high = (word.strip() for word in both.partition(":"))
-        if not (name and equals and colon):
-            raise InputError(f"{shown(part)} should be NAME=LOW:HIGH, such as viscous=0:0.5")
+        if not colon:
+            raise InputError(f"{shown(f'{name}={both}')} should be {asked}")
         bounds[name] = (_bound(low or "-inf"), _bound(high or "inf"))
     return bounds
+
+
+def _pairs(text: str, asked: str) -> Iterator[tuple[str, str]]:
+    """Names and what is said of each, of `NAME=VALUE,...`; raises InputError, which says what was asked for."""
+    for part in text.split(","):
+        name, equals, value = (word.strip() for word in part.partition("="))
+        if not (name and equals):
+            raise InputError(f"{shown(part)} should be {asked}")
+        yield name, value
 
 
 def _bound(text: str) -> float:
@@ -421,13 +423,9 @@ def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
 
 def _drive(text: str) -> Drive:
     """A drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
-    told: dict[str, str | float] = {}
-    for part in text.split(","):
-        name, equals, value = (word.strip() for word in part.partition("="))
-        if not (name and equals):
-            raise InputError(f"{shown(part)} should be KEY=VALUE, such as kp=200")
-        told[name] = value if name in ("preset", "control", "output") else _bound(value)
-    return Drive.of(told)
+    pairs = _pairs(text, "KEY=VALUE, such as kp=200")
+    words = ("preset", "control", "output")
+    return Drive.of({name: value if name in words else _bound(value) for name, value in pairs})
 
 
 def _columns(text: str) -> dict[str, str]:

@@ -371,7 +371,7 @@ def test_loops_of_links_and_names_that_are_no_text_cost_no_other_case(folder, tm
     os.rename(elbow / "2026-01-05.csv", os.fsencode(elbow) + b"/2026-01-05 \xff\x1b.csv")
     dataset = Dataset(tmp_path / "out")
     tally = survey(cases(folder), dataset, client, look=stub)
-    assert (tally.new["done"], tally.new["failed"]) == (6, 1)
+    assert (tally.new["done"], tally.new["refused"]) == (6, 1)
     assert [name for name, _ in tally.troubles] == ["arm/elbow/loop.csv"]
     assert "arm/elbow/2026-01-05 \\udcff\\x1b.csv" in {row["name"] for row in dataset.rows(["name"])}
     assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6

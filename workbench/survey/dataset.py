@@ -59,8 +59,6 @@ SCHEMA = pa.schema(
         "diagnosis": TEXT,  # JSON, as `diagnose --json` writes it
         "report": TEXT,  # file of the case's own page, below the survey's folder
         "hash": TEXT,  # of the file's content
-        "size": pa.int64(),  # bytes
-        "changed": pa.int64(),  # when the file was [ns since 1970]
         "version": TEXT,  # of this project
         "settings": TEXT,  # hash of all that was asked for
         "finished": pa.timestamp("us", "UTC"),

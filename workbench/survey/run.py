@@ -17,7 +17,7 @@ from workbench.survey.work import Look, Settings, examined, look, row_of, troubl
 if TYPE_CHECKING:
     from distributed import Client
 
-KNOWN = ("name", "status", "reason", "hash", "size", "changed", "settings", "verdict", "report")
+KNOWN = ("name", "status", "reason", "hash", "settings", "verdict", "report")
 MERGED = 500  # files after which those of a survey that goes on become one
 SENT = 1000  # cases in one message to the scheduler; Dask warns of one that is large
 DIED = "its worker died, of too little memory perhaps: give workers more (--memory), or shorten the recording"

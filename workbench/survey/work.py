@@ -61,17 +61,13 @@ class Settings:
         return [content_hash(path) for path in self.plugins]
 
     def is_answered(self, case: Case, row: JSON) -> bool:
-        """Whether a row is what would be found of a case now: the same was asked, of the same content.
-
-        A file's content is the same if its size and time are, or else its hash.
-        """
+        """Whether a row is what would be found of a case now: the same was asked, of the same content."""
         if row["status"] == "failed" or row["settings"] != self.mark(case):
             return False
         if row["report"] is None and row["verdict"] in PAGES[self.reports]:
             return False
         try:
-            same = stamp(case.source.file) == {"size": row["size"], "changed": row["changed"]}
-            return same or content_hash(case.source.file, case.source.largest) == row["hash"]
+            return content_hash(case.source.file, case.source.largest) == row["hash"]
         except MISTAKES:
             return row["hash"] is None
 
@@ -150,7 +146,7 @@ def examined(case: Case, settings: Settings, look: Look = look) -> JSON:
     begun = perf_counter()
     row = row_of(case, settings)
     try:
-        row |= stamp(case.source.file) | {"hash": content_hash(case.source.file, case.source.largest)}
+        row["hash"] = content_hash(case.source.file, case.source.largest)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters is in the result
             row |= {"status": "done", **look(case, settings)}
@@ -178,16 +174,6 @@ def trouble(error: BaseException, case: Case) -> JSON:
     elif not isinstance(error, OSError):  # of a full disk, or a share that is away
         error = InputError(f"{type(error).__name__}: {error}")
     return {"status": "failed", "reason": sentence(error)}
-
-
-def stamp(file: Path) -> JSON:
-    """Size and time of change of a file, which differ where its content does, or else cost one more reading.
-
-    Raises:
-        OSError: if there is no such file.
-    """
-    status = os.stat(file)
-    return {"size": status.st_size, "changed": status.st_mtime_ns}
 
 
 def content_hash(file: Path, most: float = math.inf) -> str:
