@@ -27,6 +27,7 @@ from agents.tasks import FinalWorth, Forwards, PriceTorque, in_levels
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
 from pendulum_env.files import write_whole
+from pendulum_env.mistake import Mistake
 from pendulum_env.reading import Unreadable, read_own
 
 CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
@@ -34,7 +35,7 @@ TUNING = 2**21  # added to seeds, for plants that neither training nor evaluatio
 STRETCHES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
 
 
-class CheckpointError(ValueError):
+class CheckpointError(Mistake):
     """A folder that holds another training than the one asked for, or one that was not to be resumed."""
 
 

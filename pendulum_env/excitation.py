@@ -14,6 +14,7 @@ import numpy as np
 
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake
 from pendulum_env.reading import LARGE, Unreadable, Value
 
 MOST_TORQUE = 1e6  # [N m] of a signal; the largest robots have some 1e4
@@ -200,9 +201,9 @@ def excitation(
     amplitude = kind.usual if amplitude is None else amplitude
     for what, value in (("seconds", seconds), ("amplitude", amplitude)):
         if not 0 < value < np.inf:
-            raise ValueError(f"an excitation needs {what} above zero, got {value:g}")
+            raise Mistake(f"an excitation needs {what} above zero, got {value:g}")
     if amplitude > MOST_TORQUE:
-        raise ValueError(f"an excitation needs an amplitude of at most {MOST_TORQUE:g} N m, got {amplitude:g}")
+        raise Mistake(f"an excitation needs an amplitude of at most {MOST_TORQUE:g} N m, got {amplitude:g}")
     return kind.draw(np.random.default_rng(rng), seconds, amplitude)
 
 

@@ -14,7 +14,6 @@ import io
 import json
 import math
 import random
-import shutil
 import signal
 import struct
 import subprocess
@@ -25,14 +24,12 @@ import warnings
 import zipfile
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout, suppress
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 from unittest import mock
 from xml.sax.saxutils import escape
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
@@ -52,9 +49,7 @@ from tests.workbench.app.plants import recorded, url, written
 from workbench import cli
 from workbench.inputs import read_suggestion
 from workbench.mistakes import InputError, sentence
-from workbench.report.fleet import write_fleet_report
-from workbench.survey import Dataset, Fleet, find_cases
-from workbench.survey.names import matched
+from workbench.survey import find_cases
 
 CORPUS = Path(__file__).parent / "corpus"
 MEMORY = 4_000_000_000  # bytes that a reader may map, libraries included
@@ -138,45 +133,12 @@ def leave(path: Path) -> Model:
         return Model.load(model)
 
 
-def read_name(path: Path) -> object:
-    """A name and what it is to be read as, below each other."""
-    name, _, pattern = path.read_text(errors="replace").partition("\n")
-    return matched(PurePosixPath(name), pattern)
-
-
 def read_expression(path: Path) -> object:
     return named_column("torque", path.read_text(errors="replace"), ["time", "a/b", "i", "i:A", "-x"])
 
 
 def read_cases(path: Path) -> object:
     return find_cases([str(path)], argparse.Namespace(columns=None, unwrap=False, max_size=500))
-
-
-def read_rows(path: Path) -> object:
-    """The page of a fleet whose dataset holds a stranger's rows beside its own."""
-    with tempfile.TemporaryDirectory() as folder:
-        dataset = Dataset(Path(folder))
-        dataset.create()
-        if path.suffix == ".json":
-            try:
-                pq.write_table(pa.Table.from_pylist(json.loads(path.read_bytes())), f"{folder}/cases/other.parquet")
-            except Exception:  # no rows that Parquet could hold
-                return None
-        else:
-            shutil.copy(path, f"{folder}/cases/other.parquet")
-        fleet = Fleet.of(dataset)
-        write_fleet_report(Path(folder, "fleet.html"), fleet)
-        dataset.merge()
-        return fleet
-
-
-def rows(kind: str) -> bytes:
-    from tests.workbench.app.fleets import surveyed
-
-    with tempfile.TemporaryDirectory() as folder:
-        dataset = surveyed(Path(folder), 4)
-        told = [row | {"diagnosis": "{}"} for row in dataset.rows()]
-        return json.dumps(told, default=str).encode() if kind == "json" else dataset.parts[0].read_bytes()
 
 
 @functools.cache
@@ -321,17 +283,13 @@ ALL: dict[str, Door] = FILES | {  # and what is no file of its own, or of severa
     "chain": (".txt", read_chain, lambda _: CHAIN.encode()),
     "plugin": (".py", read_plugin, lambda _: PLUGIN.encode()),
     "pipe": (".txt", leave, lambda _: b"x" * 500),
-    "names": (".txt", read_name, lambda _: b"arm3/elbow_2026-03-01\n{robot}/*{joint}_{date}"),
     "expression": (".txt", read_expression, lambda _: b"-i:A*0.091/6+0.1:Nm"),
     "table": (".csv", read_cases, lambda _: b"file,robot,joint,date\na.csv,one,elbow,2026-03-01\nb.npz,two,,\n"),
-    "dataset.parquet": (".parquet", read_rows, lambda _: rows("parquet")),
-    "dataset.json": (".json", read_rows, lambda _: rows("json")),
     "session.zip": (".zip", open_session, lambda _: worked()),
     "session.json": (".json", open_session, lambda _: contents()),
 }
 NAMELESS = (
     train,
-    read_name,
     read_expression,
     read_cases,
 )  # what is wrong there may be told of another file, or of none

@@ -39,10 +39,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     """
     named = argv[0] if argv and not argv[0].startswith("-") else None
     if named is not None:
-        try:
-            find("command", named, COMMANDS)
-        except ValueError as error:
-            raise InputError(str(error)) from None
+        find("command", named, COMMANDS)
     plugins(argv)
     program = Parser(prog=PROGRAM, description=DESCRIPTION)
     program.add_argument("--version", action="version", version=f"{PROGRAM} {_version()}")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +17,9 @@ from estimators.checks.alignment import Aligned
 from estimators.checks.torque_constant import Calibrated
 from estimators.diagnosis.result import SCHEMA
 from estimators.diagnosis.suggestion import Suggestion
-from pendulum_env.files import check_output
+from pendulum_env._typing import JSON
+from pendulum_env.files import check_output, write_whole
+from pendulum_env.lookup import find
 from pendulum_env.physics import Model, ModelError, Term, effect
 from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import DIGITS, LARGE, LARGEST, Unreadable, Value, read_json, shown
@@ -76,6 +79,17 @@ def whole(low: int, high: int = 10**DIGITS) -> Callable[[str], int]:
         return value
 
     return converted
+
+
+def one_of(kind: str, known: Iterable[str]) -> Callable[[str], str]:
+    """Converter for argparse: one of the names that are known."""
+    names = dict.fromkeys(known)
+
+    def converted(text: str) -> str:
+        find(kind, text, names)
+        return text
+
+    return argument(converted)
 
 
 def take_plant(parser: argparse.ArgumentParser, *, arm: bool = False) -> None:
@@ -176,7 +190,12 @@ def take_reading(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def page(text: str) -> str:
+def take_report(parser: argparse.ArgumentParser, what: str = "a report with plots, one file to share") -> None:
+    """Declare the page that is written."""
+    parser.add_argument("--report", type=argument(_page), metavar="FILE.html", help=f"write {what}")
+
+
+def _page(text: str) -> str:
     """Name of a report's file.
 
     Raises:
@@ -285,25 +304,27 @@ def known_effect(id: str, known: Callable[[str], type[Term]] = effect) -> str:
 
 def known(text: str) -> dict[str, float]:
     """Values by parameter, of `gravity=2.01,...`; raises ValueError if it is something else."""
-    values = {}
-    for part in text.split(","):
-        name, equals, value = (word.strip() for word in part.partition("="))
-        if not (name and equals):
-            raise InputError(f"{shown(part)} should be NAME=VALUE, such as gravity=2.01")
-        values[name] = _bound(value)
-    return values
+    return {name: _bound(value) for name, value in _pairs(text, "NAME=VALUE, such as gravity=2.01")}
 
 
 def ranges(text: str) -> dict[str, tuple[float, float]]:
     """Bounds by parameter, of `viscous=0:0.5,...`; raises ValueError if it is something else."""
-    bounds = {}
-    for part in text.split(","):
-        name, equals, both = (word.strip() for word in part.partition("="))
+    bounds, asked = {}, "NAME=LOW:HIGH, such as viscous=0:0.5"
+    for name, both in _pairs(text, asked):
         low, colon, high = (word.strip() for word in both.partition(":"))
-        if not (name and equals and colon):
-            raise InputError(f"{shown(part)} should be NAME=LOW:HIGH, such as viscous=0:0.5")
+        if not colon:
+            raise InputError(f"{shown(f'{name}={both}')} should be {asked}")
         bounds[name] = (_bound(low or "-inf"), _bound(high or "inf"))
     return bounds
+
+
+def _pairs(text: str, asked: str) -> Iterator[tuple[str, str]]:
+    """Names and what is said of each, of `NAME=VALUE,...`; raises InputError, which says what was asked for."""
+    for part in text.split(","):
+        name, equals, value = (word.strip() for word in part.partition("="))
+        if not (name and equals):
+            raise InputError(f"{shown(part)} should be {asked}")
+        yield name, value
 
 
 def _bound(text: str) -> float:
@@ -402,13 +423,9 @@ def sources_of(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
 
 def _drive(text: str) -> Drive:
     """A drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
-    told: dict[str, str | float] = {}
-    for part in text.split(","):
-        name, equals, value = (word.strip() for word in part.partition("="))
-        if not (name and equals):
-            raise InputError(f"{shown(part)} should be KEY=VALUE, such as kp=200")
-        told[name] = value if name in ("preset", "control", "output") else _bound(value)
-    return Drive.of(told)
+    pairs = _pairs(text, "KEY=VALUE, such as kp=200")
+    words = ("preset", "control", "output")
+    return Drive.of({name: value if name in words else _bound(value) for name, value in pairs})
 
 
 def _columns(text: str) -> dict[str, str]:
@@ -472,10 +489,7 @@ def read_suggestion(path: str) -> Suggestion:
         InputError: if the file is missing or no diagnosis, or nothing is open that an experiment would settle.
     """
     hint = "a diagnosis is what `diagnose --json` writes"
-    try:
-        content = read_json(path, hint)
-    except Unreadable as error:
-        raise InputError(str(error)) from None
+    content = read_json(path, hint)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise InputError(f"{path}: is not a diagnosis; {hint}")
     data = Value("the diagnosis", "", content)
@@ -530,6 +544,12 @@ def write_model(model: Model, path: str | None, fitted: Sequence[Source], termin
     if path is not None:
         replace(model, log_format=format_of(fitted)).save(path)
     return path
+
+
+def write_json(path: str | None, content: JSON) -> None:
+    """Write plain data for programs, if that was asked for."""
+    if path is not None:
+        write_whole(path, json.dumps(content, indent=1) + "\n")
 
 
 def wrote(paths: Sequence[str | Path | None], terminal: Terminal) -> None:

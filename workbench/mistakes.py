@@ -13,7 +13,7 @@ class Interrupted(KeyboardInterrupt):
     """A command was interrupted; the message says what is left of its work."""
 
 
-MISTAKES = (Mistake, OSError)
+MISTAKES = (Mistake, OSError, ModuleNotFoundError)  # the last of an extra, whose name it tells
 LONGEST = 500  # characters of a sentence
 
 

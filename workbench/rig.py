@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.pilot import Pilot
 from estimators.wrappers.options import smoothing_of
-from pendulum_env.backends.hardware.config import ConfigError, RigConfig, load
+from pendulum_env.backends.hardware.config import RigConfig, load
 from pendulum_env.backends.hardware.drive import DriveError
 from pendulum_env.excitation import Excitation
 from pendulum_env.policy import OpenLoop, rollout
@@ -39,10 +39,7 @@ def configured(arguments: argparse.Namespace) -> RigConfig | None:
         raise InputError("--effect and --theta do not go with a rig: it has the plant that it has")
     if not arguments.output.lower().endswith(".csv"):
         raise InputError(f"{arguments.output}: a rig is recorded row by row as it runs: let the name end in .csv")
-    try:
-        return load(arguments.config)
-    except ConfigError as error:
-        raise InputError(str(error)) from None
+    return load(arguments.config)
 
 
 def connected(rig: RigConfig) -> gym.Env[Any, Any]:
@@ -53,7 +50,7 @@ def connected(rig: RigConfig) -> gym.Env[Any, Any]:
     """
     try:
         return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(rig.path))
-    except (DriveError, ModuleNotFoundError) as error:
+    except DriveError as error:
         raise InputError(str(error)) from None
 
 

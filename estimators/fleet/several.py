@@ -15,11 +15,8 @@ def surely(chances: Array, level: float = LEVEL) -> Mask:
     The chance that any of those named is false is at most the level, however the findings depend on each other. NaN,
     where nothing could be tested, counts as no test. Source: Holm, Scandinavian Journal of Statistics 6, 1979.
     """
+    order = np.argsort(chances, kind="stable")  # NaN last, which no comparison holds for
+    left = np.count_nonzero(np.isfinite(chances)) - np.arange(len(chances))  # tests, the smaller ones having held
     named = np.zeros(len(chances), dtype=bool)
-    tested = np.flatnonzero(np.isfinite(chances))
-    order = tested[np.argsort(chances[tested], kind="stable")]
-    for left, k in zip(range(len(order), 0, -1), order, strict=True):
-        if not chances[k] * left <= level:
-            break
-        named[k] = True
+    named[order] = np.logical_and.accumulate(chances[order] * left <= level)
     return named

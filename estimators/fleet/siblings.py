@@ -42,17 +42,14 @@ def odd_ones(value: Array, error: Array) -> list[Odd]:
     Source: DerSimonian and Laird, Controlled Clinical Trials 7, 1986; Higgins, Thompson and Spiegelhalter, JRSS A
     172(1), 2009, for the prediction of one more.
     """
+    count = len(value) - 1  # of the others
+    if count < FEWEST:
+        return [Odd(np.nan, np.nan, np.nan)] * len(value)
     found = []
     for k in range(len(value)):
-        others = np.arange(len(value)) != k
-        count = int(others.sum())
-        if count < FEWEST:
-            found.append(Odd(np.nan, np.nan, np.nan))
-            continue
-        mean, variance, true = _random_effects(value[others], error[others])
+        mean, variance, true = _random_effects(np.delete(value, k), np.delete(error, k))
         spread = float(np.sqrt(true + variance + error[k] ** 2))
-        chance = 2 * float(stats.t.sf(abs(value[k] - mean) / spread, count - 1))
-        found.append(Odd(mean, spread, chance))
+        found.append(Odd(mean, spread, 2 * float(stats.t.sf(abs(value[k] - mean) / spread, count - 1))))
     return found
 
 

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from threading import Timer
 
-from pendulum_env.backends.hardware.config import ConfigError, load
+from pendulum_env.backends.hardware.config import load
 from pendulum_env.recording.record import ColumnError
 from workbench.inputs import KINDS, given, read_recordings, take_reading, whole
 from workbench.mistakes import InputError
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             read_recordings([source], terminal)  # complains now, not in the browser
         except ColumnError as error:
             terminal.say(f"{error}: the browser asks what the columns mean")
-    rig = None if arguments.config is None else _rig(arguments.config)
+    rig = None if arguments.config is None else load(arguments.config).path
     survey = None if arguments.fleet is None else _survey(arguments.fleet)
     from workbench.app.server import Server  # dash takes a while to import
 
@@ -61,14 +61,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     finally:
         with interrupts_wait():  # whoever presses the keys again
             server.close()
-
-
-def _rig(name: str) -> Path:
-    """Configuration of the rig, once it has been read."""
-    try:
-        return load(name).path
-    except ConfigError as error:
-        raise InputError(str(error)) from None
 
 
 def _survey(name: str) -> Path:

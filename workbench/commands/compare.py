@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from estimators.comparison import compare, in_units_of
 from estimators.in_loop.rollouts import are_driven
 from estimators.show.tables import distances_table, profile_table
-from pendulum_env.files import write_whole
 from workbench.inputs import (
-    argument,
     check_outputs,
     given,
     in_time,
-    page,
     read_model,
     read_recordings,
     take_align,
     take_recordings,
+    take_report,
     take_robot,
+    write_json,
     wrote,
 )
 from workbench.mistakes import InputError
@@ -35,9 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
     take_recordings(parser, what="each compared with the model")
     take_align(parser)
-    parser.add_argument(
-        "--report", type=argument(page), metavar="FILE.html", help="write a report with plots, one file to share"
-    )
+    take_report(parser)
     parser.add_argument(
         "--loop",
         action="store_true",
@@ -89,8 +85,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     recordings, _ = in_time(recordings, [], arguments.align, terminal)
     with terminal.progress("comparing"):
         found = compare(model, recordings)
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    write_json(arguments.json, found.json())
     if arguments.report is not None:
         from workbench.report.comparison import write_comparison_report  # plotly takes a while to import
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 
 from estimators.checks.alignment import Aligned
@@ -20,14 +19,15 @@ from workbench.inputs import (
     ids,
     in_torque,
     number,
-    page,
     read_model,
     read_recordings,
     take_instruments,
     take_limits,
     take_recordings,
+    take_report,
     take_robot,
     take_verbose,
+    write_json,
     write_model,
     wrote,
 )
@@ -69,9 +69,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--experiment", metavar="FILE.csv", help="write the torque of the suggested experiment")
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
-    parser.add_argument(
-        "--report", type=argument(page), metavar="FILE.html", help="write a report with plots, one file to share"
-    )
+    take_report(parser)
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
 
 
@@ -108,8 +106,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         )
     if arguments.experiment is not None and found.suggestion is not None:
         write_whole(arguments.experiment, found.suggestion.csv())
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    write_json(arguments.json, found.json())
     if arguments.report is not None:
         with terminal.progress("writing the report"):
             schemes = None

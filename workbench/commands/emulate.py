@@ -8,7 +8,6 @@ from pathlib import Path
 from pendulum_env.backends.emulators import MISHAPS, emulate
 from pendulum_env.backends.hardware.adapters import ADAPTERS
 from workbench.inputs import check_outputs, number, plant_of, take_plant, whole
-from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 
 BEHIND = 5.0  # [s], on a machine that does other things as well
@@ -53,17 +52,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     patience = max(GAP * arguments.watchdog, 2.0 / rate)
     limits = {"watchdog": arguments.watchdog, "gap": patience, "reply": arguments.reply}
     limits |= {"behind": BEHIND, "overruns": 1_000_000}
-    try:
-        emulate(
-            arguments.kind,
-            plant_of(arguments),
-            Path(arguments.output),
-            rate,
-            {"limits": limits},
-            said,
-            first=arguments.first_count,
-            realtime=arguments.realtime,
-            log=None if arguments.log is None else Path(arguments.log),
-        )
-    except ModuleNotFoundError as error:
-        raise InputError(str(error)) from None
+    emulate(
+        arguments.kind,
+        plant_of(arguments),
+        Path(arguments.output),
+        rate,
+        {"limits": limits},
+        said,
+        first=arguments.first_count,
+        realtime=arguments.realtime,
+        log=None if arguments.log is None else Path(arguments.log),
+    )

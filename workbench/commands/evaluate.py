@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
@@ -16,11 +15,9 @@ from agents.network import Network, load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
-from pendulum_env.files import write_whole
-from pendulum_env.lookup import find
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import Policy
-from workbench.inputs import argument, check_outputs, page, whole, wrote
+from workbench.inputs import argument, check_outputs, one_of, take_report, whole, write_json, wrote
 from workbench.mistakes import InputError
 from workbench.survey.cluster import connected
 from workbench.terminal import Terminal
@@ -34,12 +31,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare policies, plants and output."""
     known = f"{SHIPPED} (which ships), {', '.join(BASELINES)}, or what `train` wrote"
     parser.add_argument("policies", metavar="POLICY", nargs="*", help=f"{known}; all that have a name by default")
-    parser.add_argument("--constraint", type=argument(_constraint), default="peak", help=", ".join(CONSTRAINTS))
+    parser.add_argument(
+        "--constraint", type=one_of("constraint", CONSTRAINTS), default="peak", help=", ".join(CONSTRAINTS)
+    )
     parser.add_argument("--plants", type=whole(2, MOST), default=160, help="fresh plants, within 30 %% (default 160)")
     parser.add_argument("--seed", type=whole(0), default=0, help="of plants, noise and signals (default 0)")
     parser.add_argument(
         "--scheme",
-        type=argument(_scheme),
+        type=one_of("scheme", [item.id for item in SCHEMES]),
         default="filtered_dynamic",
         help="of the estimator (default filtered_dynamic)",
     )
@@ -56,7 +55,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="scheduler of a Dask cluster to work on instead, as tcp://host:8786; one of your own, "
         "for what it sends is unpickled",
     )
-    parser.add_argument("--report", type=argument(page), metavar="FILE.html", help="write a page with plots")
+    take_report(parser, "a page with plots")
     parser.add_argument("--json", metavar="FILE", help="write all figures there")
 
 
@@ -81,8 +80,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     setting = {name: getattr(arguments, name) for name in ("constraint", "plants", "seed", "scheme", "effects")}
     told = evaluation_json(outcomes, BASELINE, trained=files, **setting)
     show(told, terminal)
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(told, indent=1) + "\n")
+    write_json(arguments.json, told)
     if arguments.report is not None:
         _write_report(arguments.report, told, outcomes, terminal)
     wrote(outputs, terminal)
@@ -167,31 +165,18 @@ def _write_report(path: str, told: JSON, outcomes: dict[str, Outcome], terminal:
 
 
 def _contender(name: str, constraint: str) -> Contender:
-    try:
-        if name == SHIPPED or name.endswith(".npz"):
-            network = load(constraint if name == SHIPPED else name)
-            if network.constraint != constraint:
-                raise ValueError(f"{name}: was trained under the constraint {network.constraint}, not {constraint}")
-            return partial(_always, network)
-        baseline(name, constraint)
-        return partial(baseline, name, constraint)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    if name == SHIPPED or name.endswith(".npz"):
+        network = load(constraint if name == SHIPPED else name)
+        if network.constraint != constraint:
+            raise InputError(f"{name}: was trained under the constraint {network.constraint}, not {constraint}")
+        return partial(_always, network)
+    baseline(name, constraint)
+    return partial(baseline, name, constraint)
 
 
 def _always(network: Network, seed: int) -> Policy:
     """A network draws nothing."""
     return network
-
-
-def _constraint(text: str) -> str:
-    find("constraint", text, CONSTRAINTS)
-    return text
-
-
-def _scheme(text: str) -> str:
-    find("scheme", text, {item.id: item for item in SCHEMES})
-    return text
 
 
 def _effect(text: str) -> str:

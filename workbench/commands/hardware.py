@@ -6,7 +6,7 @@ import argparse
 from dataclasses import dataclass
 
 from pendulum_env.backends.hardware.check import CheckFailed, check
-from pendulum_env.backends.hardware.config import ConfigError, load
+from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Go through the check with whoever sits at the terminal."""
     try:
         check(load(arguments.config), _Person(terminal))
-    except (CheckFailed, ConfigError, DriveError, ModuleNotFoundError) as error:
+    except (CheckFailed, DriveError) as error:
         raise InputError(str(error)) from None
 
 

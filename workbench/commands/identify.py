@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 
 from estimators.arguments import within_limits
@@ -12,7 +11,6 @@ from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
 from estimators.show.tables import schemes_table
 from estimators.weak_form.instruments import fit_by_reference
-from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE, Term
 from pendulum_env.recording import Recording
 from workbench.inputs import (
@@ -27,6 +25,7 @@ from workbench.inputs import (
     take_limits,
     take_recordings,
     take_robot,
+    write_json,
     write_model,
     wrote,
 )
@@ -74,8 +73,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             model = found.fitted(lambda data: fit_by_reference(data, terms))
         elif found.data is not None or arguments.output is not None:
             model = found.windows
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    write_json(arguments.json, found.json())
     terminal.heading("Estimates ± standard errors")
     terminal.table(*schemes_table(found, model, "instruments" if arguments.instruments else "windows"))
     for doubt in found.doubts:

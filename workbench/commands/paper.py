@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from estimators.paper import PARAMETERS, TABLE_2, WAYS, Experiment, paper_experiment
 from estimators.paper.experiment import RUNS, SECONDS
-from pendulum_env.files import write_whole
 from pendulum_env.plant import paper_plant
-from workbench.inputs import argument, check_outputs, number, page, whole, wrote
+from workbench.inputs import check_outputs, number, take_report, whole, write_json, wrote
 from workbench.terminal import Terminal
 
 SHORTEST, LONGEST = 5.0, 600.0  # [s] of a run
@@ -22,9 +20,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--seconds", type=number(SHORTEST, LONGEST), default=SECONDS, help=f"length of each (default {SECONDS:g})"
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of phases and noise (default 0)")
-    parser.add_argument(
-        "--report", type=argument(page), metavar="FILE.html", help="write Table 2 and figures 2 to 9 as one page"
-    )
+    take_report(parser, "Table 2 and figures 2 to 9 as one page")
     parser.add_argument("--json", metavar="FILE", help="write all numbers")
 
 
@@ -34,8 +30,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs(outputs)
     with terminal.progress("the paper's experiment") as progress:
         experiment = paper_experiment(arguments.runs, arguments.seconds, arguments.seed, progress=progress)
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(experiment.json(), indent=1) + "\n")
+    write_json(arguments.json, experiment.json())
     if arguments.report is not None:
         from workbench.report.paper import write_paper_report  # plotly takes a while to import
 

@@ -18,7 +18,6 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE, record
 from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, USUAL_SPEED, Excitation, excitation
 from pendulum_env.interface import MAX_TORQUE
-from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.policy import rollout
 from pendulum_env.reading import LARGE
@@ -27,9 +26,9 @@ from pendulum_env.recording.checks import FEWEST, SHORTEST, SLOWEST
 from pendulum_env.recording.storage import WRITERS
 from pendulum_env.registration import PENDULUM
 from workbench.inputs import (
-    argument,
     check_outputs,
     number,
+    one_of,
     plant_of,
     read_suggestion,
     take_plant,
@@ -65,7 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--excitation",
-        type=argument(_excitation),
+        type=one_of("excitation", (*EXCITATIONS, SUGGESTED, LEARNT)),
         metavar="NAME",
         help=f"{', '.join(EXCITATIONS)} (default paper; with --until, a multisine that was optimised to tell effects "
         f"apart); {SUGGESTED}: the experiment that --diagnosis suggests; {LEARNT}: by a policy that "
@@ -105,7 +104,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--backend",
-        type=argument(_backend),
+        type=one_of("backend", BACKENDS),
         metavar="NAME",
         help=f"{', '.join(BACKENDS)} (default simulated, which plays signals only; pymunk with {LEARNT})",
     )
@@ -201,10 +200,7 @@ def experiment(
     seconds = arguments.seconds or (SECONDS if arguments.until is None else LONGEST)
     if arguments.until is not None and arguments.excitation is None:
         return multisine.separating(arguments.amplitude), seconds
-    try:
-        return excitation(arguments.excitation or USUAL, rng, seconds, arguments.amplitude), seconds
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    return excitation(arguments.excitation or USUAL, rng, seconds, arguments.amplitude), seconds
 
 
 def learnt(arguments: argparse.Namespace, rate: float) -> tuple[Pilot, float]:
@@ -219,11 +215,8 @@ def learnt(arguments: argparse.Namespace, rate: float) -> tuple[Pilot, float]:
     if arguments.backend == "simulated":
         raise InputError(f"--excitation {LEARNT} needs a backend that answers step by step: use --backend pymunk")
     seconds = arguments.seconds or (EPISODE if arguments.until is None else LONGEST)
-    try:
-        network = load(arguments.policy or "peak")
-        return Pilot(network, network.constraint, seconds, rate), seconds
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    network = load(arguments.policy or "peak")
+    return Pilot(network, network.constraint, seconds, rate), seconds
 
 
 def _run(
@@ -263,33 +256,15 @@ def _run(
 
 
 def environment(arguments: argparse.Namespace, plant: Model, command: Excitation | Pilot) -> gym.Env[Any, Any]:
-    """What answers step by step: a simulated plant, or a recording that is replayed.
-
-    Raises:
-        InputError: if its engine is not installed.
-    """
-    try:
-        return gym.make(
-            PENDULUM,
-            max_episode_steps=-1,
-            backend=arguments.backend or "pymunk",
-            model=None if arguments.replay is not None else plant,
-            rate=arguments.rate,
-            counts=arguments.counts,
-            torque_noise=arguments.noise,
-            max_torque=max(MAX_TORQUE, command.amplitude),
-            recording=arguments.replay,
-        )
-    except ModuleNotFoundError as error:  # an engine is an extra
-        raise InputError(str(error)) from None
-
-
-def _excitation(text: str) -> str:
-    if text not in (SUGGESTED, LEARNT):
-        find("excitation", text, EXCITATIONS)
-    return text
-
-
-def _backend(text: str) -> str:
-    find("backend", text, dict.fromkeys(BACKENDS))
-    return text
+    """What answers step by step: a simulated plant, or a recording that is replayed."""
+    return gym.make(
+        PENDULUM,
+        max_episode_steps=-1,
+        backend=arguments.backend or "pymunk",
+        model=None if arguments.replay is not None else plant,
+        rate=arguments.rate,
+        counts=arguments.counts,
+        torque_noise=arguments.noise,
+        max_torque=max(MAX_TORQUE, command.amplitude),
+        recording=arguments.replay,
+    )

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estimators.arguments import chosen_effects, within_limits
 from pendulum_env.physics import BASE
 from workbench.inputs import check_outputs, ids, number, read_model, take_limits, take_reading, whole, wrote
-from workbench.mistakes import MISTAKES, InputError, sentence
-from workbench.survey.cases import Case, find_cases, joints
+from workbench.mistakes import InputError, Interrupted
+from workbench.survey.cases import find_cases, joints
 from workbench.survey.cluster import connected
 from workbench.survey.dataset import Dataset
 from workbench.survey.fleet import Fleet
-from workbench.survey.run import Tally, survey, watch
+from workbench.survey.run import Tally, survey
 from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
 from workbench.survey.work import PAGES, Settings
 from workbench.terminal import Terminal
@@ -34,7 +32,6 @@ TABLES = (  # with what is said where there is no row
     ("Weak in each, present in all", pooled_table, None),
 )
 LISTED = 20  # cases that could not be diagnosed, told by name
-EVERY = 10.0  # [s]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -70,10 +67,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to work on instead, as tcp://host:8786; its "
         "workers see the same files"
     )  # fmt: skip
-    parser.add_argument("--watch", action="store_true", help="go on, and take in files that come, until Ctrl-C")
-    parser.add_argument(
-        "--every", type=number(0.1, 86400), default=EVERY, metavar="S", help=f"between looks (default {EVERY:g} s)"
-    )
     take_reading(parser)
 
 
@@ -84,46 +77,23 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if dataset.folder.exists() and not dataset.folder.is_dir():
         raise InputError(f"{dataset.folder}: is a file: name a folder for the dataset")
     settings = _settings(arguments)
-    said: set[str] = set()  # of what could not be found or diagnosed: it is told once
-    with ExitStack() as stack:
+    cases = find_cases(arguments.recordings, arguments, arguments.names)
+    terminal.say(f"recordings: {len(cases)}, joints: {joints(cases)}")
+    with ExitStack() as stack, terminal.counting("diagnosing") as tell:
 
-        @cache
-        def client() -> Client:
+        def connect() -> Client:
             return stack.enter_context(connected(arguments.dask, arguments.workers, arguments.memory))
 
-        def work(cases: Sequence[Case]) -> None:
-            with terminal.counting("diagnosing") as tell:
+        def told(tally: Tally) -> None:
+            trouble = tally.new["refused"] + tally.new["failed"]
+            tell(tally.through, tally.total, f"{trouble} could not be" if trouble else "")
 
-                def told(tally: Tally) -> None:
-                    trouble = tally.new["refused"] + tally.new["failed"]
-                    tell(tally.through, tally.total, f"{trouble} could not be" if trouble else "")
-
-                try:
-                    tally = survey(cases, dataset, client, settings, tell=told)
-                except KeyboardInterrupt:
-                    terminal.say(f"what is done is kept in {dataset.folder}: run again to go on")
-                    raise
-            _say(tally, said, terminal)
-            if tally.new or not arguments.watch:
-                _show(dataset, arguments.report, terminal)
-
-        def find() -> list[Case]:
-            """What there is by now; a name or a table that makes no sense yet may be half written."""
-            try:
-                return find_cases(arguments.recordings, arguments, arguments.names)
-            except MISTAKES as mistake:
-                _once([f"waiting: {sentence(mistake)}"], said, terminal)
-                return []
-
-        if arguments.watch:
-            try:
-                watch(find, work, arguments.every)
-            except KeyboardInterrupt:
-                terminal.say("stopped watching")
-        else:
-            cases = find_cases(arguments.recordings, arguments, arguments.names)
-            terminal.say(f"recordings: {len(cases)}, joints: {joints(cases)}")
-            work(cases)
+        try:
+            tally = survey(cases, dataset, connect, settings, tell=told)
+        except KeyboardInterrupt:
+            raise Interrupted(f"what is done is kept in {dataset.folder}: run again to go on") from None
+    _say(tally, terminal)
+    _show(dataset, arguments.report, terminal)
     wrote([dataset.folder, arguments.report], terminal)
 
 
@@ -136,21 +106,14 @@ def _settings(arguments: argparse.Namespace) -> Settings:
     return Settings(asked, plugins, arguments.reports, Path(os.path.realpath(arguments.output)))
 
 
-def _once(texts: Sequence[str], said: set[str], terminal: Terminal) -> None:
-    """Say what was not said before, up to a number of lines."""
-    new = [text for text in texts if text not in said]
-    said.update(new)
-    for text in new[:LISTED]:
-        terminal.say(text, style="yellow")
-    if len(new) > LISTED:
-        terminal.say(f"and {len(new) - LISTED} more: see status and reason in the dataset")
-
-
-def _say(tally: Tally, said: set[str], terminal: Terminal) -> None:
+def _say(tally: Tally, terminal: Terminal) -> None:
     before = f" ({tally.known['refused']} refused)" if tally.known["refused"] else ""
     new = f"{tally.new['refused']} refused, {tally.new['failed']} failed"
     terminal.say(f"{tally.new['done']} diagnosed, {tally.known.total()} known from before{before}, {new}")
-    _once([f"- {name}: {reason}" for name, reason in tally.troubles], said, terminal)
+    for name, reason in tally.troubles[:LISTED]:
+        terminal.say(f"- {name}: {reason}", style="yellow")
+    if len(tally.troubles) > LISTED:
+        terminal.say(f"and {len(tally.troubles) - LISTED} more: see status and reason in the dataset")
 
 
 def _show(dataset: Dataset, report: str | None, terminal: Terminal) -> None:

@@ -8,9 +8,7 @@ from pathlib import Path
 
 from agents.config import Config, read_settings
 from agents.observer import CONSTRAINTS
-from pendulum_env.lookup import find
-from pendulum_env.reading import Unreadable
-from workbench.inputs import argument, check_outputs, whole, wrote
+from workbench.inputs import check_outputs, one_of, whole, wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.terminal import Terminal
 
@@ -20,7 +18,9 @@ NEEDED = ("torch", "stable_baselines3", "cloudpickle")
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare what is trained and where it goes."""
     parser.add_argument("--config", metavar="FILE", help="TOML with settings of agents.config.Config that differ")
-    parser.add_argument("--constraint", type=argument(_constraint), metavar="NAME", help="peak or rms (default peak)")
+    parser.add_argument(
+        "--constraint", type=one_of("constraint", CONSTRAINTS), metavar="NAME", help="peak or rms (default peak)"
+    )
     parser.add_argument("--seed", type=whole(0), help="of all random numbers (default 0)")
     parser.add_argument("--steps", type=whole(1), help="decisions of 20 ms in all")
     parser.add_argument(
@@ -46,13 +46,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     folder = None if arguments.checkpoints is None else Path(arguments.checkpoints)
     if arguments.resume and folder is None:
         raise InputError("--resume needs --checkpoints FOLDER, where the training was kept")
-    from agents.training import CHECKPOINT, CheckpointError, train  # imports torch
+    from agents.training import CHECKPOINT, train  # imports torch
 
     try:
         with terminal.progress("training") as tell:
             network = train(config, tell, folder, arguments.resume)
-    except CheckpointError as error:
-        raise InputError(str(error)) from None
     except KeyboardInterrupt:
         kept = folder is not None and (folder / CHECKPOINT).exists()
         raise Interrupted(f"go on from {folder} with --resume" if kept else "nothing was kept") from None
@@ -65,16 +63,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def _config(arguments: argparse.Namespace) -> Config:
     given = {name: getattr(arguments, name) for name in ("constraint", "seed", "steps")}
     given = {name: value for name, value in given.items() if value is not None}
-    try:
-        settings = {} if arguments.config is None else read_settings(arguments.config)
-    except Unreadable as error:
-        raise InputError(str(error)) from None
+    settings = {} if arguments.config is None else read_settings(arguments.config)
     try:
         return Config.of(settings | given)
     except ValueError as error:
         raise InputError(str(error) if arguments.config is None else f"{arguments.config}: {error}") from None
-
-
-def _constraint(text: str) -> str:
-    find("constraint", text, CONSTRAINTS)
-    return text

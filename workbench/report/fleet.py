@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from html import escape
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -15,7 +16,7 @@ from estimators.fleet import LEVEL
 from pendulum_env._typing import JSON, Array
 from pendulum_env.files import write_whole
 from workbench.report import words
-from workbench.report.figure import Figure, axis, numbers
+from workbench.report.figure import Figure, axis, line, numbers
 from workbench.report.page import assemble
 from workbench.report.section import Section
 from workbench.survey.dataset import STATUSES, VERDICTS
@@ -56,7 +57,7 @@ def write_fleet_report(path: str | Path, fleet: Fleet) -> None:
 
 def summary(fleet: Fleet) -> Section:
     """The fleet in a sentence and three tiles."""
-    dates = [row["date"] for row in fleet.rows]
+    dates, drifting = [row["date"] for row in fleet.rows], [*fleet.drifting, *fleet.jumping]
     content = {
         "cases": len(fleet.rows),
         "troubled": sum(row["status"] != "done" for row in fleet.rows),
@@ -66,11 +67,7 @@ def summary(fleet: Fleet) -> Section:
         "last": max(dates, default=None),
         "tiles": [
             ("Effects are missing in", _labels(_sure(fleet)), "every model explains its joint"),
-            (
-                "Parameters drift or jump in",
-                _labels([*fleet.drifting, *fleet.jumping]),
-                "none beyond errors and scatter",
-            ),
+            ("Parameters drift or jump in", _labels(drifting), "none beyond errors and scatter"),
             ("Unlike their siblings", _labels(fleet.odd), "none, as far as siblings tell"),
         ],
         "seconds": sum(row["seconds"] or 0.0 for row in fleet.rows),
@@ -153,11 +150,9 @@ def cases(fleet: Fleet, folder: Path) -> Section:
 def _case(row: JSON, survey: Path, folder: Path) -> dict[str, Any]:
     done = row["status"] == "done"
     verdict = row["verdict"] if done else row["status"]
-    link = None
-    if row["report"] is not None and (survey / row["report"]).exists():
-        link = quote(Path(os.path.relpath((survey / row["report"]).resolve(), folder)).as_posix())
+    page = None if row["report"] is None else (survey / row["report"]).resolve()
     return row | {
-        "link": link,
+        "link": quote(Path(os.path.relpath(page, folder)).as_posix()) if page is not None and page.exists() else None,
         "label": " / ".join(filter(None, (row["robot"], row["joint"]))) or "–",
         "verdict": verdict,
         "mark": MARKS.get(verdict, ""),
@@ -177,12 +172,10 @@ def over_time(fleet: Fleet, parameter: str, number: int) -> Figure:
     """One parameter of all joints: those that drift in colours, with their lines."""
     having = [one for one in fleet.series if one.parameter == parameter]
     plain, telling = ([one for one in having if one.changes is changes] for changes in (False, True))
-    data = []
-    for one in plain[: max(0, JOINTS - len(telling))]:
-        data.append(_course(one, "--train") | {"mode": "lines+markers", "opacity": 0.45, "showlegend": False})
-    for k, one in enumerate(telling):  # drawn last
-        color = COLORS[k % len(COLORS)]
-        data.append(_course(one, color))
+    shown = plain[: max(0, JOINTS - len(telling))]
+    data = [_course(one, "--train", mode="lines+markers", opacity=0.45, showlegend=False) for one in shown]
+    for one, color in zip(telling, cycle(COLORS)):  # drawn last
+        data.append(_course(one, color, showlegend=True))
         if one.since is None:
             data.append(_line(one, color))
     layout = {"xaxis": axis("", type="date"), "yaxis": _values(having[0]), "hovermode": "closest"}
@@ -190,29 +183,20 @@ def over_time(fleet: Fleet, parameter: str, number: int) -> Figure:
     return Figure(f"course-{number}", label, data, layout, 320)
 
 
-def _course(series: Series, color: str) -> JSON:
-    name = _escaped(series.joint.label)
-    return _points([_date(at) for at in series.date], series.value, series.error, color) | {
-        "name": name,
-        "legendgroup": name,
-        "showlegend": True,
-        "hovertemplate": f"{name}<br>%{{x|%Y-%m-%d}}: %{{y:.4g}} {_escaped(series.unit)}<extra></extra>",
-    }
+def _course(series: Series, color: str, **more: object) -> JSON:
+    name = escape(series.joint.label)
+    hover = f"{name}<br>%{{x|%Y-%m-%d}}: %{{y:.4g}} {escape(series.unit)}<extra></extra>"
+    more |= {"x": _dates(series.date), "name": name, "legendgroup": name, "hovertemplate": hover}
+    return _points(series.value, series.error, color, **more)
 
 
 def _line(series: Series, color: str) -> JSON:
     ends = np.array([series.date.min(), series.date.max()])
     centre = np.average(series.date, weights=1 / series.error**2)
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "legendgroup": _escaped(series.joint.label),
-        "showlegend": False,
-        "x": [_date(end) for end in ends],
-        "y": numbers(series.course.level + series.course.change * (ends - centre) / DAY),
-        "line": {"color": color, "width": 1.4},
-        "hoverinfo": "skip",
-    }
+    y = series.course.level + series.course.change * (ends - centre) / DAY
+    name = escape(series.joint.label)
+    more = {"x": _dates(ends), "legendgroup": name, "showlegend": False, "hoverinfo": "skip"}
+    return line(ends, y, name, color, "") | more
 
 
 def means(fleet: Fleet, parameter: str, number: int) -> Figure:
@@ -221,30 +205,24 @@ def means(fleet: Fleet, parameter: str, number: int) -> Figure:
     data = []
     for differs, name, color in ((False, "like its siblings", "--train"), (True, "differs", "--base")):
         if own := [one for one in having if (one.odd is not None) is differs]:
-            level = np.array([one.course.level for one in own])
-            error = np.array([one.course.level_error for one in own])
-            data.append(
-                _points([_escaped(one.joint.kind or "–") for one in own], level, error, color)
-                | {
-                    "name": name,
-                    "text": [_escaped(one.joint.label) for one in own],
-                    "hovertemplate": "%{text}: %{y:.4g}<extra></extra>",
-                }
-            )
+            level, error = np.array([(one.course.level, one.course.level_error) for one in own]).T
+            kinds, labels = [escape(one.joint.kind or "–") for one in own], [escape(one.joint.label) for one in own]
+            hover = "%{text}: %{y:.4g}<extra></extra>"
+            data.append(_points(level, error, color, x=kinds, name=name, text=labels, hovertemplate=hover))
     layout = {"xaxis": {"type": "category"}, "yaxis": _values(having[0])}
     return Figure(f"siblings-{number}", f"Mean {parameter} of every joint, by kind", data, layout, 280)
 
 
-def _points(x: list[str], y: Array, error: Array, color: str) -> JSON:
-    bars = {"type": "data", "array": numbers(SIGMAS * error), "color": color, "thickness": 1.2, "width": 0}
+def _points(value: Array, error: Array, color: str, **more: object) -> JSON:
+    """Values and standard errors (N,) as points with bars."""
     return {
         "type": "scatter",
         "mode": "markers",
-        "x": x,
-        "y": numbers(y),
-        "error_y": bars,
+        "y": numbers(value),
+        "error_y": {"type": "data", "array": numbers(SIGMAS * error), "color": color, "thickness": 1.2, "width": 0},
         "marker": {"color": color, "size": 6},
         "line": {"color": color, "width": 0.8},
+        **more,
     }
 
 
@@ -252,10 +230,5 @@ def _values(series: Series) -> JSON:
     return axis(f"{series.parameter} [{words.unit(series.unit) or 1}]")
 
 
-def _date(stamp: float) -> str:
-    return f"{datetime.fromtimestamp(stamp, UTC):%Y-%m-%d %H:%M:%S}"
-
-
-def _escaped(text: str) -> str:
-    """Text in a label of plotly.js, which knows some HTML, and fills in what is in %{}."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace("%{", "% {")
+def _dates(stamps: Array) -> list[float]:
+    return (1000 * stamps).tolist()  # [ms since 1970], as plotly.js takes them

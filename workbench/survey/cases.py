@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import csv
 import glob
-import math
 import os
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import islice, takewhile
+from itertools import takewhile
 from pathlib import Path, PurePosixPath
+from typing import Any
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
-from pendulum_env.reading import amount, read_bytes, regular_size
 from pendulum_env.recording import Source
 from pendulum_env.recording.storage import READERS
 from workbench.inputs import sources_of
@@ -27,7 +24,6 @@ from workbench.survey.names import LABELS, date_of, guessed, matched
 
 STUDY = "study.toml"
 ENDINGS = tuple(ending for ending in READERS if ending != ".txt")  # that a folder is searched for; text is often prose
-TABLE = 100_000_000  # characters, of a million rows
 HEADER = 1 << 16  # characters of a table's first line
 
 
@@ -66,10 +62,10 @@ def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = N
         InputError: if there are none, one is named twice, or a table or a name makes no sense.
         StudyError: if a study makes no sense.
     """
-    given = [path for name in names for path in _expanded(name)]
-    root = Path(os.path.commonpath([_root(_before_pattern(name)) for name in names]))
+    given = [_expanded(name) for name in names]
+    root = Path(os.path.commonpath([folder for folder, _ in given]))
     found: dict[str, Case] = {}
-    for path in given:
+    for path in (path for _, paths in given for path in paths):
         for source, told in _sources(path, reading):
             case = _case(source, told, root, pattern)
             if found.setdefault(case.name, case) is not case:
@@ -79,45 +75,39 @@ def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = N
     return [found[name] for name in sorted(found)]
 
 
-def _expanded(name: str) -> list[Path]:
-    """What a name stands for: itself, or the files that match it as a pattern; no link to a folder is followed."""
-    if Path(name).exists():
-        return [Path(name)]
-    if not glob.has_magic(name):
+def _expanded(name: str) -> tuple[Path, list[Path]]:
+    """What a name stands for, itself or the files that match it as a pattern, and the folder below which that lies.
+
+    The folder is the same whatever a pattern matches today; no link to a folder is followed.
+    """
+    path = Path(name)
+    base = path if path.exists() else Path(*takewhile(lambda part: not glob.has_magic(part), path.parts))
+    folder = Path(os.path.abspath(base))  # a link is called as it is called, not as what it leads to
+    if path.exists():
+        return folder if path.is_dir() else folder.parent, [path]
+    if base == path:
         raise InputError(f"{name}: there is no such folder or file: check the path")
-    base = _before_pattern(name)
-    rest = Path(name).relative_to(base)
+    pattern = str(path.relative_to(base))
     try:
-        paths = sorted(base.glob(str(rest / "*" if rest.name == "**" else rest)))
+        paths = sorted(base.glob(f"{pattern}/*" if path.name == "**" else pattern))
     except ValueError as error:
         raise InputError(f"{name}: {error}: check the pattern") from None
     paths = [path for path in paths if not any(map(_is_hidden, path.relative_to(base).parts))]
     if not paths:
         raise InputError(f"{name}: names no file: check the pattern")
-    return [path for path in paths if path.is_file()] or paths
-
-
-def _before_pattern(name: str) -> Path:
-    """Folders of a name up to its first pattern, so that cases are called alike whatever it matches today."""
-    path = Path(name)
-    return path if path.exists() else Path(*takewhile(lambda part: not glob.has_magic(part), path.parts))
-
-
-def _root(path: Path) -> Path:
-    path = Path(os.path.abspath(path))  # a link is called as it is called, not as what it leads to
-    return path if path.is_dir() else path.parent
+    return folder, [path for path in paths if path.is_file()] or paths
 
 
 def _sources(path: Path, reading: Namespace) -> Iterator[tuple[Source, Mapping[str, str]]]:
     """Recordings of a folder, a table, a study or a file, each with what a table says of it."""
     if path.is_dir():
         yield from ((source, {}) for source in _in_folder(path, reading))
-    elif (rows := _table(path)) is None:
+    elif not _is_table(path):
         yield from ((source, {}) for source in sources_of(str(path), reading))
     else:
-        for number, row in enumerate(rows, 2):
+        for number, row in enumerate(_table(path), 2):
             where = f"{path}, row {number}"
-            if not row.get("file"):
+            if "file" not in row:
                 raise InputError(f"{where}: names no file: fill in the column file")
             if "date" in row and date_of(row["date"]) is None:
                 raise InputError(f"{where}: {row['date']!r} is no date: write it as 2026-03-01 or 2026-03-01T14:30")
@@ -151,51 +141,38 @@ def is_survey(folder: Path) -> bool:
     return (folder / "cases").is_dir() and (folder / "SURVEY").exists()
 
 
-def _table(path: Path) -> list[dict[str, str]] | None:
-    """Rows of a table of recordings; None if the file has no column `file`, or is to be read as a recording."""
-    name = path.name.lower()
-    if not name.endswith((".csv", ".parquet")):
-        return None
-    regular_size(path, math.inf)
-    lines = _csv(path) if name.endswith(".csv") else _parquet(path)
+def _is_table(path: Path) -> bool:
+    """Whether a file has a column `file`; what cannot be read is told where recordings are read."""
     try:
-        headers = [header.strip().lower() for header in next(lines)]
-        if "file" not in headers:
-            return None
-        rows = [line for line in _within(lines, path) if line]
-    except Mistake:
-        raise
-    except (OSError, ValueError, csv.Error, pa.ArrowException):
-        return None  # what cannot be read is told where recordings are read
+        if path.suffix.lower() == ".parquet":
+            return "file" in _plain(pq.read_schema(path).names)
+        if path.suffix.lower() != ".csv":
+            return False
+        with path.open(encoding="utf-8-sig") as lines:
+            return "file" in _plain(lines.readline(HEADER).split(","))
+    except (OSError, ValueError):
+        return False
+
+
+def _table(path: Path) -> list[dict[str, str]]:
+    """Rows of a table of recordings, without cells in which nothing stands."""
     try:
-        for header in headers:
+        if path.suffix.lower() == ".parquet":
+            table = pq.read_table(path)
+            lines: list[Sequence[Any]] = [table.column_names, *zip(*table.to_pydict().values(), strict=True)]
+        else:
+            lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+        headers, *rows = filter(None, lines)
+        for header in _plain(headers):
             find("column", header, dict.fromkeys(("file", *LABELS)))
-    except ValueError as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"{path}: {error}") from None
-    return [{header: cell.strip() for header, cell in zip(headers, row, strict=False) if cell.strip()} for row in rows]
+    cells = [["" if cell is None else str(cell).strip() for cell in row] for row in rows]
+    return [{name: cell for name, cell in zip(_plain(headers), row, strict=False) if cell} for row in cells]
 
 
-def _within(lines: Iterator[Sequence[str]], path: Path) -> Iterator[Sequence[str]]:
-    """Lines of a table, up to its largest size."""
-    size = 0
-    for line in lines:
-        size += sum(map(len, line))
-        if size > TABLE:
-            raise InputError(f"{path}: holds more than the {amount(TABLE)} that a table may: leave out columns")
-        yield line
-
-
-def _csv(path: Path) -> Iterator[Sequence[str]]:
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        yield next(csv.reader([file.readline(HEADER)]), [])
-    yield from islice(csv.reader(read_bytes(path, TABLE).decode("utf-8-sig").splitlines()), 1, None)
-
-
-def _parquet(path: Path) -> Iterator[Sequence[str]]:
-    with pq.ParquetFile(path) as file:
-        yield file.schema_arrow.names
-        for batch in file.iter_batches(batch_size=16):  # what stands there often is stored once
-            yield from (["" if cell is None else str(cell) for cell in row.values()] for row in batch.to_pylist())
+def _plain(headers: Sequence[str]) -> list[str]:
+    return [header.strip(' "').lower() for header in headers]
 
 
 def _case(source: Source, told: Mapping[str, str], root: Path, pattern: str | None) -> Case:

@@ -41,7 +41,6 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
         with silence_logging_cmgr(logging.CRITICAL), client:
             yield client
         return
-    limit = "auto" if memory is None else int(1e6 * memory)
     with (
         dask.config.set({"distributed.worker.profile.enabled": False}),  # 200 MB in each that nobody looks at
         ExitStack() as stack,
@@ -50,7 +49,7 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,  # a diagnosis computes in Python most of the time
-                memory_limit=limit,
+                memory_limit="auto" if memory is None else int(1e6 * memory),
                 preload="workbench.survey.cluster",
                 dashboard_address="127.0.0.1:0",  # for nobody else, and beside other surveys
                 silence_logs=logging.CRITICAL,  # what happened to a case is in the dataset

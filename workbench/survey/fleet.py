@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -140,7 +141,9 @@ class Fleet:
         rows = tuple(dataset.rows(COLUMNS))
         joints = _joints(rows)
         series = _judged([one for joint in joints for one in _series(joint)])
-        return cls(dataset.folder, rows, joints, series, _missing(joints), _shared(joints))
+        effects = sorted(_missing(joints), key=lambda one: (not one.sure, -one.cases / one.of, one.effect))
+        shared = sorted(_shared(joints), key=lambda one: (-one.pooled.cases, one.group, -one.probability))
+        return cls(dataset.folder, rows, joints, tuple(series), tuple(effects), tuple(shared))
 
     @property
     def drifting(self) -> list[Series]:
@@ -166,45 +169,37 @@ def _joints(rows: Sequence[JSON]) -> tuple[Joint, ...]:
     return tuple(Joint(*key, own[-1]["kind"] or "", tuple(own)) for key, own in sorted(cases.items()))
 
 
-def _series(joint: Joint) -> list[Series]:
+def _series(joint: Joint) -> Iterator[Series]:
     """Parameters over time; those without an error, such as whole numbers, are none that could drift."""
-    found: dict[str, dict[str, list[tuple[float, float, float]]]] = {}  # by name and unit
+    points: dict[tuple[str, str], list[tuple[float, float, float]]] = {}  # by name and unit
     for row in joint.cases:
         for one in row["parameters"]:
             if one["std"] and np.isfinite([one["value"], one["std"]]).all():
-                points = found.setdefault(one["name"], {}).setdefault(one["unit"], [])
-                points.append((row["date"].timestamp(), one["value"], one["std"]))
-    series = []
-    for name, units in found.items():
-        unit = max(units, key=lambda unit: len(units[unit]))  # of two units the one that is used
-        date, value, error = np.array(units[unit]).T
-        series.append(Series(joint, name, unit, date, value, error, course(date / DAY, value, error)))
-    return series
+                point = (row["date"].timestamp(), one["value"], one["std"])
+                points.setdefault((one["name"], one["unit"]), []).append(point)
+    units = dict(sorted(points, key=lambda key: len(points[key])))  # of two units the one that is used
+    for name in dict.fromkeys(name for name, _ in points):
+        date, value, error = np.array(points[name, units[name]]).T
+        yield Series(joint, name, units[name], date, value, error, course(date / DAY, value, error))
 
 
-def _judged(series: Sequence[Series]) -> tuple[Series, ...]:
-    """Parameters that change or are odd told from others, all tests of the fleet weighed together."""
-    changes = surely(np.array([one.course.chance for one in series]))
-    judged = zip(series, changes, _odd(series), strict=True)
-    return tuple(replace(one, changes=bool(sure), odd=odd) for one, sure, odd in judged)
-
-
-def _odd(series: Sequence[Series]) -> list[Odd | None]:
-    """What siblings lead to expect of each parameter whose mean surely differs."""
+def _judged(series: Sequence[Series]) -> Iterator[Series]:
+    """Parameters that change, or are unlike those of siblings, told from others: all tests of the fleet are weighed."""
     siblings: dict[tuple[str, str, str], list[Series]] = {}
     for one in series:
         siblings.setdefault((one.joint.kind, one.parameter, one.unit), []).append(one)
-    tested: dict[Series, Odd] = {}
+    odd: dict[Series, Odd] = {}
     for own in siblings.values():
-        means = [one.course for one in own]
-        odd = odd_ones(np.array([mean.level for mean in means]), np.array([mean.level_error for mean in means]))
-        tested |= zip(own, odd, strict=True)
-    named = surely(np.array([tested[one].chance for one in series]))
-    return [tested[one] if sure else None for one, sure in zip(series, named, strict=True)]
+        level, error = np.array([(one.course.level, one.course.level_error) for one in own]).T
+        odd |= zip(own, odd_ones(level, error), strict=True)
+    changes = surely(np.array([one.course.chance for one in series]))
+    differs = surely(np.array([odd[one].chance for one in series]))
+    for k, one in enumerate(series):
+        yield replace(one, changes=bool(changes[k]), odd=odd[one] if differs[k] else None)
 
 
-def _missing(joints: Sequence[Joint]) -> tuple[Missing, ...]:
-    """Effects by joint, those first that most cases name; all joints and effects are weighed together."""
+def _missing(joints: Sequence[Joint]) -> Iterator[Missing]:
+    """Effects by joint; all joints and effects are weighed together."""
     found = []
     for joint in joints:
         dates = np.array([row["date"].timestamp() for row in joint.cases])
@@ -216,60 +211,51 @@ def _missing(joints: Sequence[Joint]) -> tuple[Missing, ...]:
     silent = np.ones(max(0, library * len(joints) - len(found)))  # effects that no case names were tested, too
     sure = surely(np.r_[by_chance, silent])
     begins = surely(np.array([np.nan if begun is None else begun.chance for *_, begun in found]))
-    missing = []
     for k, (joint, effect, has, begun) in enumerate(found):
         first = joint.cases[int(np.argmax(has))]["date"]
         since = joint.cases[begun.first]["date"] if begun is not None and begins[k] else None
-        missing.append(Missing(joint, effect, int(has.sum()), len(has), first, since, bool(sure[k])))
-    return tuple(sorted(missing, key=lambda one: (not one.sure, -one.cases / one.of, one.effect, one.joint.label)))
+        yield Missing(joint, effect, int(has.sum()), len(has), first, since, bool(sure[k]))
 
 
-def _shared(joints: Sequence[Joint]) -> tuple[Shared, ...]:
+def _shared(joints: Sequence[Joint]) -> Iterator[Shared]:
     """Effects that show in cases that do not name them, once their scores are added up: by joint, kind, and fleet."""
-    cases = [row for joint in joints for row in joint.cases]
-    effects = sorted({one["effect"] for row in cases for one in row["candidates"]})
-    gains = np.array([_gains(row, effects) for row in cases]).reshape(len(cases), len(effects), 3)
-    owner = np.repeat(np.arange(len(joints)), [len(joint.cases) for joint in joints])
     groups = _groups(joints)
-    found: list[Shared] = []
-    for label, members in groups.items():
-        own = np.flatnonzero(np.isin(owner, members))
+    effects = sorted({one["effect"] for joint in joints for row in joint.cases for one in row["candidates"]})
+    for label, cases in groups.items():
+        gains = np.array([_gains(row, effects) for row in cases]).reshape(len(cases), len(effects), 3)
         sure: dict[int, Pooled] = {}
         for k in range(len(effects)):
-            told = gains[own, k][np.isfinite(gains[own, k]).all(axis=1)]  # (n, 3)
-            if len(told) > 1:
-                gain, error, variants = told.T
-                pooled = pool(gain, error, variants, rivals=len(effects) * len(groups))
+            known = gains[np.isfinite(gains[:, k]).all(axis=1), k]  # (n, 3)
+            if len(known) > 1:
+                gain, error, forms = known.T
+                pooled = pool(gain, error, forms, rivals=len(effects) * len(groups))
                 if pooled.chance <= CHANCE:
                     sure[k] = pooled
         if sure:
-            weak = gains[own][:, list(sure)]
+            weak = gains[:, list(sure)]
             for (k, pooled), share in zip(sure.items(), weigh(weak[..., 0] - np.log(weak[..., 2])), strict=True):
-                named = sum(effects[k] in cases[one]["selected"] for one in own)
-                found.append(Shared(label, effects[k], pooled, named, float(share)))
-    return tuple(sorted(found, key=lambda one: (-one.pooled.cases, one.group, -one.probability)))
+                named = sum(effects[k] in row["selected"] for row in cases)
+                yield Shared(label, effects[k], pooled, named, float(share))
 
 
-def _groups(joints: Sequence[Joint]) -> dict[str, list[int]]:
-    """Places of single joints, of those of every kind that several are of, and of all."""
-    groups: dict[str, list[int]] = {}
-    for k, joint in enumerate(joints):
-        groups.setdefault(joint.label, []).append(k)
+def _groups(joints: Sequence[Joint]) -> dict[str, list[JSON]]:
+    """Cases of single joints, of those of every kind that several are of, and of all."""
+    groups = {joint.label: list(joint.cases) for joint in joints}
     kinds = sorted({joint.kind for joint in joints})
     for kind in kinds:
-        own = [k for k, joint in enumerate(joints) if joint.kind == kind]
+        own = [joint.cases for joint in joints if joint.kind == kind]
         if len(own) > 1:
-            groups[f"all {kind}".strip()] = own
+            groups[f"all {kind}".strip()] = list(chain(*own))
     if len(kinds) > 1:
-        groups["all joints"] = list(range(len(joints)))
+        groups["all joints"] = list(chain(*(joint.cases for joint in joints)))
     return groups
 
 
-def _gains(row: JSON, effects: Sequence[str]) -> list[tuple[float, float, float]]:
+def _gains(row: JSON, effects: Sequence[str]) -> list[list[float]]:
     """What each effect gains that a case does not name, its error and forms; NaN if it names it, or cannot tell."""
-    told = {
-        one["effect"]: (one["gain"], one["gain_error"], one["variants"])
+    gains = {
+        one["effect"]: [np.nan if one[key] is None else one[key] for key in ("gain", "gain_error", "variants")]
         for one in row["candidates"]
-        if one["verdict"] not in NAMED and None not in (one["gain"], one["gain_error"], one["variants"])
+        if one["verdict"] not in NAMED
     }
-    return [told.get(effect, (np.nan, np.nan, np.nan)) for effect in effects]
+    return [gains.get(effect, [np.nan] * 3) for effect in effects]

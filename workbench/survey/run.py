@@ -6,19 +6,19 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from time import sleep
 from typing import TYPE_CHECKING
 
 from pendulum_env._typing import JSON
 from workbench.mistakes import InputError
 from workbench.survey.cases import Case
-from workbench.survey.dataset import GROUP, Dataset, Row
-from workbench.survey.work import Look, Settings, examined, look, lost, stamp
+from workbench.survey.dataset import Dataset
+from workbench.survey.work import Look, Settings, examined, look, row_of, trouble
 
 if TYPE_CHECKING:
     from distributed import Client
 
-KNOWN = ("name", "status", "reason", "hash", "size", "changed", "settings", "verdict", "report")
+KNOWN = ("name", "status", "reason", "hash", "settings", "verdict", "report")
+MERGED = 500  # files after which those of a survey that goes on become one
 SENT = 1000  # cases in one message to the scheduler; Dask warns of one that is large
 DIED = "its worker died, of too little memory perhaps: give workers more (--memory), or shorten the recording"
 
@@ -44,7 +44,7 @@ class Tally:
         """Cases that are through."""
         return self.known.total() + self.new.total()
 
-    def count(self, row: Row, among: Counter[str]) -> None:
+    def count(self, row: JSON, among: Counter[str]) -> None:
         """Count one more, among those that are known or new."""
         among[row["status"]] += 1
         if row["status"] != "done":
@@ -90,7 +90,7 @@ def survey(
     tell(tally)
     for number, rows in enumerate(_batches(todo, client, settings, look) if todo else (), 1):
         dataset.append(rows)
-        if number % GROUP == 0:
+        if number % MERGED == 0:
             dataset.merge()
         for row in rows:
             tally.count(row, tally.new)
@@ -122,48 +122,15 @@ def _batches(
                     rows.append(future.result())
                 elif future.status != "error":
                     raise InputError("the cluster has gone: what was written stays, run again to go on")
-                elif not isinstance(error := future.exception(), KilledWorker):
-                    rows.append(lost(case, settings, error))
                 elif len(todo) > 1:
                     suspects.append(case)
                 else:
-                    rows.append(lost(case, settings, OSError(DIED)))
-            yield rows
+                    error = future.exception()
+                    error = OSError(DIED) if isinstance(error, KilledWorker) else error
+                    rows.append(row_of(case, settings) | trouble(error, case))
+            if rows:
+                yield rows
     finally:
         client.cancel(list(futures), force=True)
     for case in suspects:
         yield from _batches([case], client, settings, look)
-
-
-def watch(
-    find: Callable[[], Sequence[Case]],
-    work: Callable[[Sequence[Case]], None],
-    every: float,
-    wait: Callable[[float], None] = sleep,
-) -> None:
-    """Look for new files again and again, until interrupted; a file that still grows waits until it has come to rest.
-
-    Args:
-        find: which cases there are.
-        work: what is done with those that have come to rest; it passes over what it knows.
-        every: seconds between two looks.
-        wait: for so many seconds.
-    """
-    seen: dict[str, object] = {}
-    handed: dict[str, object] = {}
-    while True:
-        cases = {case.name: case for case in find()}
-        now = {name: _stamp(case) for name, case in cases.items()}
-        still = {name: at for name, at in now.items() if seen.get(name) == at}
-        if not still.items() <= handed.items():
-            work([cases[name] for name in still])
-            handed = still
-        seen = now
-        wait(every)
-
-
-def _stamp(case: Case) -> object:
-    try:
-        return tuple(stamp(case.source.file).values())
-    except OSError:
-        return None

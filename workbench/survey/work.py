@@ -61,22 +61,14 @@ class Settings:
 
     def is_answered(self, case: Case, row: JSON) -> bool:
         """Whether a row is what would be found of a case now: the same was asked, of the same content."""
-        return (
-            row["status"] != "failed"
-            and row["settings"] == self.mark(case)
-            and (row["report"] is not None or row["verdict"] not in PAGES[self.reports])
-            and _is_unchanged(case, row)
-        )
-
-
-def _is_unchanged(case: Case, row: JSON) -> bool:
-    """Whether a file has the size and time that it had; where it has not, its content tells."""
-    try:
-        if stamp(case.source.file) == {"size": row["size"], "changed": row["changed"]}:
-            return True
-        return content_hash(case.source.file, case.source.largest) == row["hash"]
-    except MISTAKES:
-        return row["hash"] is None
+        if row["status"] == "failed" or row["settings"] != self.mark(case):
+            return False
+        if row["report"] is None and row["verdict"] in PAGES[self.reports]:
+            return False
+        try:
+            return content_hash(case.source.file, case.source.largest) == row["hash"]
+        except MISTAKES:
+            return row["hash"] is None
 
 
 def _plain(value: object) -> Any:
@@ -126,18 +118,17 @@ def _write_page(path: Path, recording: Recording, found: Diagnosis) -> None:
 def _row(recording: Recording, found: Diagnosis) -> JSON:
     told = found.json()
     errors = found.steps[-1].errors["holdout"]
-    candidates = []
-    for one in told["candidates"]:
-        gain = one["gain"] or {}
-        scores = {"gain": gain.get("total"), "gain_error": gain.get("error"), "variants": gain.get("variants")}
-        candidates.append({"effect": one["effect"], "verdict": one["verdict"], "score": one["score"], **scores})
+    gains = [one["gain"] or {} for one in told["candidates"]]
     return {
         "verdict": "missing" if found.selected else "unexplained" if found.unexplained else "nothing",
         "headline": found.headline,
         "score": max((one.score for one in found.candidates if one.verdict is Verdict.SELECTED), default=None),
         "selected": told["selected"],
         "ambiguous": told["ambiguous"],
-        "candidates": candidates,
+        "candidates": [
+            one | {"gain": gain.get("total"), "gain_error": gain.get("error"), "variants": gain.get("variants")}
+            for one, gain in zip(told["candidates"], gains, strict=True)
+        ],
         "parameters": [{"name": name, **one.json()} for name, one in found.model.estimates.items()],
         "torque_unit": found.torque_unit,
         "noise_floor": found.noise_floor,
@@ -154,7 +145,7 @@ def examined(case: Case, settings: Settings, look: Look = look) -> JSON:
     begun = perf_counter()
     row = row_of(case, settings)
     try:
-        row |= stamp(case.source.file) | {"hash": content_hash(case.source.file, case.source.largest)}
+        row["hash"] = content_hash(case.source.file, case.source.largest)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters is in the result
             row |= {"status": "done", **look(case, settings)}
@@ -163,40 +154,25 @@ def examined(case: Case, settings: Settings, look: Look = look) -> JSON:
     return row | {"seconds": perf_counter() - begun, "finished": datetime.now(UTC)}
 
 
-def lost(case: Case, settings: Settings, error: Exception) -> JSON:
-    """Row of a case whose worker did not come back."""
-    return row_of(case, settings) | trouble(error, case) | {"finished": datetime.now(UTC)}
-
-
 def row_of(case: Case, settings: Settings) -> JSON:
     """What a row says of a case before anybody has looked at it."""
-    told = ("name", "robot", "joint", "kind", "date", "dated_by")
-    return {name: getattr(case, name) for name in told} | {
+    return {name: value for name, value in vars(case).items() if name != "source"} | {
         "file": printable(os.path.realpath(case.source.file)),
         "version": version(),
         "settings": settings.mark(case),
+        "finished": datetime.now(UTC),
     }
 
 
-def trouble(error: Exception, case: Case) -> JSON:
+def trouble(error: BaseException, case: Case) -> JSON:
     """Status and reason of a case of which nothing was found: the file cannot be used, or something else went wrong."""
     if isinstance(error, Mistake):
         return {"status": "refused", "reason": sentence(error).removeprefix(f"{case.source.file}: ")}
     if isinstance(error, MemoryError):
         error = InputError("it does not fit into the memory of the worker: give workers more (--memory)")
-    elif not isinstance(error, OSError | InputError):  # of a full disk, or a share that is away
+    elif not isinstance(error, OSError):  # of a full disk, or a share that is away
         error = InputError(f"{type(error).__name__}: {error}")
     return {"status": "failed", "reason": sentence(error)}
-
-
-def stamp(file: Path) -> JSON:
-    """Size and time of change of a file, which differ where its content does, or else cost one more reading.
-
-    Raises:
-        OSError: if there is no such file.
-    """
-    status = os.stat(file)
-    return {"size": status.st_size, "changed": status.st_mtime_ns}
 
 
 def content_hash(file: Path, most: float = math.inf) -> str:

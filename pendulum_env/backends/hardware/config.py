@@ -18,13 +18,14 @@ from typing import Any
 from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake
 from pendulum_env.plant import PAPER
 from pendulum_env.reading import Unreadable, Value, one_of, read_text, read_toml, within
 
 CHECKED = ".checked"  # ending of the file beside a configuration that says which wiring has passed the check
 
 
-class ConfigError(ValueError):
+class ConfigError(Mistake):
     """A configuration cannot be used; the message names the file, the key, what is wrong and what to do."""
 
 
