@@ -1,8 +1,10 @@
-"""Functions that no effect is, kept as they are: of the angle or of the speed, by cubic B-splines.
+"""Functions that no effect is: of the angle, of the speed, or of time, by cubic B-splines.
 
 They are terms like any other, which are fitted, confirmed on held-out data, simulated and exported, but no effects
-that a diagnosis proposes: they tell what is there, not why. A table is orthogonal to what it would else share with the
-model, as gravity, an offset or Coulomb friction, and natural at its ends, beyond which it stays at what it is there.
+that a diagnosis proposes: they tell what is there, not why. They compete with the effects by the same score: where a
+table surely predicts better, and explains most of what effects leave, these only imitate it. A table is orthogonal to
+what it would else share with the model, as gravity, an offset or Coulomb friction, and natural at its ends, beyond
+which it stays at what it is there. A function of time is another in each recording, so that no model keeps it.
 Source: de Boor, A Practical Guide to Splines, 2001.
 """
 
@@ -24,6 +26,8 @@ FINE = 2000  # points over which functions are orthogonal
 DRAWN = 241  # points of a curve
 FARTHEST, NARROWEST = 1e6, 1e-6  # of a table in a file [rad, rad/s]
 ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces that are tried
+SLOW = 0.5  # [s], pieces of a torque by time;
+WARMING = 5  # of a gain by time: a motor warms and a battery empties slowly
 OF_ANGLE: dict[str, Callable[[Array], Array]] = {
     "one": np.ones_like,
     "line": np.positive,
@@ -33,7 +37,7 @@ OF_ANGLE: dict[str, Callable[[Array], Array]] = {
 
 
 class Extent(NamedTuple):
-    """Where a table is told, in rad or rad/s, and in how many pieces; angles from -pi to pi go on round the turn.
+    """Where a table is told, in rad, rad/s or s, and in how many pieces; angles from -pi to pi go on round the turn.
 
     A torque by angle leaves the functions named `beside` to terms that have them already.
     """
@@ -81,9 +85,10 @@ class Table(Term):
 
     extent: ClassVar[Extent] = Extent(-1.0, 1.0, 4)
     axis: ClassVar[str] = ""
+    words: ClassVar[str] = ""  # what it is
     unit: ClassVar[str] = "N m"
     is_dry: ClassVar[bool] = False  # whether it is set-valued friction, and no smooth torque
-    zero: ClassVar[float | None] = None  # argument at which it is zero
+    is_gain: ClassVar[bool] = False  # whether it is a share of the commanded torque, none where the table begins
 
     @classmethod
     def over(cls, extent: Extent) -> type[Self]:
@@ -107,7 +112,14 @@ class Table(Term):
     @classmethod
     def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
         """The column of one coefficient."""
+        if cls.is_gain:
+            return Column(name, cls.unit, force=lambda x: x.torque * law(x), of_torque=True)
         return Column(name, cls.unit, dry=law) if cls.is_dry else Column(name, cls.unit, force=law)
+
+    @property
+    def told(self) -> str:
+        """What it is, and at which joint, in words."""
+        return f"{self.words} at {self.at}" if self.at else self.words
 
     @classmethod
     def warped(cls, argument: ArrayLike) -> ArrayLike:
@@ -195,8 +207,8 @@ def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
         return np.array([splines.sum({knot: 1.0}) for knot in knots])
 
     conditions = [at(x) @ law(x) / FINE for law in kind.laws()]
-    if kind.zero is not None:
-        conditions.append(at(np.array([kind.zero]))[:, 0])
+    if kind.is_gain:
+        conditions.append(at(np.array([low]))[:, 0])
     if not kind.extent.is_turn:  # no bend at the ends
         bend = np.zeros(len(knots))
         bend[:3] = 1.0, -2.0, 1.0
@@ -221,6 +233,16 @@ def _columns(kind: type[Table]) -> tuple[Column, ...]:
     return tuple(kind.column(f"{name}.{k}", partial(at, own)) for k, own in enumerate(_weights(kind)))  # type: ignore[arg-type]
 
 
+def _covered(argument: ArrayLike, pieces: int) -> tuple[float, float]:
+    """Between which values of the argument a table has data: beyond, at either end, lies half a piece's share of them.
+
+    A curve that is free where little was recorded swings there, and predicts badly what is recorded next.
+    """
+    share = 0.5 / pieces
+    low, high = np.quantile(argument, [share, 1.0 - share]).tolist()
+    return low, high
+
+
 @dataclass(frozen=True)
 class ByAngle(Table):
     """A function of the angle, over a turn where the joint turned."""
@@ -233,9 +255,11 @@ class ByAngle(Table):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        low, high = float(np.min(x.position)), float(np.max(x.position))
-        spans = [(low, high)] + [(-np.pi, np.pi)] * (high - low >= 2 * np.pi and not cls.slides)
-        return [cls.over(Extent(*span, pieces))() for span in spans for pieces in ANGLES]
+        spans = [_covered(x.position, pieces) for pieces in ANGLES]
+        found = [cls.over(Extent(*span, pieces))() for span, pieces in zip(spans, ANGLES, strict=True)]
+        if np.ptp(x.position) >= 2 * np.pi and not cls.slides:
+            found += [cls.over(Extent(-np.pi, np.pi, pieces))() for pieces in ANGLES]
+        return found
 
 
 @dataclass(frozen=True)
@@ -243,6 +267,7 @@ class TorqueByAngle(ByAngle):
     """Torque that is a function of the angle, as of a cable, a dress pack or a cam; over a turn where it turned."""
 
     id = "torque_by_angle"
+    words = "a function of the angle"
     law = "f(q)"
     kind = "potential"
 
@@ -261,6 +286,7 @@ class FrictionByAngle(ByAngle):
     """Dry friction that varies with the angle, as of a seal that rubs or a worn stretch of a gear."""
 
     id = "friction_by_angle"
+    words = "dry friction that varies with the angle"
     law = "f(q) sgn q'"
     kind = "dissipative"
     is_dry = True
@@ -287,8 +313,8 @@ class BySpeed(Table):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        fastest = float(np.max(np.abs(x.velocity)))
-        return [cls.over(Extent(0.0, fastest, pieces))() for pieces in SPEEDS]
+        speed = np.abs(x.velocity)
+        return [cls.over(Extent(0.0, _covered(speed, pieces)[1], pieces))() for pieces in SPEEDS]
 
 
 @dataclass(frozen=True)
@@ -296,6 +322,7 @@ class FrictionBySpeed(BySpeed):
     """Friction that is any function of the speed, the same either way; knots are closer together at low speed."""
 
     id = "friction_by_speed"
+    words = "a function of the speed"
     law = "f(|q'|) sgn q'"
     kind = "dissipative"
     is_dry = True
@@ -310,14 +337,62 @@ class GainBySpeed(BySpeed):
     """Motor torque that is lost in a share that varies with the speed: the joint receives tau (1 - f(|q'|))."""
 
     id = "gain_by_speed"
+    words = "a motor torque that varies with the speed"
     law = "tau f(|q'|)"
     kind = "actuation"
     unit = "1"
-    zero = 0.0  # at rest the gain is one
+    is_gain = True
+
+
+@dataclass(frozen=True)
+class ByTime(Table):
+    """A function of time: that of one recording is none of the next."""
+
+    axis = "time"
 
     @classmethod
-    def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
-        return Column(name, cls.unit, force=lambda x: x.torque * law(x), of_torque=True)
+    def argument(cls, x: Samples) -> ArrayLike:
+        return x.time
+
+    @classmethod
+    def pieces_of(cls, seconds: float) -> int:
+        """Number of pieces that it takes."""
+        raise NotImplementedError
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        first, last = float(np.min(x.time)), float(np.max(x.time))
+        return [cls.over(Extent(first, last, cls.pieces_of(last - first)))()]
+
+
+@dataclass(frozen=True)
+class TorqueByTime(ByTime):
+    """Torque that wanders slowly with time."""
+
+    id = "torque_by_time"
+    words = "a torque that wanders with time"
+    law = "f(t)"
+    kind = "time-varying"
+
+    @classmethod
+    def pieces_of(cls, seconds: float) -> int:
+        return max(2, round(seconds / SLOW))
+
+
+@dataclass(frozen=True)
+class GainByTime(ByTime):
+    """Motor torque that is lost in a share that wanders with time: the joint receives tau (1 - f(t))."""
+
+    id = "gain_by_time"
+    words = "a motor gain that wanders with time"
+    law = "tau f(t)"
+    kind = "actuation"
+    unit = "1"
+    is_gain = True
+
+    @classmethod
+    def pieces_of(cls, seconds: float) -> int:
+        return WARMING
 
 
 def refuse_held(terms: Iterable[Term], new: Term) -> None:
@@ -334,3 +409,4 @@ def refuse_held(terms: Iterable[Term], new: Term) -> None:
 TABLES: dict[str, type[Term]] = {
     kind.id: kind for kind in (TorqueByAngle, FrictionByAngle, FrictionBySpeed, GainBySpeed)
 }
+COMPETING: tuple[type[Term], ...] = (*TABLES.values(), TorqueByTime, GainByTime)  # with effects

@@ -56,7 +56,7 @@ def test_what_a_law_without_a_name_hides_is_found_beside_it(hidden):
     train, test = (Experiment(rate=200.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
     selection, found, _ = searched(Plant(effects=hidden), train, test)
     assert found == list(hidden)[1:]
-    assert selection.unnamed is not None
+    assert selection.table is not None
 
 
 @pytest.mark.slow
@@ -69,7 +69,7 @@ def test_a_motor_whose_gain_fades_is_given_no_name():
         recordings.append(Recording(f"run {len(recordings)}", run.time, run.position, run.torque / gain))
     selection = select(Models(*gather(recordings[:1], recordings[1:])))
     assert [step.added for step in selection.steps] == [None]
-    assert selection.unnamed is not None and selection.unnamed.id == "any_gain_of_time"
+    assert selection.table is not None and selection.table.id == "gain_by_time"
 
 
 @pytest.mark.parametrize(("later", "explained"), [(9.0, (0.9, 1.0)), (14.0, (0.0, 0.05))])
@@ -114,7 +114,7 @@ def test_a_law_without_a_name_takes_the_place_of_what_imitates_it_alone():
     train, test = (Experiment(rate=250.0, seconds=6.0, seed=seed) for seed in (2, 3))
     selection, found, _ = searched(Plant(effects=hidden), train, test)
     assert len(found) == 1 and found[0] in ("torque_offset", "coulomb_asymmetry")
-    assert selection.unnamed is not None and selection.unnamed.id == "any_friction_of_position"
+    assert selection.table is not None and selection.table.id == "friction_by_angle"
 
 
 @pytest.mark.slow
