@@ -19,7 +19,7 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics.term import Column, Samples, Term
+from pendulum_env.physics.term import Column, Samples, Shape, Term
 from pendulum_env.reading import Value
 
 FINE = 2000  # points over which functions are orthogonal
@@ -333,6 +333,31 @@ class FrictionBySpeed(BySpeed):
 
 
 @dataclass(frozen=True)
+class PowerOfSpeed(Table):
+    """Friction that grows with any power of the speed: two parameters, where a spline takes as many as two effects."""
+
+    power: float = 3.0
+
+    id = "power_of_speed"
+    axis = "velocity"
+    law = "c |q'|^p sgn q'"
+    kind = "dissipative"
+    shapes = (Shape("power", "1", 0.2, 9.0),)
+
+    @property
+    def told(self) -> str:
+        return f"friction that grows as |q'|^{self.power:.2g}"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column(self.id, "N m (s/rad)^p", dry=lambda x: np.absolute(x.velocity) ** self.power),)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        return [cls(power) for power in (0.5, 1.5, 2.0, 3.0, 5.0)]
+
+
+@dataclass(frozen=True)
 class GainBySpeed(BySpeed):
     """Motor torque that is lost in a share that varies with the speed: the joint receives tau (1 - f(|q'|))."""
 
@@ -409,4 +434,4 @@ def refuse_held(terms: Iterable[Term], new: Term) -> None:
 TABLES: dict[str, type[Term]] = {
     kind.id: kind for kind in (TorqueByAngle, FrictionByAngle, FrictionBySpeed, GainBySpeed)
 }
-COMPETING: tuple[type[Term], ...] = (*TABLES.values(), TorqueByTime, GainByTime)  # with effects
+COMPETING: tuple[type[Term], ...] = (PowerOfSpeed, *TABLES.values(), TorqueByTime, GainByTime)  # with effects
