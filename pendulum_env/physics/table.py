@@ -233,16 +233,6 @@ def _columns(kind: type[Table]) -> tuple[Column, ...]:
     return tuple(kind.column(f"{name}.{k}", partial(at, own)) for k, own in enumerate(_weights(kind)))  # type: ignore[arg-type]
 
 
-def _covered(argument: ArrayLike, pieces: int) -> tuple[float, float]:
-    """Between which values of the argument a table has data: beyond, at either end, lies half a piece's share of them.
-
-    A curve that is free where little was recorded swings there, and predicts badly what is recorded next.
-    """
-    share = 0.5 / pieces
-    low, high = np.quantile(argument, [share, 1.0 - share]).tolist()
-    return low, high
-
-
 @dataclass(frozen=True)
 class ByAngle(Table):
     """A function of the angle, over a turn where the joint turned."""
@@ -255,11 +245,13 @@ class ByAngle(Table):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        spans = [_covered(x.position, pieces) for pieces in ANGLES]
-        found = [cls.over(Extent(*span, pieces))() for span, pieces in zip(spans, ANGLES, strict=True)]
+        extents = []
+        for pieces in ANGLES:  # beyond either end lies half a piece's share of the samples: few tell a curve badly
+            low, high = np.quantile(x.position, [0.5 / pieces, 1.0 - 0.5 / pieces]).tolist()
+            extents.append(Extent(low, high, pieces))
         if np.ptp(x.position) >= 2 * np.pi and not cls.slides:
-            found += [cls.over(Extent(-np.pi, np.pi, pieces))() for pieces in ANGLES]
-        return found
+            extents += [Extent(-np.pi, np.pi, pieces) for pieces in ANGLES]
+        return [cls.over(extent)() for extent in extents]
 
 
 @dataclass(frozen=True)
@@ -313,8 +305,8 @@ class BySpeed(Table):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        speed = np.abs(x.velocity)
-        return [cls.over(Extent(0.0, _covered(speed, pieces)[1], pieces))() for pieces in SPEEDS]
+        fastest = float(np.max(np.abs(x.velocity)))
+        return [cls.over(Extent(0.0, fastest, pieces))() for pieces in SPEEDS]
 
 
 @dataclass(frozen=True)
