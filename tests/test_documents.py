@@ -12,10 +12,10 @@ import pytest
 from estimators.diagnosis import run
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import CUTOFF, GUARD, SCHEMES, Integral
-from estimators.selection import foils, models, motion, score
+from estimators.selection import models, motion, score
 from estimators.selection.criterion import Criterion
 from estimators.simulation.free_running import SECONDS
-from pendulum_env.physics import BASE, library
+from pendulum_env.physics import BASE, library, table
 from tools import prose
 from tools.prose import PAGES, README, ROOT, check, first_untold
 from tools.refresh import refreshed
@@ -98,7 +98,7 @@ def test_numbers_in_the_prose_are_those_of_the_code():
         f"$\\nu = {score.NU:.0f}$ degrees of freedom",
         f"{score.DRAWS} times over",
         f"stretches of {score.STRETCH:.0f} second".replace("1", "one"),
-        f"knots {foils.SLOW:g} s apart",
+        f"knots {table.SLOW:g} s apart",
         f"pieces of {models.MOMENT:g} s",
         f"segments of {motion.HOP:g} second".replace("0.5", "half a"),
         f"$\\lambda = {CUTOFF:.0f}$ rad/s",

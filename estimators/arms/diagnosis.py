@@ -154,16 +154,16 @@ def models_of_arm(
     criterion: Criterion | None,
     rng: np.random.Generator | None,
     progress: Progress,
-    foils: Sequence[type[Term]] = (),
+    tables: Sequence[type[Term]] = (),
 ) -> Models:
     """What recordings of an arm say of models; the first term of the base model is the links.
 
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
     """
-    evidence = [gather_arm(part, (*base, *library.values())) for part in (train, held)]
+    gathered = tuple(gather_arm(part, (*base, *library.values())) for part in (train, held))
     criterion, rng = criterion or Criterion(), rng or np.random.default_rng(0)
-    return Models(*evidence, progress, library, criterion, rng, base=base, foils=foils)
+    return Models(*evidence, progress, library, criterion, rng, base=base, tables=tables)
 
 
 def of_arm(model: Model) -> ArmModel:
@@ -225,7 +225,7 @@ def diagnose_arm(
         tables=tuple(
             filter(
                 None,
-                (explaining(models, found.terms, [foil for foil in tables if foil.at == at]) for at in unexplained),
+                (explaining(models, found.terms, [table for table in tables if table.at == at]) for at in unexplained),
             )
         ),
     )

@@ -21,6 +21,7 @@ from estimators.checks.residual import Region, turns
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
 from estimators.regression.equations import Equations
+from estimators.regression.least_squares import least_squares
 from estimators.selection.models import Models
 from estimators.selection.moves import best
 from estimators.weak_form.dataset import Dataset, dataset
@@ -105,9 +106,7 @@ class Question:
             term, theta = self.torque
             linear, fixed = data.columns([term])[0]
             y = linear @ theta + fixed
-        scale = np.maximum(np.linalg.norm(equations.phi, axis=0), 1e-300)
-        theta = np.linalg.lstsq(equations.phi / scale, y, rcond=1e-10)[0] / scale
-        return float(np.sqrt(np.mean((y - equations.phi @ theta) ** 2)))
+        return float(np.sqrt(np.mean((y - equations.phi @ least_squares(equations.phi, y)) ** 2)))
 
 
 def questions(

@@ -13,7 +13,6 @@ from estimators.checks.identifiability import Doubt
 from estimators.checks.physical import objection
 from estimators.diagnosis.result import Candidate, Verdict
 from estimators.selection.data import Step, error_at
-from estimators.selection.foils import words
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import alternatives, candidates, is_hidden, rivals
@@ -31,7 +30,7 @@ class _Gained(TypedDict, total=False):
 def judge(found: Selection, final: Terms) -> tuple[list[Candidate], list[tuple[str, ...]]]:
     """Verdict on every effect of the library, and groups that these data cannot tell apart, a selected one first.
 
-    Those in the model are judged beside the law without a name, if there is one; those left out, without it.
+    Those in the model are judged beside the table that was found, if there is one; those left out, without it.
 
     Args:
         found: with the steps as the user sees them: the last perhaps fitted more closely.
@@ -79,7 +78,7 @@ def _judge_selected(found: Selection, final: Terms, before: Step, after: Step) -
     that it explains of what the others leave: what is left may be of a law that the library lacks, and so may it be.
     """
     models = found.models
-    final = (*final, found.unnamed) if found.unnamed is not None else final  # beside it, what it hides shows
+    final = (*final, found.table) if found.table is not None else final  # beside it, what it hides shows
     term = next(term for term in final if term.id == after.added)
     # windows, in which a link is carried along, know little of it: there motion has decided
     odds = {term.id: 1.0} if is_hidden(term) else alternatives(models, final, term)
@@ -137,7 +136,7 @@ def _gained(models: Models, after: Terms, before: Terms) -> _Gained:
 
 def _held_out_rms(models: Models, terms: Terms, at: str) -> float:
     """Torque error on the held-out data of the terms fitted to the training data [N m]."""
-    error = models.held_out.equations(terms).error(models.screen.solve(terms))
+    error = models.holdout.screen.equations(terms).error(models.screen.solve(terms))
     return error_at(models.holdout.data.errors(error), at, np.nan)
 
 
@@ -169,8 +168,8 @@ def _why_rejected(found: Selection, longer: Terms) -> str:
     models, steps = found.models, found.steps
     others = longer[:-1]
     where = "once the selected effects are in" if len(steps) > 1 else "beside the base model"
-    if found.unnamed is not None and longer[-1].kind == found.unnamed.kind:
-        return f"only imitates {words(found.unnamed)}, which the library does not have"
+    if found.table is not None and longer[-1].kind == found.table.kind:
+        return f"only imitates {found.table.told}, which the library does not have"
     if not models.is_sure(longer, others):
         return f"no more than chance may give {where}"
     if not models.left.explains(longer, others):

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 from scipy.optimize import minimize
 
+from estimators.regression.least_squares import least_squares
 from pendulum_env._typing import Array
 from pendulum_env.physics.table import Curve, Table
 
@@ -86,11 +87,8 @@ def _is_enough(simple: Likeness, other: Likeness) -> bool:
 
 def _left(curve: Curve, columns: Array, weights: Array) -> float:
     """Weighted sum of squares that a fit of columns (N, K) leaves."""
-    if columns.shape[1] == 0:
-        return float(np.sum((weights * curve.value) ** 2))
-    scaled = columns * weights[:, None]
-    target = weights * curve.value
-    return float(np.sum((target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0]) ** 2))
+    scaled, target = columns * weights[:, None], weights * curve.value
+    return float(np.sum((target - scaled @ least_squares(scaled, target)) ** 2))
 
 
 def _families(table: Table) -> list[Family]:
@@ -136,10 +134,10 @@ def _families(table: Table) -> list[Family]:
     fall = "exp(-|q'| / {0} rad/s)"
     return [
         Family("|q'|^{0}", lambda v, p: v[:, None] ** p, [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (POWERS,)),
-        Family(fall, lambda v, s: np.exp(-v / s)[:, None] - (table.zero is not None), scales, ends),
+        Family(fall, lambda v, s: np.exp(-v / s)[:, None] - (table.is_gain), scales, ends),
         Family(
             "exp(-(q' / {0} rad/s)^2)",
-            lambda v, s: np.exp(-((v / s) ** 2))[:, None] - (table.zero is not None),
+            lambda v, s: np.exp(-((v / s) ** 2))[:, None] - (table.is_gain),
             scales,
             ends,
         ),

@@ -27,7 +27,6 @@ from estimators.progress import Progress, forward, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, fit_terms, noise_floor, with_knocks
-from estimators.selection.foils import words
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.motion import is_astray, refine, relink, sharpen
 from estimators.selection.moves import explaining, ids, settle
@@ -301,7 +300,7 @@ def _examine(
     asked = questions(models, steps[-1].model.terms, groups, candidates, doubts)
     if impossible(steps[-1].model, models.train.motions):
         asked = []  # nobody knows what motion to expect
-    table = getattr(found.unnamed, "table", None)
+    table = found.table.id if found.table is not None and found.table.id in TABLES else None
     if left and table is None:
         table = explaining(models, steps[-1].model.terms, TABLES.values())
     kept = None if table is None else KEPT.format(table=table)
@@ -402,12 +401,11 @@ def unexplained(found: Selection) -> list[Region]:
         )
         return [Region("velocity", -np.inf, np.inf, 0.0, 0.0, text)]
     left = models.train.watching(last.model).residual(last.model.terms, last.model.theta)
-    is_noise = found.unnamed is None and models.left.is_noise(models.train, left)
+    is_noise = found.table is None and models.left.is_noise(models.train, left)
     regions = [] if is_noise else stand_out(models.train.samples, left, models.left.floor)
-    if found.unnamed is not None:
-        law = getattr(found.unnamed, "axis", "velocity")
-        place = next((own for own in regions if own.axis == law), None)
-        text = f"{words(found.unnamed)} would explain most of it, and no effect of the library is such a law"
+    if found.table is not None:
+        place = next((own for own in regions if own.axis == found.table.axis), None)
+        text = f"{found.table.told} would explain most of it, and no effect of the library is such a law"
         if place is None:
             fast = float(np.abs(models.train.samples.velocity).max())
             return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]

@@ -79,7 +79,7 @@ class Looped:
             replace(setting.criterion, share=NEEDED, needed=NEEDED),
             setting.rng,
             base,
-            foils=(),
+            tables=(),
         )
         return cls(models, train, check, calibrated)
 

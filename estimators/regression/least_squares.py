@@ -63,14 +63,12 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
         jacobian: further columns (R, S), derivatives with respect to shape parameters that were searched for: they
             widen the standard errors (and appear after theta in the covariance), but are not solved for.
     """
-    phi, y = equations.phi * weights[:, None], equations.y * weights
+    phi = equations.phi * weights[:, None]
+    theta = least_squares(phi, equations.y * weights)
+    residual = equations.y - equations.phi @ theta
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = 1.0
-    q, triangle = np.linalg.qr(phi / scale)
-    left, singular, directions = np.linalg.svd(triangle)
-    inverse = np.where(singular > 1e-10 * singular.max(initial=0.0), 1.0 / np.maximum(singular, 1e-300), 0.0)
-    theta = directions.T @ (inverse * (left.T @ (q.T @ y))) / scale
-    residual = equations.y - equations.phi @ theta
+    singular, directions = np.linalg.svd(np.linalg.qr(phi / scale, mode="r"))[1:]
     full = phi if jacobian is None else np.column_stack([phi, jacobian * weights[:, None]])
     covariance = robust_covariance(full, residual * weights, clusters)
     condition = float(singular[0] / max(singular[-1], 1e-300)) if len(singular) else 1.0
@@ -338,19 +336,14 @@ class Balance:
         away; what is solved is as small as they are.
         """
         near = self.tangent()
-        rows = np.column_stack([near.slopes, near.error]) * self.weights[:, None]
-        size = np.linalg.norm(rows[:, :-1], axis=0)
-        size[size == 0] = 1.0
-        rows[:, :-1] /= size
+        rows = np.column_stack([near.error, near.slopes]) * self.weights[:, None]
         grams = np.array([own.T @ own for own in (rows[fold == k] for k in range(count))])
-        least, most = (self.least - near.theta) * size, (self.most - near.theta) * size
-        found = np.empty((count, len(size)))
-        for k in range(count):
-            gram = grams[np.arange(count) != k].sum(axis=0)  # not the difference from the whole, which loses digits
-            if len(size) and np.linalg.eigvalsh(gram[:-1, :-1])[0] > DISTINCT:
-                step = within_bounds_of(gram, least, most)
-                found[k] = near.theta + step / size
-                left = np.append(-step, 1.0)
+        found = np.empty((count, len(near.theta)))
+        for k, gram in enumerate(without_each(grams)):
+            step = solved(gram, self.least - near.theta, self.most - near.theta)
+            if step is not None:
+                found[k] = near.theta + step
+                left = np.append(1.0, -step)
                 if self.is_linear or self._is_as_foreseen(found[k], fold != k, float(left @ gram @ left)):
                     continue
             found[k] = self[fold != k].solve(near.theta)
@@ -463,16 +456,31 @@ def within_bounds(
         theta, free = np.where(leaves, bounded, theta), free & ~leaves
 
 
-def within_bounds_of(gram: Array, least: Array, most: Array) -> Array:
-    """Parameters (P,) that solve normal equations within bounds, given the Gram matrix (P + 1, P + 1) of [phi, y]."""
-    phi, y = gram[:-1, :-1], gram[:-1, -1]
+def without_each(grams: Array) -> Array:
+    """Gram matrices of all folds but one, for each of K folds, given those of the folds (K, P + 1, P + 1)."""
+    others = 1.0 - np.eye(len(grams))  # not the difference from the whole, which loses digits
+    return np.asarray(np.einsum("lk,kij->lij", others, grams))
+
+
+def solved(gram: Array, least: Array, most: Array) -> Array | None:
+    """Parameters (P,) that solve normal equations within bounds, given the Gram matrix (P + 1, P + 1) of [y, phi].
+
+    None where the equations hardly tell them apart, and normal equations lose too many digits.
+    """
+    size = np.sqrt(np.diag(gram))
+    size[size == 0] = 1.0
+    gram, size = gram / np.outer(size, size), size[1:] / size[0]
+    phi, y = gram[1:, 1:], gram[1:, 0]
+    if not len(size) or np.linalg.eigvalsh(phi)[0] <= DISTINCT:
+        return None
 
     def solve(theta: Array, free: Mask) -> Array:
         theta = np.where(free, 0.0, theta)
         theta[free] = np.linalg.solve(phi[np.ix_(free, free)], (y - phi @ theta)[free])
         return theta
 
-    return within_bounds(solve, np.zeros(len(least)), np.ones(len(least), dtype=bool), least, most)[0]
+    free = np.ones(len(size), dtype=bool)
+    return within_bounds(solve, np.zeros(len(size)), free, least * size, most * size)[0] / size
 
 
 def information(covariance: Array) -> Array:

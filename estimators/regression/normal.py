@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.regression.least_squares import DISTINCT, within_bounds_of
+from estimators.regression.least_squares import solved, without_each
 from pendulum_env._typing import Array, Index
 
 
@@ -82,13 +82,12 @@ class Normal:
 
         None where the equations hardly tell them apart, and normal equations lose too many digits.
         """
-        return self._solved(np.einsum("e,ekij->ij", weights**2, self.grams))
+        return solved(np.einsum("e,ekij->ij", weights**2, self.grams), self.least, self.most)
 
     def solve_without(self, weights: Array) -> Array | None:
         """The same without each fold (K, P)."""
         folds = np.einsum("e,ekij->kij", weights**2, self.grams)
-        others = 1.0 - np.eye(len(folds))  # not the difference from the whole, which loses digits
-        found = [self._solved(gram) for gram in np.einsum("lk,kij->lij", others, folds)]
+        found = [solved(gram, self.least, self.most) for gram in without_each(folds)]
         return None if any(theta is None for theta in found) else np.array(found)
 
     def weights(self, theta: Array, least: float) -> Array:
@@ -96,17 +95,6 @@ class Normal:
         left = np.append(1.0, -theta)
         squares = np.einsum("i,eij,j->e", left, self.grams.sum(axis=1), left)
         return quietest_most(np.maximum(squares, 0.0), self.counts, least)
-
-    def _solved(self, gram: Array) -> Array | None:
-        size = np.sqrt(np.diag(gram))
-        size[size == 0] = 1.0
-        gram = gram / np.outer(size, size)
-        size = size[1:] / size[0]
-        order = [*range(1, len(gram)), 0]
-        gram = gram[np.ix_(order, order)]
-        if not len(size) or np.linalg.eigvalsh(gram[:-1, :-1])[0] <= DISTINCT:
-            return None
-        return within_bounds_of(gram, self.least * size, self.most * size) / size
 
 
 def quietest_most(squares: Array, counts: Index, least: float) -> Array:

@@ -182,15 +182,9 @@ def _fit(error: float, deviation: float) -> float:
     return 100.0 * (1.0 - error / deviation) if deviation > 0 else 0.0
 
 
-def fit_terms(evidence: Evidence, terms: Sequence[Term], screen: Screen | None = None) -> tuple[Model, Fit]:
-    """Fit the linear parameters of the terms; standard errors count the search over shape parameters too.
-
-    Args:
-        evidence: to fit.
-        terms: of the model.
-        screen: of the same data, if there is one that may know some of the columns already.
-    """
-    data, screen = evidence.data, screen or evidence.screen
+def fit_terms(evidence: Evidence, terms: Sequence[Term]) -> tuple[Model, Fit]:
+    """Fit the linear parameters of the terms; standard errors count the search over shape parameters too."""
+    data, screen = evidence.data, evidence.screen
     terms = screen.settle(terms)
     balance = screen.balance(terms)
     first = balance.fit(data.clusters)
@@ -234,10 +228,9 @@ def with_knocks(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> t
     """
     if has_link(terms):
         return evidence
-    screen = evidence[0].screen
-    fit = fit_terms(evidence[0], terms, screen)[1]
+    fit = fit_terms(evidence[0], terms)[1]
     count = len(fit.theta)
-    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(screen)
+    known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(evidence[0].screen)
     train, holdout = (replace(part, data=part.data.with_knocks(*known)) for part in evidence)
     return (train, holdout) if train.data.knocks >= REPEATED else evidence
 

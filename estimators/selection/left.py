@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimators.regression.least_squares import information, least_squares, robust_covariance
-from estimators.selection.candidates import Screen
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, fit_terms, inertias
-from estimators.selection.foils import wanders
 from estimators.weak_form.dataset import Structure
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
+from pendulum_env.physics.table import ByTime
 
 Terms = tuple[Term, ...]
 
@@ -55,31 +54,27 @@ class Left:
     _structures: dict[Terms, tuple[dict[str, Structure], dict[str, Structure]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.screen, self.held_out = self.train.screen, self.holdout.screen
+        self.screen, self.parts = self.train.screen, (self.train, self.holdout)
         self.joints = self.train.data.joints
         self.inertia = inertias(self.screen, self.base)
-        parts = (self.train.data, self.holdout.data)
-        self._floors = [{at: data.part(at).noise(self.inertia[at]) for at in self.joints} for data in parts]
+        self._floors = [{at: part.data.part(at).noise(self.inertia[at]) for at in self.joints} for part in self.parts]
 
     def power(self, terms: Terms) -> tuple[dict[str, Power], dict[str, Power]]:
         """What a model leaves of each joint of the training data, and of those that are held out, as it was fitted."""
         if terms not in self._powers:
-            if any(wanders(term) for term in terms):
-                residuals = [screen.residual(wandering_in(part, terms)) for part, screen in self._parts]
+            if any(isinstance(term, ByTime) for term in terms):
+                residuals = [part.screen.residual(wandering_in(part, terms)) for part in self.parts]
             else:
                 theta = self.screen.solve(terms)
-                residuals = [screen.equations(terms).error(theta) for _, screen in self._parts]
-            first, second = (
-                self._power_of(part, screen, terms, residual)
-                for residual, (part, screen) in zip(residuals, self._parts, strict=True)
-            )
+                residuals = [part.screen.equations(terms).error(theta) for part in self.parts]
+            first, second = (self._power_of(*pair, terms) for pair in zip(self.parts, residuals, strict=True))
             self._powers[terms] = first, second
         return self._powers[terms]
 
-    def _power_of(self, part: Evidence, screen: Screen, terms: Terms, residual: Array) -> dict[str, Power]:
+    def _power_of(self, part: Evidence, residual: Array, terms: Terms) -> dict[str, Power]:
         known, left = self._structures_of(part, residual), {}
         for at in self.joints:
-            hidden = screen.hidden_noise([term for term in terms if term.at == at])
+            hidden = part.screen.hidden_noise([term for term in terms if term.at == at])
             power = part.data.part(at).power(residual[part.data.where(at)]) + sum(variance for _, variance in hidden)
             left[at] = Power(power, known[at].shared ** 2)
         return left
@@ -139,16 +134,15 @@ class Left:
         A law that is right has the same parameters wherever it is fitted. One that only imitates another law along one
         motion needs others along the next.
         """
-        known, data, balance = (
-            fit_terms(self.train, terms, self.screen)[1],
-            self.holdout.data,
-            self.held_out.balance(terms),
-        )
+        known, screen = fit_terms(self.train, terms)[1], self.holdout.screen
+        balance = screen.balance(terms)
         free = np.flatnonzero(np.diag(known.covariance))  # others are known, or at their bounds
-        slopes = balance.slopes(known.theta, self.held_out.shape_jacobian(terms, known.theta)[0])[:, free]
+        slopes = balance.slopes(known.theta, screen.shape_jacobian(terms, known.theta)[0])[:, free]
         error, weights = balance.error(known.theta), balance.weights
         step = least_squares(slopes * weights[:, None], error * weights)
-        covariance = robust_covariance(slopes * weights[:, None], (error - slopes @ step) * weights, data.clusters)
+        covariance = robust_covariance(
+            slopes * weights[:, None], (error - slopes @ step) * weights, self.holdout.data.clusters
+        )
         told, asked = information(known.covariance[np.ix_(free, free)]), information(covariance)
         return np.asarray(error - slopes @ least_squares(told + asked, asked @ step))
 
@@ -168,8 +162,8 @@ class Left:
         """
         least = self.train.data.part(at).precision() ** 2
         shares = []
-        both = zip(self._parts, self.power(before), self.power(after), self.structures(before), strict=True)
-        for (part, _), lefts, less, structures in both:
+        both = zip(self.parts, self.power(before), self.power(after), self.structures(before), strict=True)
+        for part, lefts, less, structures in both:
             old, new, structure, floor = lefts[at], less[at], structures[at], self.noise_of(part, at)
             gone = old.all - new.all
             if not self.criterion.shows(structure, floor):
@@ -186,11 +180,7 @@ class Left:
         """Whether that is a good share."""
         return self.explained(after, before) > self.criterion.share
 
-    @property
-    def _parts(self) -> tuple[tuple[Evidence, Screen], tuple[Evidence, Screen]]:
-        return (self.train, self.screen), (self.holdout, self.held_out)
-
 
 def wandering_in(part: Evidence, terms: Sequence[Term]) -> Terms:
     """The terms with what wanders in time as it may do so in some data."""
-    return tuple(next(iter(type(t).grid(part.samples, np.empty(0)))) if wanders(t) else t for t in terms)
+    return tuple(next(iter(type(t).grid(part.samples, np.empty(0)))) if isinstance(t, ByTime) else t for t in terms)

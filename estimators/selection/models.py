@@ -12,16 +12,15 @@ import numpy as np
 
 from estimators.checks.physical import impossible, objection
 from estimators.progress import Progress, no_progress
-from estimators.selection.candidates import Screen
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, Step, fit_terms
-from estimators.selection.foils import FOILS, wanders
 from estimators.selection.left import Left, Terms, wandering_in
 from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, predicted
 from estimators.simulation import output_error
 from estimators.simulation.link_segments import has_link
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term, effects
+from pendulum_env.physics.table import COMPETING, ByTime
 from pendulum_env.physics.term import loads
 
 MOMENT = 0.2  # [s], over which a torque that wanders hardly changes
@@ -39,7 +38,7 @@ class Models:
         criterion: what they have to achieve.
         rng: of the bootstrap.
         base: terms that the search starts from.
-        foils: laws without a name that compete with the named ones.
+        tables: functions without a name that compete with the effects; what the base model has already does not.
         linked: the model with a link whose motion is watched, if there is one.
         drawn: random weights of stretches, if there are some already.
     """
@@ -51,15 +50,17 @@ class Models:
     criterion: Criterion = field(default_factory=Criterion)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     base: Terms = BASE
-    foils: Sequence[type[Term]] = FOILS
+    tables: Sequence[type[Term]] = COMPETING
     linked: Step | None = None
     drawn: Bootstrap | None = None
 
     def __post_init__(self) -> None:
-        self.screen, self.held_out = self.train.screen, self.holdout.screen
+        self.screen, self.parts = self.train.screen, (self.train, self.holdout)
+        known = {term.id for term in self.base}
+        self.tables = [table for table in self.tables if table.id not in known]
         self.left = Left(self.train, self.holdout, self.criterion, self.base)
-        self._where = [_stretches(part, STRETCH) for part in (self.train, self.holdout)]
-        self._finer = [_stretches(part, MOMENT) for part in (self.train, self.holdout)]
+        self._where = [_stretches(part, STRETCH) for part in self.parts]
+        self._finer = [_stretches(part, MOMENT) for part in self.parts]
         self._densities: dict[Terms, Array] = {}
         self._in_motion: dict[Terms, Step] = {}
         first, second = (where.of_stretch for where in self._where)
@@ -72,18 +73,18 @@ class Models:
 
         Carried along the measured motion from the start, the link's state is soon lost, and its torque with it.
         """
-        train, holdout = (part.watching(linked.model) for part in (self.train, self.holdout))
+        train, holdout = (part.watching(linked.model) for part in self.parts)
         return replace(self, train=train, holdout=holdout, linked=linked, drawn=self.bootstrap)
 
     def density(self, terms: Terms) -> Array:
         """Log predictive density of every stretch, those of the training data first, (S,) [nat]."""
-        if terms not in self._densities and any(wanders(term) for term in terms):
+        if terms not in self._densities and any(isinstance(term, ByTime) for term in terms):
             self._densities[terms] = self.fitted_anew(terms)
         if terms not in self._densities:
-            fitted, unseen = (screen.equations(terms) for _, screen in self._parts)
+            fitted, unseen = (part.screen.equations(terms) for part in self.parts)
             first, second = self._where
             inside = cross_validated(fitted, first, self.screen.hidden_noise(terms), self.screen.solve_without(terms))
-            outside = predicted(self.screen.solve(terms), unseen, second, self.held_out.hidden_noise(terms))
+            outside = predicted(self.screen.solve(terms), unseen, second, self.holdout.screen.hidden_noise(terms))
             told = np.concatenate([inside, outside])
             if fitted.recorded is not None and unseen.recorded is not None:
                 known = replace(fitted.recorded, weights=self.screen.weights(terms))
@@ -103,9 +104,9 @@ class Models:
         There each moment tells the next, so that folds are shorter than stretches.
         """
         parts = []
-        for (part, screen), where in zip(self._parts, self._finer, strict=True):
+        for part, where in zip(self.parts, self._finer, strict=True):
             here = wandering_in(part, terms)
-            parts.append(cross_validated(screen.balance(here), where, screen.hidden_noise(here)))
+            parts.append(cross_validated(part.screen.balance(here), where, part.screen.hidden_noise(here)))
         return np.concatenate(parts)
 
     def gain(self, after: Terms, before: Terms) -> Gain:
@@ -144,7 +145,7 @@ class Models:
 
     def report(self, added: str | None, terms: Terms) -> Step:
         """The same with standard errors."""
-        return self.with_errors(added, fit_terms(self.train, terms, self.screen)[0])
+        return self.with_errors(added, fit_terms(self.train, terms)[0])
 
     def with_errors(self, added: str | None, model: Model) -> Step:
         """A model as a step, with its errors on the training and on the held-out data; what a link does is watched."""
@@ -196,10 +197,6 @@ class Models:
         gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))
         had, left = (float(np.mean((squares - noise)[: counts[0]])) for squares in (old, new))
         return gain, (had - left) / had if had > 0 else 0.0
-
-    @property
-    def _parts(self) -> tuple[tuple[Evidence, Screen], tuple[Evidence, Screen]]:
-        return (self.train, self.screen), (self.holdout, self.held_out)
 
 
 def _stretches(part: Evidence, length: float) -> Stretches:

@@ -34,7 +34,7 @@ def refine(found: Selection) -> Selection:
         *others, last = steps
         flown = better(last, models.in_motion(last))
         steps = [*others, flown if not others or models.is_confirmed(flown, others[-1]) else last]
-    if found.unnamed is None and models.left.fits(steps[-1].model.terms):
+    if found.table is None and models.left.fits(steps[-1].model.terms):
         steps = grow_in_flight(models, steps)
     return replace(found, steps=steps)
 

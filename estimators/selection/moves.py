@@ -11,6 +11,7 @@ from estimators.selection.left import Terms
 from estimators.selection.models import Models, has_transmission
 from estimators.weak_form.shapes import bound, freed
 from pendulum_env.physics import Term
+from pendulum_env.physics.table import Table
 
 UNLIKELY = 0.5  # chance that an effect gains nothing, from which its shape is not searched any further
 SAME = 1e-6  # of a torque, by which equal laws may differ numerically
@@ -183,13 +184,14 @@ def settle(models: Models, terms: Terms) -> Terms:
 
 
 def named(models: Models, terms: Terms) -> Terms:
-    """The terms without laws that have no name."""
-    return tuple(term for term in terms if not is_unnamed(models, term))
+    """The terms without the table that competes with effects."""
+    competing = {table.id for table in models.tables}
+    return tuple(term for term in terms if term.id not in competing)
 
 
-def is_unnamed(models: Models, term: Term) -> bool:
-    """Whether it is a law that has no name."""
-    return term.id in {foil.id for foil in models.foils}
+def table_of(models: Models, terms: Terms) -> Table:
+    """The table among the terms that competes with effects."""
+    return next(term for term in terms[len(models.base) :] if isinstance(term, Table))
 
 
 def ids(terms: Sequence[Term]) -> frozenset[str]:

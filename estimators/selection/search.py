@@ -13,7 +13,6 @@ from itertools import pairwise, permutations
 from typing import NamedTuple
 
 from estimators.selection.data import Step
-from estimators.selection.foils import wanders
 from estimators.selection.left import Terms
 from estimators.selection.models import Models, held_out_cost
 from estimators.selection.moves import (
@@ -23,15 +22,16 @@ from estimators.selection.moves import (
     freer,
     ids,
     is_needed,
-    is_unnamed,
     named,
     parameters,
     revise,
     settle,
+    table_of,
 )
 from estimators.simulation import multiple_shooting
 from estimators.simulation.link_segments import has_link
 from pendulum_env.physics import Term
+from pendulum_env.physics.table import ByTime, Table
 from pendulum_env.physics.term import loads
 
 ORDERED = 3  # effects up to which every order is tried
@@ -45,12 +45,12 @@ class Selection:
     Attributes:
         models: what the data say of models, as the search saw them in the end.
         steps: from the base model to the final one.
-        unnamed: the law without a name that does the work of named ones, if one does.
+        table: that which does the work of effects, and is none, if one does.
     """
 
     models: Models
     steps: list[Step]
-    unnamed: Term | None = None
+    table: Table | None = None
 
     @property
     def terms(self) -> Terms:
@@ -155,25 +155,25 @@ def watch(models: Models, longer: Terms, terms: Terms) -> State | None:
     return State(models.watching(linked), linked.model.terms)
 
 
-def owned(models: Models, base: Terms, terms: Terms) -> tuple[Terms, Term | None]:
-    """The terms without effects that only imitate a law without a name, with those that it had hidden, and that law.
+def owned(models: Models, base: Terms, terms: Terms) -> tuple[Terms, Table | None]:
+    """The terms without effects that only imitate a table, with those that it had hidden, and that table.
 
-    They do where that law, beside those that keep their place, surely predicts better and explains most of what
-    they leave; and where a simpler law leaves only noise as well.
+    They do where the table, beside those that keep their place, surely predicts better and explains most of what
+    they leave; and where a simpler table leaves only noise as well.
     """
     unsettled = not models.left.fits(terms)
     if len(terms) == len(base) and not unsettled:
         return terms, None
-    leads: list[tuple[float, Terms]] = []  # and the terms with the law
-    for law, left in with_foils(models, base, terms):
-        # a law of time is fitted to each recording anew, and so have its rivals to be
-        density = models.fitted_anew if wanders(law) else models.density
+    leads: list[tuple[float, Terms]] = []  # and the terms with the table
+    for left in with_tables(models, base, terms):
+        # a function of time is fitted to each recording anew, and so have its rivals to be
+        density = models.fitted_anew if isinstance(table_of(models, left), ByTime) else models.density
         lead = models.bootstrap.gain(density(left), density(terms), models.penalty(left, terms))
         if unsettled:
             takes_over = (
                 lead.chance <= models.criterion.chance and models.left.explained(left, terms) > models.criterion.needed
             )
-        else:  # what leaves only noise gives way to a simpler law
+        else:  # what leaves only noise gives way to a simpler table
             simpler = parameters(left) < parameters(terms)
             level = models.bootstrap.probabilities([density(left), density(terms)])[0] > models.criterion.rival
             takes_over = simpler and level and models.left.fits(left)
@@ -182,29 +182,24 @@ def owned(models: Models, base: Terms, terms: Terms) -> tuple[Terms, Term | None
     if not leads:
         return terms, None
     *_, likeliest = max(leads, key=lambda entry: entry[0])
-    same = [left for _, left in leads if law_of(models, left).id == law_of(models, likeliest).id]
+    same = [left for _, left in leads if table_of(models, left).id == table_of(models, likeliest).id]
     level = [left for left in same if models.is_level(left, likeliest)]  # a table may hold all that an effect is
     grown = grown_beside(models, base, min([likeliest, *level], key=len))
-    return named(models, grown), law_of(models, grown)
-
-
-def law_of(models: Models, terms: Terms) -> Term:
-    """That of the terms which has no name."""
-    return next(term for term in terms if is_unnamed(models, term))
+    return named(models, grown), table_of(models, grown)
 
 
 def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms, one of them a law without a name, with the effects that explain most of what they leave.
+    """The terms, one of them a table, with the effects that explain most of what they leave.
 
-    Others without a name compete: where one of them predicts surely better, no further effect is named; nor is it where
-    the same law, told in more pieces, predicts as well.
+    Other tables compete: where one of them predicts surely better, no further effect is named; nor is it where the same
+    table in more pieces predicts as well.
     """
     while len(terms) - len(base) <= models.criterion.most and not models.left.fits(terms):
         needed = (longer for longer in candidates(models, terms)[:TRIED] if is_needed(models, longer, terms))
         longer = next(needed, None)
         if longer is None:
             break
-        others = [best(models, terms, foil) for foil in models.foils if foil.id not in ids(terms)]
+        others = [best(models, terms, table) for table in models.tables if table.id not in ids(terms)]
         if any(trial is not None and models.is_sure(trial.terms, longer) for trial in others):
             break
         if any(models.is_level(finer, longer) for finer in in_other_forms(models, terms)):
@@ -214,30 +209,29 @@ def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
 
 
 def in_other_forms(models: Models, terms: Terms) -> list[Terms]:
-    """The terms with each other form of their law without a name: tables have more pieces or fewer."""
-    law = law_of(models, terms)
-    foil = next(foil for foil in models.foils if foil.id == law.id)
-    others = tuple(term for term in terms if term is not law)
-    return [trial.terms for trial in models.screen.variants(others, foil) if trial.terms[-1] != law]
+    """The terms with each other form of their table, which has more pieces or fewer."""
+    table = table_of(models, terms)
+    kind = next(kind for kind in models.tables if kind.id == table.id)
+    others = tuple(term for term in terms if term is not table)
+    return [trial.terms for trial in models.screen.variants(others, kind) if trial.terms[-1] != table]
 
 
-def with_foils(models: Models, base: Terms, terms: Terms) -> Iterator[tuple[Term, Terms]]:
-    """Each law without a name, and the terms with it: instead of all effects, or beside those that it leaves."""
+def with_tables(models: Models, base: Terms, terms: Terms) -> Iterator[Terms]:
+    """The terms with each table: instead of all effects, or beside those that it leaves."""
     open_at = {at for at in models.left.joints if not models.left.is_noise_at(at, terms)}
-    for foil in models.foils:
-        if foil.at and foil.at not in open_at | {at for term in terms[len(base) :] for at in loads(term.at)}:
+    for table in models.tables:
+        if table.at and table.at not in open_at | {at for term in terms[len(base) :] for at in loads(term.at)}:
             continue  # nothing is left there, nor named
         for others in dict.fromkeys((base, terms)):
-            trial = best(models, others, foil)
+            trial = best(models, others, table)
             if trial is not None:
-                left = beside(models, base, trial.terms, foil.id)
-                yield next(term for term in left if term.id == foil.id), left
+                yield beside(models, base, trial.terms)
 
 
-def beside(models: Models, base: Terms, terms: Terms, law: str) -> Terms:
-    """The terms without the effects that are not needed beside the law of an id, which has no name."""
+def beside(models: Models, base: Terms, terms: Terms) -> Terms:
+    """The terms without the effects that are not needed beside their table."""
     while True:
-        effects = [term for term in terms[len(base) :] if term.id != law]
+        effects = named(models, terms)[len(base) :]
         withouts = [settle(models, tuple(t for t in terms if t is not term)) for term in effects]
         idle = [without for without in withouts if not is_needed(models, terms, without)]
         if not idle:

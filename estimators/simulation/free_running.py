@@ -6,7 +6,7 @@ short enough that the errors of an unstable upright pendulum do not swamp everyt
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -15,8 +15,8 @@ from scipy.ndimage import distance_transform_cdt
 
 from estimators.weak_form.windows import Windows, trace_all
 from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.physics import KnownLoad, Term, simulate
-from pendulum_env.physics.simulation import delayed, substeps
+from pendulum_env.physics import KnownLoad, Samples, Term, Trajectory, simulate
+from pendulum_env.physics.simulation import LONGEST_STEP, delayed, substeps
 from pendulum_env.physics.term import Memory
 
 SECONDS = 1.0  # length of a window
@@ -140,25 +140,54 @@ def _in_step(flights: Sequence[Flights]) -> list[list[int]]:
 def _simulate(flights: Sequence[Flights], models: Sequence[Parametrised], nudges: Array) -> list[Array]:
     """Simulated positions of V models in flights of as many periods, as `fly_all` gives them."""
     counts = [len(flight.first) for flight in flights]
+    nudged = np.repeat(nudges.T, sum(counts), axis=1)  # (2, V B)
+    position = np.tile(np.concatenate([flight.position[0] for flight in flights]), len(models)) + nudged[0]
+    velocity = np.tile(np.concatenate([flight.velocity for flight in flights]), len(models)) + nudged[1]
+    path = simulated(flights, models, position, velocity).position
+    return np.split(path.reshape(len(path), len(models), -1), np.cumsum(counts)[:-1], axis=2)
+
+
+def simulated(
+    flights: Sequence[Flights],
+    models: Sequence[Parametrised],
+    position: Array,
+    velocity: Array,
+    hidden: Mapping[str, Memory] | None = None,
+    longest_step: float = LONGEST_STEP,
+    observe: Callable[[Samples], None] | None = None,
+) -> Trajectory:
+    """Flights of as many periods under V models, all in a row (V B,), from given states.
+
+    Args:
+        flights: of each recording.
+        models: terms and linear parameters of each model.
+        position, velocity: at the start [rad], [rad/s].
+        hidden: state variables at the start of some terms, by id; of others the flights tell, or the measured motion.
+        longest_step: of the integrator [s].
+        observe: as in `simulate`.
+    """
+    memory = dict(hidden or {})
+    for variants in zip(*(own for own, _ in models), strict=True):
+        if variants[0].id not in memory:
+            memory.update(start_memory(flights, variants))
 
     def each(series: Sequence[Array]) -> Array:
         """One value a flight (B,) of each recording for every model, (V B,)."""
         return np.tile(np.concatenate(series), len(models))
 
-    terms, theta = stacked(models, sum(counts))
-    memory: dict[str, Memory] = {}
-    for variants in zip(*(own for own, _ in models), strict=True):
-        memory.update(start_memory(flights, variants))
+    terms, theta = _stacked(models, sum(len(flight.first) for flight in flights))
     delays = [sum(term.delay for term in own) for own, _ in models]
-    path = simulate(
+    return simulate(
         terms,
         theta,
         each([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in flights]),
         np.concatenate([flight.command(delay) for delay in delays for flight in flights], axis=1),
-        each([flight.position[0] for flight in flights]) + np.repeat(nudges[:, 0], sum(counts)),
-        each([flight.velocity for flight in flights]) + np.repeat(nudges[:, 1], sum(counts)),
+        position,
+        velocity,
         each([flight.windows.recording.time[flight.first] for flight in flights]),
         memory=memory,
+        longest_step=longest_step,
+        observe=observe,
         load=KnownLoad(
             *(
                 each([np.full(len(f.first), part) for f, part in zip(flights, of_each, strict=True)])
@@ -166,11 +195,9 @@ def _simulate(flights: Sequence[Flights], models: Sequence[Parametrised], nudges
             )
         ),
     )
-    positions = path.position.reshape(len(path.position), len(models), -1)
-    return np.split(positions, np.cumsum(counts)[:-1], axis=2)
 
 
-def stacked(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Array]:
+def _stacked(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Array]:
     """Terms and theta (P, V count) that simulate `count` pendulums of each of V models, all of them in a row.
 
     Terms that delay the command are left out: `Flights.command` does that.

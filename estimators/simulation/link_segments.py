@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.simulation.free_running import Flights, cut_flights, periods, stacked, start_memory, stretches
+from estimators.simulation.free_running import Flights, cut_flights, periods, simulated, start_memory, stretches
 from estimators.simulation.output_error import Point, grain_of
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, ArrayLike, Index
-from pendulum_env.physics import Model, Samples, Term, Trajectory, simulate
+from pendulum_env.physics import Model, Samples, Term, Trajectory
 from pendulum_env.physics.term import Memory
 
 HOP = 0.25  # [s], length of a flight
@@ -46,28 +46,10 @@ class Shots:
         self, points: Sequence[Point], states: Array, observe: Callable[[Samples], None] | None = None
     ) -> Trajectory:
         """Flights of V points from V sets of states (V, S, B), each (N + 1, V B); `observe` as in `simulate`."""
-        flights, count = self.flights, states.shape[2]
-        terms, theta = stacked([(point.terms, point.theta) for point in points], count)
-        memory: dict[str, Memory] = {}
-        for variants in zip(*(point.terms for point in points), strict=True):
-            if not (variants[0].link or variants[0].delay):
-                memory.update(start_memory([flights], variants))
         q, v, *hidden = (row.ravel() for row in np.swapaxes(states, 0, 1))
-        memory[link_of(points[0].terms).id] = tuple(hidden)
-        recording = flights.windows.recording
-        return simulate(
-            terms,
-            theta,
-            1.0 / recording.rate,
-            np.concatenate([flights.command(sum(term.delay for term in point.terms)) for point in points], axis=1),
-            q,
-            v,
-            np.tile(recording.time[flights.first], len(points)),
-            memory=memory,
-            longest_step=self.step,
-            load=flights.windows.samples.load,
-            observe=observe,
-        )
+        models = [(point.terms, point.theta) for point in points]
+        link = {link_of(points[0].terms).id: tuple(hidden)}
+        return simulated([self.flights], models, q, v, link, self.step, observe)
 
     def errors(self, points: Sequence[Point], states: Array) -> Array:
         """Errors of position of V points from V sets of states (V, S, B), each (V, B, N) [rad]."""

@@ -1,8 +1,10 @@
-"""Functions that no effect is, kept as they are: of the angle or of the speed, by cubic B-splines.
+"""Functions that no effect is: of the angle, of the speed, or of time, by cubic B-splines.
 
 They are terms like any other, which are fitted, confirmed on held-out data, simulated and exported, but no effects
-that a diagnosis proposes: they tell what is there, not why. A table is orthogonal to what it would else share with the
-model, as gravity, an offset or Coulomb friction, and natural at its ends, beyond which it stays at what it is there.
+that a diagnosis proposes: they tell what is there, not why. They compete with the effects by the same score: where a
+table surely predicts better, and explains most of what effects leave, these only imitate it. A table is orthogonal to
+what it would else share with the model, as gravity, an offset or Coulomb friction, and natural at its ends, beyond
+which it stays at what it is there. A function of time is another in each recording, so that no model keeps it.
 Source: de Boor, A Practical Guide to Splines, 2001.
 """
 
@@ -17,13 +19,15 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.mistake import Mistake
-from pendulum_env.physics.term import Column, Samples, Term
+from pendulum_env.physics.term import Column, Samples, Shape, Term
 from pendulum_env.reading import Value
 
 FINE = 2000  # points over which functions are orthogonal
 DRAWN = 241  # points of a curve
 FARTHEST, NARROWEST = 1e6, 1e-6  # of a table in a file [rad, rad/s]
 ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces that are tried
+SLOW = 0.5  # [s], pieces of a torque by time;
+WARMING = 5  # of a gain by time: a motor warms and a battery empties slowly
 OF_ANGLE: dict[str, Callable[[Array], Array]] = {
     "one": np.ones_like,
     "line": np.positive,
@@ -33,7 +37,7 @@ OF_ANGLE: dict[str, Callable[[Array], Array]] = {
 
 
 class Extent(NamedTuple):
-    """Where a table is told, in rad or rad/s, and in how many pieces; angles from -pi to pi go on round the turn.
+    """Where a table is told, in rad, rad/s or s, and in how many pieces; angles from -pi to pi go on round the turn.
 
     A torque by angle leaves the functions named `beside` to terms that have them already.
     """
@@ -83,7 +87,7 @@ class Table(Term):
     axis: ClassVar[str] = ""
     unit: ClassVar[str] = "N m"
     is_dry: ClassVar[bool] = False  # whether it is set-valued friction, and no smooth torque
-    zero: ClassVar[float | None] = None  # argument at which it is zero
+    is_gain: ClassVar[bool] = False  # whether it is a share of the commanded torque, none where the table begins
 
     @classmethod
     def over(cls, extent: Extent) -> type[Self]:
@@ -107,7 +111,14 @@ class Table(Term):
     @classmethod
     def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
         """The column of one coefficient."""
+        if cls.is_gain:
+            return Column(name, cls.unit, force=lambda x: x.torque * law(x), of_torque=True)
         return Column(name, cls.unit, dry=law) if cls.is_dry else Column(name, cls.unit, force=law)
+
+    @property
+    def told(self) -> str:
+        """What it is, and at which joint, in words."""
+        return f"{self.title} at {self.at}" if self.at else self.title
 
     @classmethod
     def warped(cls, argument: ArrayLike) -> ArrayLike:
@@ -195,8 +206,8 @@ def _weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
         return np.array([splines.sum({knot: 1.0}) for knot in knots])
 
     conditions = [at(x) @ law(x) / FINE for law in kind.laws()]
-    if kind.zero is not None:
-        conditions.append(at(np.array([kind.zero]))[:, 0])
+    if kind.is_gain:
+        conditions.append(at(np.array([low]))[:, 0])
     if not kind.extent.is_turn:  # no bend at the ends
         bend = np.zeros(len(knots))
         bend[:3] = 1.0, -2.0, 1.0
@@ -233,9 +244,13 @@ class ByAngle(Table):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        low, high = float(np.min(x.position)), float(np.max(x.position))
-        spans = [(low, high)] + [(-np.pi, np.pi)] * (high - low >= 2 * np.pi and not cls.slides)
-        return [cls.over(Extent(*span, pieces))() for span in spans for pieces in ANGLES]
+        extents = []
+        for pieces in ANGLES:  # beyond either end lies half a piece's share of the samples: few tell a curve badly
+            low, high = np.quantile(x.position, [0.5 / pieces, 1.0 - 0.5 / pieces]).tolist()
+            extents.append(Extent(low, high, pieces))
+        if np.ptp(x.position) >= 2 * np.pi and not cls.slides:
+            extents += [Extent(-np.pi, np.pi, pieces) for pieces in ANGLES]
+        return [cls.over(extent)() for extent in extents]
 
 
 @dataclass(frozen=True)
@@ -262,7 +277,7 @@ class FrictionByAngle(ByAngle):
     """Dry friction that varies with the angle, as of a seal that rubs or a worn stretch of a gear."""
 
     id = "friction_by_angle"
-    title = "friction that varies with the angle"
+    title = "dry friction that varies with the angle"
     law = "f(q) sgn q'"
     kind = "dissipative"
     is_dry = True
@@ -309,6 +324,31 @@ class FrictionBySpeed(BySpeed):
 
 
 @dataclass(frozen=True)
+class PowerOfSpeed(Table):
+    """Friction that grows with any power of the speed: two parameters, where a spline takes as many as two effects."""
+
+    power: float = 3.0
+
+    id = "power_of_speed"
+    axis = "velocity"
+    law = "c |q'|^p sgn q'"
+    kind = "dissipative"
+    shapes = (Shape("power", "1", 0.2, 9.0),)
+
+    @property
+    def told(self) -> str:
+        return f"friction that grows as |q'|^{self.power:.2g}"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (Column(self.id, "N m (s/rad)^p", dry=lambda x: np.absolute(x.velocity) ** self.power),)
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        return [cls(power) for power in (0.5, 1.5, 2.0, 3.0, 5.0)]
+
+
+@dataclass(frozen=True)
 class GainBySpeed(BySpeed):
     """Motor torque that is lost in a share that varies with the speed: the joint receives tau (1 - f(|q'|))."""
 
@@ -317,11 +357,58 @@ class GainBySpeed(BySpeed):
     law = "tau f(|q'|)"
     kind = "actuation"
     unit = "1"
-    zero = 0.0  # at rest the gain is one
+    is_gain = True
+
+
+@dataclass(frozen=True)
+class ByTime(Table):
+    """A function of time: that of one recording is none of the next."""
+
+    axis = "time"
 
     @classmethod
-    def column(cls, name: str, law: Callable[[Samples], ArrayLike]) -> Column:
-        return Column(name, cls.unit, force=lambda x: x.torque * law(x), of_torque=True)
+    def argument(cls, x: Samples) -> ArrayLike:
+        return x.time
+
+    @classmethod
+    def pieces_of(cls, seconds: float) -> int:
+        """Number of pieces that it takes."""
+        raise NotImplementedError
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        first, last = float(np.min(x.time)), float(np.max(x.time))
+        return [cls.over(Extent(first, last, cls.pieces_of(last - first)))()]
+
+
+@dataclass(frozen=True)
+class TorqueByTime(ByTime):
+    """Torque that wanders slowly with time."""
+
+    id = "torque_by_time"
+    title = "a torque that wanders with time"
+    law = "f(t)"
+    kind = "time-varying"
+
+    @classmethod
+    def pieces_of(cls, seconds: float) -> int:
+        return max(2, round(seconds / SLOW))
+
+
+@dataclass(frozen=True)
+class GainByTime(ByTime):
+    """Motor torque that is lost in a share that wanders with time: the joint receives tau (1 - f(t))."""
+
+    id = "gain_by_time"
+    title = "a motor gain that wanders with time"
+    law = "tau f(t)"
+    kind = "actuation"
+    unit = "1"
+    is_gain = True
+
+    @classmethod
+    def pieces_of(cls, seconds: float) -> int:
+        return WARMING
 
 
 def refuse_held(terms: Iterable[Term], new: Term) -> None:
@@ -338,3 +425,4 @@ def refuse_held(terms: Iterable[Term], new: Term) -> None:
 TABLES: dict[str, type[Term]] = {
     kind.id: kind for kind in (TorqueByAngle, FrictionByAngle, FrictionBySpeed, GainBySpeed)
 }
+COMPETING: tuple[type[Term], ...] = (PowerOfSpeed, *TABLES.values(), TorqueByTime, GainByTime)  # with effects

@@ -80,7 +80,7 @@ def test_a_lag_that_only_makes_torque_smaller_gains_nothing_beside_a_true_one(bo
     logged[:, 1] += 0.02 * np.gradient(torque[:, 1], 1e-3)  # the elbow's drive follows with a lag of 20 ms
     logged[:, 0] += np.sin(2 * np.pi * 15.0 * TIME)  # and something hums in the shoulder's channel
     evidence = gather_arm([recorded(body, position, logged)], base)
-    models = Models(evidence, evidence, base=base, foils=())
+    models = Models(evidence, evidence, base=base, tables=())
     lag = effect("actuator_lag")
     true = (*base, at_joint(lag, "elbow")(0.02))
     both = (*true, at_joint(lag, "shoulder")(0.01))

@@ -43,20 +43,22 @@ def test_a_torque_that_wanders_is_given_no_name():
 
 
 @pytest.mark.parametrize(
-    "hidden",
+    ("hidden", "table"),
     slow.but_first(
         [
-            {"friction_spot": {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}, "torque_offset": {"offset": 0.2}},
-            {"random_walk_torque": {"walk_rms": 0.4}, "cogging": {"cog_n": 9.0, "cog_s": 0.2}},
+            (
+                {"friction_spot": {"spot_f": 1.0, "spot_q": 0.3, "spot_w": 0.2}, "torque_offset": {"offset": 0.2}},
+                "friction_by_angle",
+            ),
+            ({"random_walk_torque": {"walk_rms": 0.4}, "cogging": {"cog_n": 9.0, "cog_s": 0.2}}, "torque_by_time"),
         ]
     ),
-    ids=" and ".join,
 )
-def test_what_a_law_without_a_name_hides_is_found_beside_it(hidden):
+def test_what_a_table_hides_is_found_beside_it(hidden, table):
     train, test = (Experiment(rate=200.0, seconds=10.0, seed=seed, excitation="multisine") for seed in (2, 3))
     selection, found, _ = searched(Plant(effects=hidden), train, test)
     assert found == list(hidden)[1:]
-    assert selection.unnamed is not None
+    assert selection.table is not None and selection.table.id == table
 
 
 @pytest.mark.slow
@@ -69,7 +71,7 @@ def test_a_motor_whose_gain_fades_is_given_no_name():
         recordings.append(Recording(f"run {len(recordings)}", run.time, run.position, run.torque / gain))
     selection = select(Models(*gather(recordings[:1], recordings[1:])))
     assert [step.added for step in selection.steps] == [None]
-    assert selection.unnamed is not None and selection.unnamed.id == "any_gain_of_time"
+    assert selection.table is not None and selection.table.id == "gain_by_time"
 
 
 @pytest.mark.parametrize(("later", "explained"), [(9.0, (0.9, 1.0)), (14.0, (0.0, 0.05))])
@@ -105,16 +107,6 @@ def test_no_body_has_a_link_of_negative_inertia():
     assert not beyond(terms, np.array([0.09, 2.0, 0.35, 0.8, 0.05]))
     ((column, value),) = beyond(terms, np.array([0.09, 2.0, 0.35, 0.8, -0.05]))
     assert (column.name, value) == ("joint_flexibility", -0.05)
-
-
-@pytest.mark.slow
-def test_a_law_without_a_name_takes_the_place_of_what_imitates_it_alone():
-    """A rough spot and an offset: the offset keeps its name, and what the spot is like is said."""
-    hidden = {"torque_offset": {"offset": -0.3}, "friction_spot": {"spot_f": 0.8, "spot_q": 0.2}}
-    train, test = (Experiment(rate=250.0, seconds=6.0, seed=seed) for seed in (2, 3))
-    selection, found, _ = searched(Plant(effects=hidden), train, test)
-    assert len(found) == 1 and found[0] in ("torque_offset", "coulomb_asymmetry")
-    assert selection.unnamed is not None and selection.unnamed.id == "any_friction_of_position"
 
 
 @pytest.mark.slow
