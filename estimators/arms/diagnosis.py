@@ -161,9 +161,9 @@ def models_of_arm(
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
     """
-    gathered = tuple(gather_arm(part, (*base, *library.values())) for part in (train, held))
+    fitted, checked = (gather_arm(part, (*base, *library.values())) for part in (train, held))
     criterion, rng = criterion or Criterion(), rng or np.random.default_rng(0)
-    return Models(*evidence, progress, library, criterion, rng, base=base, tables=tables)
+    return Models(fitted, checked, progress, library, criterion, rng, base=base, tables=tables)
 
 
 def of_arm(model: Model) -> ArmModel:
