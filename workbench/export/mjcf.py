@@ -21,9 +21,8 @@ from pendulum_env.physics.transmission import JointFlexibility
 from pendulum_env.servo.drive import Drive
 from workbench.export.arm import EVERY, Body, Friction, Stop, arm, value
 from workbench.export.dynamics import beside
-from workbench.export.heading import comment, title
 from workbench.export.program import ACTUATOR, JOINT, program
-from workbench.export.request import Exported, ExportError, Language, Request, keep, needed
+from workbench.export.request import Exported, ExportError, Language, Request, comment, keep, needed, title
 from workbench.export.servo import Servo
 
 BODY = tuple(id for id in EVERY if id != "back_emf")  # a motor that is off does not brake

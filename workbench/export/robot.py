@@ -10,8 +10,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from pendulum_env.physics import Model
 from workbench.export.arm import FAR, Body, Friction, Stop, arm, value
-from workbench.export.heading import commented, title
-from workbench.export.request import Exported, Request, keep, needed
+from workbench.export.request import Exported, Request, commented, keep, needed, title
 
 JOINT = "joint"
 SDF = "1.9"  # version of the format: read by Gazebo 11 and every later one
