@@ -176,7 +176,8 @@ def schemes_page() -> str:
         "# Schemes",
         "All six are derived on the page on [theory](../theory.md). On the command line and in Python they go by their "
         'ids; with options of their own they are `scheme("filtered_power", operator=LowPass(100.0))` and the like, of '
-        "`estimators.schemes`.",
+        "`estimators.schemes`. E is the stored energy, p = I q' the momentum, and F = lambda / (s + lambda) a low-pass "
+        "filter.",
     ]
     for scheme in SCHEMES:
         parts += [f"## `{scheme.id}` {{ #{scheme.id} }}", _law(scheme.balance), f"Unit of the residual: {scheme.unit}."]

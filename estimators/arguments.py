@@ -12,6 +12,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, ModelError, Term, effects
 from pendulum_env.physics.library import term
 from pendulum_env.physics.limits import Limits, check_names, limited, limited_term, limits_of
+from pendulum_env.reading import shown
 from pendulum_env.recording import Recording
 
 Recordings = Recording | Sequence[Recording]
@@ -34,7 +35,7 @@ def chosen_recordings(given: Recordings, *, empty: bool = False) -> tuple[Record
     for item in several:
         if not isinstance(item, Recording) or item.position.ndim > 1:  # of an arm
             raise TypeError(
-                f"{_shown(item)} is not a recording: read a file with pendulum_env.recording.read_recording, or make "
+                f"{shown(item)} is not a recording: read a file with pendulum_env.recording.read_recording, or make "
                 "one of arrays with Recording"
             )
     if not several and not empty:
@@ -56,7 +57,7 @@ def chosen_terms(given: Terms | None) -> tuple[Term, ...]:
     terms = tuple(term(item)() if isinstance(item, str) else item for item in _listed(given))
     for item in terms:
         if not isinstance(item, Term):
-            raise TypeError(f"{_shown(item)} is not a term: give its id, such as 'stribeck', or Stribeck()")
+            raise TypeError(f"{shown(item)} is not a term: give its id, such as 'stribeck', or Stribeck()")
     if not terms:
         raise ValueError("a model needs at least one term: leave the terms out for the paper's four")
     return terms
@@ -109,7 +110,7 @@ def chosen_schemes(given: Schemes) -> tuple[Regressor, ...]:
     for item in chosen:
         if isinstance(item, type) or not hasattr(item, "regression"):
             raise TypeError(
-                f"{_shown(item)} is not a scheme: give an id, such as 'energy', or scheme('energy', guard=0.02)"
+                f"{shown(item)} is not a scheme: give an id, such as 'energy', or scheme('energy', guard=0.02)"
             )
     ids = [item.id for item in chosen]
     if not ids:
@@ -127,7 +128,7 @@ def model_that_moves(given: Model) -> Model:
         ModelError: if it lacks inertia.
     """
     if not isinstance(given, Model):
-        raise TypeError(f"{_shown(given)} is not a model: read a file with Model.load, or take the model of a result")
+        raise TypeError(f"{shown(given)} is not a model: read a file with Model.load, or take the model of a result")
     if "inertia" not in given.estimates:
         raise ModelError("the model lacks the term inertia, without which nothing moves")
     return given
@@ -135,8 +136,3 @@ def model_that_moves(given: Model) -> Model:
 
 def _listed(given: object) -> tuple[Any, ...]:
     return tuple(given) if isinstance(given, Iterable) and not isinstance(given, str | bytes) else (given,)
-
-
-def _shown(item: object) -> str:
-    text = repr(item)
-    return text if len(text) < 60 else f"an object of type {type(item).__name__}"

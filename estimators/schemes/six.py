@@ -159,13 +159,6 @@ def forgets(cutoff: float, period: float) -> float:
     return (2 - cutoff * period) / (2 + cutoff * period)
 
 
-def over_samples(clear: Mask) -> Mask:
-    """Steps whose both ends are clear (N,); the first has no beginning."""
-    gate = np.zeros_like(clear)
-    gate[1:] = clear[1:] & clear[:-1]
-    return gate
-
-
 # ---------------------------------------------------------------------------------- what a balance is passed through
 
 
@@ -253,8 +246,8 @@ class Scheme:
         return self.through(Equations(phi, y), self.gate(m.clear(self.guard)), m.period)
 
     def gate(self, clear: Mask) -> Mask:
-        """Equations on the view (N,) that touch only samples that are clear of stick."""
-        return clear if self.view == "torque" else over_samples(clear)
+        """Equations on the view (N,) that touch no sample in stick; the first step has no beginning."""
+        return clear if self.view == "torque" else clear & np.append(False, clear[:-1])
 
     def through(self, equations: Equations, gate: Mask, period: float) -> Regression:
         """What becomes of balances on the view (N,), true within the gate."""

@@ -8,18 +8,31 @@ from math import comb
 
 import numpy as np
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Mask
 from pendulum_env.filters import savitzky_golay
 from pendulum_env.recording import Recording
 
 
+def scatter(series: Array) -> float:
+    """Standard deviation of white noise on a signal that is smooth, or constant between steps, most of the time."""
+    return float(np.median(np.abs(np.diff(series, 4))) / 0.6745 / np.sqrt(comb(8, 4)))
+
+
 def white_noise(series: Array) -> float:
-    """Standard deviation of the white part of a smooth signal, from its fourth differences; robust against steps."""
-    differences = np.diff(series, 4)
-    spread = float(np.median(np.abs(differences))) / 0.6745 / np.sqrt(comb(8, 4))
+    """Standard deviation of the white part of a smooth signal, its rounding to whole steps included."""
+    spread = scatter(series)
     steps = np.abs(np.diff(series))
     quantum = float(steps[steps > 1e-12].min(initial=np.inf))
     return max(spread, quantum / np.sqrt(12)) if np.isfinite(quantum) else spread
+
+
+def near_turns(velocity: Array, moving: Mask, distance: int) -> Mask:
+    """Samples within so many of one in stick, where the velocity has no sign, or of a reversal (N,)."""
+    halted = ~moving
+    halted[1:] |= np.sign(velocity[1:]) != np.sign(velocity[:-1])
+    so_far, place = np.cumsum(np.append(0, halted)), np.arange(len(halted))
+    first, stop = np.maximum(place - distance, 0), np.minimum(place + distance + 1, len(halted))
+    return np.asarray(so_far[stop] > so_far[first])
 
 
 def shared(weights: Array, lag: int) -> float:

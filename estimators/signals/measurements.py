@@ -14,13 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import comb
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from estimators.regression.equations import IdentificationError
-from estimators.signals.differentiation import white_noise
+from estimators.signals.differentiation import near_turns, scatter, white_noise
 from estimators.weak_form.dataset import HALF_WIDTHS
 from estimators.weak_form.windows import LEAD_IN, SLOWEST, known_load
 from pendulum_env._typing import Array, Mask
@@ -94,11 +92,7 @@ class Measurements:
         """
         clear = np.ones(len(self), dtype=bool)
         if guard is not None:
-            sign = np.sign(self.velocity)
-            halted = ~self.moving
-            halted[1:] |= sign[1:] != sign[:-1]
-            distance = max(self.reach, round(guard / self.period))
-            clear = maximum_filter1d(halted.view(np.uint8), 2 * distance + 1, mode="nearest") == 0
+            clear = ~near_turns(self.velocity, self.moving, max(self.reach, round(guard / self.period)))
         if self.memory:
             clear[: round(LEAD_IN / self.period)] = False
         return clear
@@ -199,7 +193,7 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
         held=np.convolve(recording.torque, before, "valid"),
         moving=np.abs(velocity) > smoothing.slowest,
         period=period,
-        torque_noise=_spread(recording.torque) * _length(before),
+        torque_noise=scatter(recording.torque) * _length(before),
         reach=smoothing.reach + 1,
         load=known_load(recording),
     )
@@ -265,8 +259,3 @@ def choose_smoothing(recording: Recording) -> Smoothing:
 def _length(kernel: Array) -> float:
     """Gain of a kernel for white noise."""
     return float(np.sqrt(kernel @ kernel))
-
-
-def _spread(series: Array) -> float:
-    """Standard deviation of white noise on a signal that is smooth, or constant between steps, most of the time."""
-    return float(np.median(np.abs(np.diff(series, 4))) / 0.6745 / np.sqrt(comb(8, 4)))

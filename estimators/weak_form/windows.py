@@ -23,10 +23,9 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import binary_dilation
 from scipy.sparse import block_diag, csr_array
 
-from estimators.signals.differentiation import from_position, from_velocity, shared, white_noise
+from estimators.signals.differentiation import from_position, from_velocity, near_turns, shared, white_noise
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
 from pendulum_env.physics.term import LOAD, UNLOADED, traces
@@ -313,10 +312,8 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     torque[1:] = 0.5 * (recording.torque[1:] + recording.torque[:-1])
     v = motion.velocity
     moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
-    halted = ~moving
-    halted[1:] |= np.sign(v[1:]) != np.sign(v[:-1])
     guard = m + 1 + smoothing // 3  # the smoothed velocity may cross zero a little off the true one
-    near, outside = binary_dilation(halted, iterations=guard), np.zeros(len(v), dtype=bool)
+    near, outside = near_turns(v, moving, guard), np.zeros(len(v), dtype=bool)
     for begin, end in pairwise((*recording.starts, len(recording))):
         lead_in = round(min(LEAD_IN * recording.rate, 0.1 * (end - begin)))
         outside[begin : begin + guard + 1 + lead_in] = outside[end - guard - 1 : end] = True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Self
 
@@ -21,6 +21,7 @@ class TorqueOffset(Term):
     title = "a torque offset"
     law = "c"
     kind = "actuation"
+    is_smooth = True
     reveal = "motion in both directions"
     symptom = "the same torque everywhere"
     signature = "At every angle and speed the joint needs the same torque more, or less, than the model says."
@@ -32,10 +33,6 @@ class TorqueOffset(Term):
     @property
     def columns(self) -> tuple[Column, ...]:
         return (Column("torque_offset", "N m", force=one),)
-
-    @classmethod
-    def smooth(cls, fast: float) -> Sequence[Self]:
-        return [cls()]
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,7 @@ class ViscousAsymmetry(Term):
     title = "viscous friction that differs by direction"
     law = "d |q'|"
     kind = "dissipative"
+    is_smooth = True
     is_of_speed = True
     reveal = "fast motion in both directions"
     symptom = "a curve over the speed"
@@ -52,10 +53,6 @@ class ViscousAsymmetry(Term):
     @property
     def columns(self) -> tuple[Column, ...]:
         return (Column("viscous_asymmetry", "N m s/rad", force=lambda x: np.abs(x.velocity)),)
-
-    @classmethod
-    def smooth(cls, fast: float) -> Sequence[Self]:
-        return [cls()]
 
 
 @dataclass(frozen=True)
@@ -116,6 +113,7 @@ class QuadraticDrag(Term):
     id = "quadratic_drag"
     law = "c q' |q'|"
     kind = "dissipative"
+    is_smooth = True
     is_of_speed = True
     reveal = "a wide range of speeds"
     symptom = "a curve over the speed"
@@ -127,10 +125,6 @@ class QuadraticDrag(Term):
     @property
     def columns(self) -> tuple[Column, ...]:
         return (Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity)),)
-
-    @classmethod
-    def smooth(cls, fast: float) -> Sequence[Self]:
-        return [cls()]
 
 
 @dataclass(frozen=True)
@@ -189,6 +183,7 @@ class PositionDependentFriction(Term):
     id = "position_dependent_friction"
     law = "(s sin q + c cos q) sgn q'"
     kind = "dissipative"
+    is_smooth = True
     reveal = "full turns in both directions"
     symptom = "waves over the angle"
     signature = (
@@ -203,10 +198,6 @@ class PositionDependentFriction(Term):
             Column("position_dependent_friction.sin", "N m", dry=lambda x: np.sin(x.position)),
             Column("position_dependent_friction.cos", "N m", dry=lambda x: np.cos(x.position)),
         )
-
-    @classmethod
-    def smooth(cls, fast: float) -> Sequence[Self]:
-        return [cls()]
 
 
 @dataclass(frozen=True)

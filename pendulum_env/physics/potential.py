@@ -21,6 +21,7 @@ class GravityTilt(Term):
     title = "tilted gravity"
     law = "g cos q"
     kind = "potential"
+    is_smooth = True
     reveal = "swings beyond 30 degrees, to tell it from a constant"
     symptom = "a curve over the angle"
     signature = "Over the angle lies a cosine, largest where the arm hangs and changing sign where it is level."
@@ -34,10 +35,6 @@ class GravityTilt(Term):
         return (
             Column("gravity_tilt", "N m", force=lambda x: np.cos(x.position), potential=lambda x: np.sin(x.position)),
         )
-
-    @classmethod
-    def smooth(cls, fast: float) -> Sequence[Self]:
-        return [cls()]
 
 
 @dataclass(frozen=True)

@@ -183,6 +183,7 @@ class Term:
     signature: ClassVar[str] = ""  # what of it is seen in a recording, in a sentence or two
     resembles: ClassVar[tuple[str, ...]] = ()  # ids of terms that it is confused with
     shapes: ClassVar[tuple[Shape, ...]] = ()
+    is_smooth: ClassVar[bool] = False  # whether it helps to follow any smooth torque, beside which the rest is noise
     is_of_speed: ClassVar[bool] = False  # whether it is friction that viscous and dry friction can stand in for
     omitted: ClassVar[str] = "it is left out"  # what that means where a simulator does not know it
     rugged: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
@@ -221,8 +222,8 @@ class Term:
 
     @classmethod
     def smooth(cls, fast: float) -> Sequence[Self]:
-        """Variants that help to follow any smooth torque, at speeds up to `fast` [rad/s]; none unless it is smooth."""
-        return ()
+        """Variants that follow smooth torques at speeds up to `fast` [rad/s]; none unless it is smooth."""
+        return (cls(),) if cls.is_smooth else ()
 
     @classmethod
     def has_state(cls) -> bool:

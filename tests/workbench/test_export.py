@@ -99,18 +99,12 @@ def test_python_steps_a_batch_as_it_steps_each(hidden, monkeypatch):
         np.testing.assert_allclose(np.broadcast_to(values, one_by_one.shape), one_by_one, rtol=1e-9, atol=1e-12)
 
 
-def test_python_needs_no_numpy_for_numbers_and_broadcasts_a_batch(tmp_path, monkeypatch):
+def test_python_needs_no_numpy_for_numbers(tmp_path):
     text = export(plant("stribeck", "dead_time=0.0043"), "python").content
     (tmp_path / "arm.py").write_text(text)
     code = "import arm, sys; arm.step(arm.start(0.1), 2.5); print('numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
     assert done.stdout.split() == ["False"]
-    module = imported(text, monkeypatch)
-    state = module.start()  # all hang down, and are pushed differently
-    for _ in range(100):
-        state = module.step(state, np.array([0.0, 3.0, -3.0]))
-    assert state.position[0] == 0
-    assert state.position[1] == -state.position[2] > 0
 
 
 @pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")

@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 from pendulum_env.physics import Model
 from pendulum_env.servo.drive import Drive
 from workbench.export.arm import Friction, value
-from workbench.export.heading import plain, title
-from workbench.export.request import Exported, ExportError, Request, keep
+from workbench.export.request import Exported, ExportError, Request, keep, plain, title
 from workbench.export.servo import Servo
 
 

@@ -130,7 +130,7 @@ class Friction:
 
 @dataclass(frozen=True)
 class Stop:
-    """Ends of the range as an elastic contact with a damper beside it.
+    """Ends of the range as an elastic contact with a damper beside it; a stop at infinity is none.
 
     Attributes:
         lower: [rad], perhaps infinite, as `upper`.
@@ -139,11 +139,16 @@ class Stop:
         missing: what of the model's stop that is not.
     """
 
-    lower: float
-    upper: float
-    stiffness: float
-    damping: float
+    lower: float = -math.inf
+    upper: float = math.inf
+    stiffness: float = 0.0
+    damping: float = 0.0
     missing: tuple[str, ...] = ()
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there is any."""
+        return math.isfinite(self.lower) or math.isfinite(self.upper)
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -151,8 +156,8 @@ class Stop:
         return max(self.lower, -FAR), min(self.upper, FAR)
 
     @classmethod
-    def of(cls, model: Model, speed: float = 1.0) -> Stop | None:
-        """The stop of a model, if it has one.
+    def of(cls, model: Model, speed: float = 1.0) -> Stop:
+        """The stop of a model.
 
         A hysteresis becomes the damper that gives back as much of an impact at that speed [rad/s]: of a spring and a
         damper with the small damping ratio z the share exp(-pi z) of the speed comes back.
@@ -160,7 +165,7 @@ class Stop:
         stop = next((term for term in model.terms if isinstance(term, HardStop)), None)
         stiffness = value(model, "hard_stop.stiffness")
         if stop is None:
-            return None
+            return cls()
         damping, missing = stiffness * stop.damping_time, []
         if stop.hysteresis:
             lost = min(2.0 * stop.hysteresis * speed / 3.0, 0.9)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from keyword import iskeyword
 from typing import Any
@@ -120,25 +121,16 @@ def written(model: Model, seconds: float = LONGEST_STEP, drive: Drive | None = N
     Raises:
         ExportError: if a law of the model is not made of what can be written down.
     """
-    names = _Names.of(model, model.terms)
-    x = names.now
-    given: tuple[Quantity, ...] = (Quantity("torque", model.torque_unit),)
-    moving = {"time": 0.0, "position": name("position"), "velocity": name("velocity")}
-    try:
+    held, x = _Held.of(model, drive, seconds), _now()
+    with _formulas():
+        names = _Names.of(model, model.terms)
         spelled: Any = _Spelled(names.balance)
-        if drive is None:
-            after, held = step(spelled, x, seconds), _Held()
-        else:
-            held = _Held.of(model, drive, x, seconds)
-            after, given = step(spelled, names.under(held.torque), seconds), held.given
-    except Exception as error:  # a user's law may do anything that NumPy does
-        raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
-    states: dict[str, Any] = {"time": after.time, "position": after.position, "velocity": after.velocity}
-    states |= names.flat(after.memory) | held.after
-    return _dynamics(
-        seconds, (*names.parameters, *held.parameters), given, moving | names.start | held.start, states, {},
-        0.0 if drive else sum(term.delay for term in model.terms) / seconds,
-    )  # fmt: skip
+        after = step(spelled, names.under(held), seconds)
+        start = {"time": 0.0, "position": x.position, "velocity": x.velocity} | names.start | held.start
+        states: dict[str, Any] = {"time": after.time, "position": after.position, "velocity": after.velocity}
+        states |= names.flat(after.memory) | held.after
+    delay = 0.0 if drive else sum(term.delay for term in model.terms) / seconds
+    return _dynamics(seconds, (*names.parameters, *held.parameters), held.given, start, states, {}, delay)
 
 
 def beside(model: Model, terms: Sequence[Term], drive: Drive | None, seconds: float = LONGEST_STEP) -> Dynamics:
@@ -149,25 +141,27 @@ def beside(model: Model, terms: Sequence[Term], drive: Drive | None, seconds: fl
     Raises:
         ExportError: if a law of the model is not made of what can be written down, or adds inertia that varies.
     """
-    names = _Names.of(model, terms)
-    position, velocity = Quantity("position", "rad"), Quantity("velocity", "rad/s")
-    unit, balance, x, held = model.torque_unit, names.balance, names.now, _Held()
-    given: tuple[Quantity, ...] = (Quantity("torque", unit),)
-    try:
-        if drive is not None:
-            held = _Held.of(model, drive, x, seconds)
-            x, given = names.under(held.torque), held.given
+    held = _Held.of(model, drive, seconds)
+    with _formulas():
+        names = _Names.of(model, terms)
+        balance, x = names.balance, names.under(held)
         applied, dry = balance.net(x), np.maximum(balance.dry(x), 0.0)
         memory = balance.advance(x, x.velocity, seconds)
+        states: dict[str, Any] = {"time": x.time + seconds} | names.flat(memory) | held.after
+    unit, given = model.torque_unit, (Quantity("position", "rad"), Quantity("velocity", "rad/s"), *held.given)
+    results = {Quantity("applied", unit): _operand(applied), Quantity("friction", unit): _operand(dry)}
+    start, delay = {"time": 0.0} | names.start | held.start, sum(term.delay for term in terms) / seconds
+    parameters = (*names.parameters, *held.parameters)
+    return _dynamics(seconds, parameters, given, start, states, results, 0.0 if drive else delay)
+
+
+@contextmanager
+def _formulas() -> Iterator[None]:
+    """A law that cannot be written down is told in a sentence."""
+    try:
+        yield
     except Exception as error:  # a user's law may do anything that NumPy does
         raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
-    results = {Quantity("applied", unit): _operand(applied), Quantity("friction", unit): _operand(dry)}
-    states: dict[str, Any] = {"time": x.time + seconds} | names.flat(memory) | held.after
-    return _dynamics(
-        seconds, (*names.parameters, *held.parameters), (position, velocity, *given),
-        {"time": 0.0} | names.start | held.start, states, results,
-        0.0 if drive else sum(term.delay for term in terms) / seconds,
-    )  # fmt: skip
 
 
 def _dynamics(
@@ -232,25 +226,17 @@ class _Names:
             named.append(replace(term, **symbols))
         theta: Any = [name(identifier(column.name)) for term in terms for column in term.columns]
         balance = Balance(named, theta)
-        try:
-            long_ago = balance.start(replace(_now(), torque=np.zeros(())))
-        except Exception as error:  # a user's law may do anything that NumPy does
-            raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
+        long_ago = balance.start(replace(_now(), torque=np.zeros(())))
         memory = {id: _texts(id, len(values)) for id, values in long_ago.items()}
         start = {text: _operand(one) for id in memory for text, one in zip(memory[id], long_ago[id], strict=True)}
         return cls(tuple(parameters), balance, memory, start)
 
-    @property
-    def now(self) -> Samples:
-        """The samples at the start of a step."""
+    def under(self, held: _Held) -> Samples:
+        """The samples at the start of a step under a torque, or under that of a drive, which brakes while it is on."""
         memory: Any = {id: tuple(name(text) for text in texts) for id, texts in self.memory.items()}
-        return replace(_now(), memory=memory)
-
-    def under(self, torque: Any) -> Samples:
-        """The samples under the torque of a motor, which brakes while it is on."""
-        on: Any = (name("on"),)
-        memory = {id: on if id == BackEmf.id else own for id, own in self.now.memory.items()}
-        return replace(self.now, torque=torque, memory=memory)
+        if held.is_driven and BackEmf.id in memory:
+            memory[BackEmf.id] = (name("on"),)
+        return replace(_now(), torque=held.torque, memory=memory)
 
     def flat(self, memory: Mapping[str, Memory]) -> dict[str, Any]:
         """What is remembered, by name."""
@@ -259,16 +245,20 @@ class _Names:
 
 @dataclass(frozen=True)
 class _Held:
-    """A drive in names: its torque, what it is given, and what its controller remembers."""
+    """A torque in names, or that of a drive: what it is given, and what its controller remembers."""
 
-    torque: Any = None
-    given: tuple[Quantity, ...] = ()
+    torque: Any
+    given: tuple[Quantity, ...]
+    is_driven: bool = False
     parameters: tuple[Parameter, ...] = ()
     start: dict[str, Operand] = field(default_factory=dict)
     after: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, model: Model, drive: Drive, x: Samples, seconds: float) -> _Held:
+    def of(cls, model: Model, drive: Drive | None, seconds: float) -> _Held:
+        x = _now()
+        if drive is None:
+            return cls(x.torque, (Quantity("torque", model.torque_unit),))
         looks_always = drive.rate is None or drive.rate * seconds >= 1.0
         gains: dict[str, Any] = dict(zip(GAINS, gains_of(drive, seconds), strict=True))
         output = {"duty": "1", "voltage": "V", "current": "A", "torque": model.torque_unit}[drive.output]
@@ -304,7 +294,7 @@ class _Held:
         later["phase"] = np.where(due > 0, phase - 1.0, phase) + seconds * (drive.rate or 0.0)
         for one, value in zip(before, after.before, strict=True):
             starts[one.label], later[one.label] = 0.0, value
-        return cls(torque, tuple(given), tuple(parameters), starts, later)
+        return cls(torque, tuple(given), True, tuple(parameters), starts, later)
 
 
 def identifier(text: str) -> str:

@@ -21,9 +21,8 @@ from pendulum_env.physics.transmission import JointFlexibility
 from pendulum_env.servo.drive import Drive
 from workbench.export.arm import EVERY, Body, Friction, Stop, arm, value
 from workbench.export.dynamics import beside
-from workbench.export.heading import comment, title
 from workbench.export.program import ACTUATOR, JOINT, program
-from workbench.export.request import Exported, ExportError, Language, Request, keep, needed
+from workbench.export.request import Exported, ExportError, Language, Request, comment, keep, needed, title
 from workbench.export.servo import Servo
 
 BODY = tuple(id for id in EVERY if id != "back_emf")  # a motor that is off does not brake
@@ -52,7 +51,7 @@ def export(model: Model, request: Request) -> Exported:
     held |= set(ASKED if request.drive is None else ASKED[:2])
     friction, stop = Friction.of(model, held), Stop.of(model)
     servo = None if request.drive is None else Servo.of(request.drive)
-    missing = (*friction.missing, *(() if stop is None else stop.missing), *(() if servo is None else servo.missing))
+    missing = (*friction.missing, *stop.missing, *(() if servo is None else servo.missing))
     notes = keep("mjcf", missing, request)
     spec = mujoco.MjSpec()
     spec.modelname, spec.comment = "pendulum", comment((title(model), *notes))
@@ -79,7 +78,7 @@ def export(model: Model, request: Request) -> Exported:
     if "spring" in held and (stiffness := value(model, "spring.stiffness")):
         joint.stiffness = stiffness, 0.0, 0.0
         joint.springref = math.degrees(-value(model, "spring.preload") / stiffness)
-    if stop is not None:
+    if stop.is_there:
         inertia = value(model, "inertia")
         joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
         joint.range = [math.degrees(end) for end in stop.ends]
@@ -107,7 +106,7 @@ def _add(parent: Any, name: str, body: Body) -> Any:
 def _with_callback(model: Model, held: Collection[str], request: Request, language: Language) -> Exported:
     """The body alone in XML, driven by a motor, and a program with the rest: dry friction, actuation, and the drive."""
     stop = Stop.of(model)
-    bodily = {*BODY, *held} - ({"hard_stop"} if stop is not None and stop.missing else set())
+    bodily = {*BODY, *held} - ({"hard_stop"} if stop.missing else set())
     terms = tuple(term for term in model.terms if term.id in bodily)
     others = [term for term in model.terms if term.id == "coulomb" or term not in terms]
     estimates = {name: model.estimates[name] for name in model.estimates if name.partition(".")[0] in bodily}

@@ -9,8 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from pendulum_env.physics import Model
 from pendulum_env.physics.symbols import BINARY, LOGICAL, UNARY, WHERE
 from workbench.export.dynamics import Dynamics, Parameter, Quantity, written
-from workbench.export.heading import plain, title
-from workbench.export.request import Exported, Language, Request
+from workbench.export.request import Exported, Language, Request, plain, title
 from workbench.export.source import INFIX, Dialect, Source
 
 JOINT, ACTUATOR = "joint", "torque"  # names in a file of MuJoCo's, by which the program beside it finds them

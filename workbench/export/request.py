@@ -1,13 +1,15 @@
-"""What an export is asked for, and what comes of it."""
+"""What an export is asked for, what comes of it, and what a file says of itself."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Literal
 
 from pendulum_env.mistake import Mistake
+from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP
 from pendulum_env.servo.drive import Drive
 from workbench.mistakes import InputError
@@ -66,6 +68,27 @@ def keep(format: str, missing: Sequence[str], request: Request) -> tuple[str, ..
             "c, which hold every effect"
         )
     return tuple(f"{format} cannot hold {text}" for text in missing)
+
+
+def title(model: Model) -> str:
+    """What the file is of, fit for a comment in any language: a law is whatever its author wrote."""
+    return f"A pendulum, as identified: {plain(' + '.join(term.law for term in model.terms))} = tau."
+
+
+def plain(text: str) -> str:
+    """Text that ends no comment and no string, in any language."""
+    return " ".join(text.replace("*/", "* /").replace('"', "'").replace("\\", "/").split())
+
+
+def comment(lines: Sequence[str]) -> str:
+    """Text of a comment in XML, where two dashes would end it."""
+    return re.sub("-(?=-)", "- ", "\n".join(lines))
+
+
+def commented(xml: str, lines: Sequence[str]) -> str:
+    """An XML file with a comment after its first line."""
+    first, rest = xml.split("\n", 1)
+    return f"{first}\n<!-- {comment(lines)} -->\n{rest}"
 
 
 def needed(module: str) -> Any:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from pendulum_env.physics import Model
-from workbench.export.arm import FAR, Body, Friction, Stop, arm, value
-from workbench.export.heading import commented, title
-from workbench.export.request import Exported, Request, keep, needed
+from workbench.export.arm import Body, Friction, Stop, arm, value
+from workbench.export.request import Exported, Request, commented, keep, needed, title
 
 JOINT = "joint"
 SDF = "1.9"  # version of the format: read by Gazebo 11 and every later one
@@ -28,24 +26,25 @@ def urdf(model: Model, request: Request) -> Exported:
         warnings.simplefilter("ignore")  # about its own age
         urdf = needed("urdf_parser_py.urdf")
     friction, stop = Friction.of(model, ("hard_stop",)), Stop.of(model)
-    rigid = () if stop is None else ("the elasticity of hard_stop: the limits are rigid",)
+    rigid = ("the elasticity of hard_stop: the limits are rigid",) if stop.is_there else ()
     body, notes = _body("urdf", model, (*friction.missing, *_armature(request), *rigid), request)
     about = dict(zip(("ixx", "iyy", "izz"), body.moments, strict=True))
     inertial = urdf.Inertial(
         mass=body.mass, inertia=urdf.Inertia(**about), origin=urdf.Pose(xyz=body.centre, rpy=(0.0, 0.0, 0.0))
     )
-    limited = stop is not None and any(math.isfinite(end) for end in (stop.lower, stop.upper))
-    lower, upper = (-FAR, FAR) if stop is None else stop.ends
+    lower, upper = stop.ends
     unbounded = 1e9  # [N m], [rad/s]: a revolute joint has to tell both, and the model knows neither
     joint = urdf.Joint(
         name=JOINT,
         parent="base",
         child="arm",
-        joint_type="revolute" if limited else "continuous",
+        joint_type="revolute" if stop.is_there else "continuous",
         axis=(1.0, 0.0, 0.0),
         origin=urdf.Pose(xyz=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0)),
         dynamics=urdf.JointDynamics(damping=friction.viscous, friction=friction.dry),
-        limit=urdf.JointLimit(lower=lower, upper=upper, effort=unbounded, velocity=unbounded) if limited else None,
+        limit=urdf.JointLimit(lower=lower, upper=upper, effort=unbounded, velocity=unbounded)
+        if stop.is_there
+        else None,
     )
     robot = urdf.Robot(name="pendulum")
     robot.add_link(urdf.Link(name="base"))
@@ -62,8 +61,7 @@ def sdf(model: Model, request: Request) -> Exported:
     """
     stiffness = value(model, "spring.stiffness")
     friction, stop = Friction.of(model, ("hard_stop", *(("spring",) if stiffness >= 0 else ()))), Stop.of(model)
-    elastic = () if stop is None else stop.missing
-    body, notes = _body("sdf", model, (*friction.missing, *_armature(request), *elastic), request)
+    body, notes = _body("sdf", model, (*friction.missing, *_armature(request), *stop.missing), request)
     root = Element("sdf", version=SDF)
     drawn = SubElement(root, "model", name="pendulum")
     link = SubElement(drawn, "link", name="arm")
@@ -80,9 +78,8 @@ def sdf(model: Model, request: Request) -> Exported:
     if stiffness > 0:
         _write(dynamics, spring_reference=-value(model, "spring.preload") / stiffness, spring_stiffness=stiffness)
     limit = SubElement(axis, "limit")
-    ends = (-math.inf, math.inf) if stop is None else (stop.lower, stop.upper)
-    _write(limit, lower=ends[0], upper=ends[1])
-    if stop is not None:
+    _write(limit, lower=stop.lower, upper=stop.upper)
+    if stop.is_there:
         _write(limit, stiffness=stop.stiffness, dissipation=stop.damping)
     indent(root)
     text = '<?xml version="1.0"?>\n' + tostring(root, encoding="unicode") + "\n"

@@ -29,7 +29,6 @@ class Dialect:
 
     calls: Mapping[str, str]  # by operation, such as "sin({0})" or "{0} ? {1} : {2}"
     infinity: str
-    prefix: str = ""  # of names that are given
 
     def number(self, value: float) -> str:
         """A number, so that it is read back as it is."""
@@ -88,7 +87,7 @@ class Source:
         """Expression of a symbol, and how tightly it binds."""
         if symbol.op == NAME:
             self.names.add(symbol.label)
-            return self.dialect.prefix + symbol.label, ATOM
+            return symbol.label, ATOM
         self.used.add(symbol.op)
         parts = [self._operand(x, texts, same) for x in symbol.inputs]
         if symbol.op in INFIX:

@@ -1,14 +1,18 @@
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.regression.equations import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.identification import identify
 from estimators.schemes.six import PAPER, SCHEMES, Integral
+from estimators.selection.data import Evidence, fit_terms
+from estimators.weak_form.dataset import prepare
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Model, effects
@@ -89,6 +93,16 @@ def test_the_papers_hamiltonian_pair_borrows_inertia(paper_run):
 
 
 @pytest.mark.slow
+def test_the_fit_over_windows_is_the_one_that_a_diagnosis_begins_with(paper_run):
+    found = identify([paper_run.recording], schemes="energy", fixed={"gravity": 2.0}, points=2)
+    data = prepare([paper_run.recording])
+    model, _ = fit_terms(Evidence(data, ()), found["energy"].model.terms)
+    np.testing.assert_array_equal(found.windows.theta, model.theta)
+    assert found.windows.estimates["gravity"].value == 2.0
+    with pytest.raises(IdentificationError, match="too little of the motion is clear of stick"):
+        _ = replace(found, data=None).windows
+
+
 def test_several_recordings_share_one_set_of_parameters(record):
     """The coarse one counts less, and filters do not run from one into the next."""
     fine, other = record([PLANT, PLANT], rate=500.0, seconds=8.0)

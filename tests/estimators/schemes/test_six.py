@@ -173,9 +173,3 @@ def test_a_mass_that_jumps_does_no_work():
     after = m.velocity[at + 2 :]
     np.testing.assert_allclose(energy[at + 2 :], 0.5 * (after**2 - m.velocity[at] ** 2), atol=0.03)
     np.testing.assert_allclose(momentum[at + 2 :], after - m.velocity[at], atol=0.03)
-
-
-def test_unknown_scheme_is_named_with_its_nearest():
-    assert six.scheme("energy") in SCHEMES
-    with pytest.raises(ValueError, match=r"unknown scheme 'hamiltonain': did you mean hamiltonian\?"):
-        six.scheme("hamiltonain")

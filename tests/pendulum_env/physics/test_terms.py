@@ -153,15 +153,6 @@ def test_laws_broadcast_each_sample_for_itself(name, shape):
         np.testing.assert_allclose(together, alone, rtol=1e-12, atol=1e-12)
 
 
-@every_column
-def test_torque_is_mass_times_acceleration_plus_force_plus_directed_dry_friction(name):
-    term, item = column(name)
-    x = remembering(term, motion((50,)))
-    a = np.random.default_rng(1).standard_normal(50)
-    expected = item.mass(x) * a + item.force(x) + item.dry(x) * np.sign(x.velocity)
-    np.testing.assert_allclose(item.torque(x, a) * np.ones(50), expected, rtol=1e-14)
-
-
 @pytest.mark.parametrize("name", [name for name in COLUMNS if column(name)[1].potential])
 def test_force_is_the_slope_of_the_potential_and_a_loss_and_the_potential_depends_on_the_angle_alone(name):
     _, item = column(name)
@@ -172,14 +163,6 @@ def test_force_is_the_slope_of_the_potential_and_a_loss_and_the_potential_depend
     other = motion((400,), seed=1)
     elsewhere = Samples(other.time, x.position, other.velocity, other.torque)
     np.testing.assert_array_equal(item.potential(x), item.potential(elsewhere))
-
-
-@every_column
-def test_power_is_velocity_times_the_torque_that_stores_nothing(name):
-    term, item = column(name)
-    x = remembering(term, motion((400,)))
-    lost = x.velocity * (item.loss(x) if item.potential else item.force(x))
-    np.testing.assert_allclose(item.power(x) * np.ones(400), lost + item.dry(x) * np.abs(x.velocity), rtol=1e-14)
 
 
 @pytest.mark.parametrize("id", ["viscous", "coulomb", "stribeck", "quadratic_drag", "load_dependent_friction"])
