@@ -384,7 +384,7 @@ def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Termina
 
 def _read(source: Source, body: Body, terminal: Terminal) -> ArmRecording:
     with terminal.progress(f"reading {source.file.name}"):
-        others = [joint for joint in (*body.held, *body.robot.links) if joint not in body.joints]
+        others = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
         recording = read_arm_source(source, body.joints, others)
     terminal.say(f"{source.file}: {recording.summary}")
     if source.said_by:
