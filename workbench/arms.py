@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,12 +29,11 @@ from pendulum_env.arms.recording import ArmRecording, read_arm_source, write_arm
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
-from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import Source, read_as
 from pendulum_env.words import Table, parameters_table
-from workbench.inputs import check_outputs, format_told, given, sources_of, write_model, wrote
+from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
 from workbench.mistakes import InputError
 from workbench.story import Story, judged, parameters_line
 from workbench.terminal import Terminal
@@ -139,8 +137,7 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
                 "wider and together",
                 style="yellow",
             )
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    write_json(found.json(), arguments.json)
     chosen = found.schemes.get(SAVED, next(iter(found.schemes.values())))
     write_model(chosen.model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
@@ -156,7 +153,7 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     body, recordings = asked.body, [*asked.recordings, *asked.held]
     model = ArmModel.load(arguments.model, body)
     without = [source for name in arguments.without for source in sources_of(name, arguments)]
-    empty = [_read(read_as(source, model.log_format, arguments.model), body, terminal) for source in without]
+    empty = _read([read_as(source, model.log_format, arguments.model) for source in without], body, terminal)
     with terminal.progress("comparing"):
         errors = compare_arm(model, recordings)
         carried = _carried(model, recordings, empty, arguments.payload)
@@ -172,11 +169,10 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     elif carried is not None and carried.stands_out:
         mass = carried.estimates["m"].text
         terminal.say(f"\nA payload of {mass} kg behind {carried.joint} would explain most of it: see --payload")
-    if arguments.json is not None:
-        content: JSON = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
-        if carried is not None and arguments.payload is not None:
-            content["payload"] = carried.json()
-        write_whole(arguments.json, json.dumps(content, indent=1) + "\n")
+    content: JSON = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
+    if carried is not None and arguments.payload is not None:
+        content["payload"] = carried.json()
+    write_json(content, arguments.json)
     wrote(outputs, terminal)
 
 
@@ -228,8 +224,7 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     body, recordings, held = asked.body, asked.recordings, asked.held
     with terminal.progress("diagnosing") as progress:
         found = diagnose_arm(recordings, body, held, progress, library=library)
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    write_json(found.json(), arguments.json)
     write_model(found.model, arguments.output, asked.fitted, terminal)
     if arguments.report is not None:
         from workbench.report.arm import write_arm_report  # plotly takes a while to import
@@ -342,21 +337,19 @@ def _given(
     asked = given(arguments)
     check_outputs(outputs, [*asked.files, *([model] if model else []), arguments.robot])
     told = Asked.of_model(model) if model else Asked()
-    fitted, sources = (
-        tuple(read_as(source, told.log_format, model or "") for source in part)
-        for part in (asked.fitted, (*asked.fitted, *asked.held_out))
-    )
+    asked = asked.read_as(told.log_format, model or "")
+    sources = (*asked.fitted, *asked.held_out)
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
     told = replace(told, joints=named.pop() if named else told.joints)
     body = _body(arguments, told)
-    recordings = [_read(source, body, terminal) for source in sources]
+    recordings = _read(sources, body, terminal)
     if not told.held:
         seen = {joint: [np.mean(one.still[joint]) for one in recordings if joint in one.still] for joint in body.held}
         body = _body(arguments, replace(told, held={joint: float(np.mean(at)) for joint, at in seen.items() if at}))
     _tell_held(body, recordings, terminal)
-    return _Given(body, recordings[: len(fitted)], recordings[len(fitted) :], fitted)
+    return _Given(body, recordings[: len(asked.fitted)], recordings[len(asked.fitted) :], asked.fitted)
 
 
 def _body(arguments: argparse.Namespace, told: Asked) -> Body:
@@ -382,16 +375,9 @@ def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Termina
             terminal.say(f"warning: {away}: name it in --joints if it moves", style="yellow")
 
 
-def _read(source: Source, body: Body, terminal: Terminal) -> ArmRecording:
-    with terminal.progress(f"reading {source.file.name}"):
-        others = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
-        recording = read_arm_source(source, body.joints, others)
-    terminal.say(f"{source.file}: {recording.summary}")
-    if source.said_by:
-        terminal.say(f"  read as {source.said_by} says: {format_told(source)}")
-    for note in recording.notes:
-        terminal.say(f"  {note}")
-    return recording
+def _read(sources: Sequence[Source], body: Body, terminal: Terminal) -> list[ArmRecording]:
+    others = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
+    return read_all(sources, terminal, lambda source: read_arm_source(source, body.joints, others))
 
 
 def _refuse(arguments: argparse.Namespace, *options: str) -> None:

@@ -30,6 +30,7 @@ STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # 
 UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # all others kg m^2
 LATE = ("rotor", "m")  # to lead a base parameter: a mass shows through the links that carry it
 DIFFERENCE = 2e-6  # [s], along the motion: truncation and rounding are both below 1e-9 where joints turn at some rad/s
+UNLIMITED = 1e6  # of speed or torque, from which a file means none
 INDEPENDENT = 1e-8  # relative length of what a column adds to those before it
 DRAWS = 60  # of random motion, for the rank: each tells of every joint
 
@@ -78,11 +79,6 @@ class Body(Robot):
     def said(self, joint: str, text: str) -> str:
         """A text about a joint that turns, such as the unit `N m`, as it is for this one."""
         return along(text) if joint in self.sliding else text
-
-    @property
-    def _own(self) -> list[int]:
-        """Which of the links' joints move by themselves."""
-        return [self.links.index(joint) for joint in self.joints]
 
     # ---------------------------------------------------------------------------------------------- standard parameters
 
@@ -230,21 +226,27 @@ class Body(Robot):
     @property
     def position_limits(self) -> tuple[Array, Array]:
         """Least and largest position of each joint (n,) [rad] or [m], infinite where the file has none."""
-        low, high = (np.array(x)[self._own] for x in (self.model.lowerPositionLimit, self.model.upperPositionLimit))
+        low, high = self._of_joints(self.model.lowerPositionLimit), self._of_joints(self.model.upperPositionLimit)
         endless = low >= high  # MJCF without a range
         return np.where(endless, -np.inf, low), np.where(endless, np.inf, high)
 
     @property
     def torque_limits(self) -> Array:
         """Largest torque of each joint (n,) [N m] or [N], infinite where the file has none."""
-        limits = np.abs(np.asarray(self.model.upperEffortLimit, dtype=float))[self._own]
-        return np.where((limits > 0) & (limits < 1e6), limits, np.inf)
+        return _limits(np.abs(self._of_joints(self.model.upperEffortLimit)))
 
     @property
     def velocity_limits(self) -> Array:
         """Largest speed of each joint (n,) [rad/s] or [m/s], infinite where the file has none."""
-        limits = np.asarray(self.model.upperVelocityLimit, dtype=float)[self._own]
-        return np.where((limits > 0) & (limits < 1e6), limits, np.inf)
+        return _limits(self._of_joints(self.model.upperVelocityLimit))
+
+    def _of_joints(self, values: Array) -> Array:
+        """Those of the links' joints that move by themselves (n,)."""
+        return np.array(values, dtype=float)[[self.links.index(joint) for joint in self.joints]]
+
+
+def _limits(largest: Array) -> Array:
+    return np.where((largest > 0) & (largest < UNLIMITED), largest, np.inf)
 
 
 def read_body(

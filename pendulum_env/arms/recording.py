@@ -17,7 +17,7 @@ from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import UNUSED, named_column
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE, ColumnError
-from pendulum_env.recording.storage import segment_numbers, write_columns
+from pendulum_env.recording.storage import write_recording
 from pendulum_env.recording.study import Source
 
 QUANTITIES = ("position", "torque")
@@ -54,6 +54,16 @@ class ArmRecording(Recording):
         """Each joint alone, with the same meaning of a held torque."""
         columns = zip(*(np.ascontiguousarray(series.T) for series in (self.position, self.torque)), strict=True)
         return tuple(Recording(self.name, self.time, q, u, starts=self.starts) for q, u in columns)
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """Time, `position_<joint>` and `torque_<joint>`, (N,) each."""
+        own = {
+            f"{what}_{at}": getattr(one, what)
+            for what in QUANTITIES
+            for at, one in zip(self.names, self.joints, strict=True)
+        }
+        return {"time": self.time, **own}
 
     @property
     def summary(self) -> str:
@@ -195,15 +205,5 @@ def _told(
 
 
 def write_arm_recording(recording: ArmRecording, path: str | os.PathLike[str]) -> None:
-    """Write columns time, `position_<joint>` and `torque_<joint>`, as `write_recording` does.
-
-    Raises:
-        RecordingError: if the ending is unknown or the file cannot be written.
-    """
-    columns = {"time": recording.time}
-    for quantity in QUANTITIES:
-        series = getattr(recording, quantity).T
-        columns |= {f"{quantity}_{name}": own for name, own in zip(recording.names, series, strict=True)}
-    if len(recording.starts) > 1:
-        columns["segment"] = segment_numbers(recording)
-    write_columns(columns, path)
+    """Write columns time, `position_<joint>` and `torque_<joint>`, as `write_recording` does; raises as it does."""
+    write_recording(recording, path)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from estimators.comparison import compare, in_units_of
 from estimators.in_loop.rollouts import are_driven
 from estimators.show.tables import distances_table, profile_table
-from pendulum_env.files import write_whole
 from workbench.inputs import (
     argument,
     check_outputs,
@@ -20,6 +18,7 @@ from workbench.inputs import (
     take_align,
     take_recordings,
     take_robot,
+    write_json,
     wrote,
 )
 from workbench.mistakes import InputError
@@ -76,7 +75,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, [arguments.model, *asked.files])
     model = read_model(arguments.model)
-    asked = asked.read_as(model, arguments.model)
+    asked = asked.read_as(model.log_format, arguments.model)
     recordings = read_recordings((*asked.fitted, *asked.held_out), terminal)
     if arguments.loop and not are_driven(recordings):
         raise InputError(
@@ -89,8 +88,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     recordings, _ = in_time(recordings, [], arguments.align, terminal)
     with terminal.progress("comparing"):
         found = compare(model, recordings)
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    write_json(found.json(), arguments.json)
     if arguments.report is not None:
         from workbench.report.comparison import write_comparison_report  # plotly takes a while to import
 

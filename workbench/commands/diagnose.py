@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 
 from estimators.checks.alignment import Aligned
@@ -28,6 +27,7 @@ from workbench.inputs import (
     take_recordings,
     take_robot,
     take_verbose,
+    write_json,
     write_model,
     wrote,
 )
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     asked = given(arguments)
     check_outputs(outputs, asked.files)
     model = read_model(arguments.model) if arguments.model else Model()
-    base, asked = model.terms, asked.read_as(model, arguments.model)
+    base, asked = model.terms, asked.read_as(model.log_format, arguments.model)
     recordings, holdout = (read_recordings(part, terminal) for part in (asked.fitted, asked.held_out))
     recordings, holdout = in_torque(recordings, holdout, terminal)
     with terminal.progress("diagnosing") as progress:
@@ -108,8 +108,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         )
     if arguments.experiment is not None and found.suggestion is not None:
         write_whole(arguments.experiment, found.suggestion.csv())
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    write_json(found.json(), arguments.json)
     if arguments.report is not None:
         with terminal.progress("writing the report"):
             schemes = None

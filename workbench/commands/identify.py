@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Sequence
 
 from estimators.arguments import within_limits
@@ -15,7 +14,6 @@ from estimators.selection.data import Evidence, fit_terms
 from estimators.show.tables import schemes_table
 from estimators.weak_form.dataset import Dataset, prepare
 from estimators.weak_form.instruments import fit_by_reference
-from pendulum_env.files import write_whole
 from pendulum_env.physics import BASE, Model, Term
 from pendulum_env.recording import Recording
 from workbench.inputs import (
@@ -30,6 +28,7 @@ from workbench.inputs import (
     take_limits,
     take_recordings,
     take_robot,
+    write_json,
     write_model,
     wrote,
 )
@@ -77,8 +76,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             model = fitted(recordings, lambda data: fit_by_reference(data, terms))
         elif arguments.output is not None:
             model = fitted(recordings, lambda data: fit_terms(Evidence(data, ()), terms)[0])
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    write_json(found.json(), arguments.json)
     tell(found, model, terminal, "instruments" if arguments.instruments else "windows (saved)")
     if model is not None:
         outputs[1] = write_model(model, arguments.output, asked.fitted, terminal)
