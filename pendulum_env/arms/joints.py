@@ -6,7 +6,7 @@ at a joint is the pendulum's term under another name, `stribeck@elbow`; it meets
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
@@ -48,7 +48,7 @@ def at_joint(effect: type[Term], joint: str, slides: bool = False) -> type[Term]
     """
     if effect.at:
         raise Mistake(f"{effect.id} is at a joint already: place {effect.id.partition('@')[0]} at '{joint}' instead")
-    return _at_joint(effect, joint, along if slides else str)
+    return _at_joint(cast(Hashable, effect), joint, along if slides else str)
 
 
 @cache  # so that the same effect at the same joint is the same class

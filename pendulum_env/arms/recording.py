@@ -115,9 +115,9 @@ def read_arm_recording(
                 f"an arm: give it, --columns torque_{joint}=NAME:{single[-1].torque_unit}*0.4, for one"
             )
     first = single[0]
-    for joint, own in zip(joints, single, strict=True):
-        same = len(own) == len(first) and own.starts == first.starts
-        if not (same and np.allclose(own.time, first.time, rtol=0, atol=0.1 / first.rate)):
+    for joint, other in zip(joints, single, strict=True):
+        same = len(other) == len(first) and other.starts == first.starts
+        if not (same and np.allclose(other.time, first.time, rtol=0, atol=0.1 / first.rate)):
             raise RecordingError(
                 f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at once"
             )
@@ -125,7 +125,8 @@ def read_arm_recording(
     return ArmRecording(
         first.name,
         first.time,
-        *(np.column_stack([getattr(own, quantity) for own in single]) for quantity in QUANTITIES),
+        np.column_stack([own.position for own in single]),
+        np.column_stack([own.torque for own in single]),
         notes=tuple(dict.fromkeys(note for own in single for note in own.notes)),
         starts=first.starts,
         names=tuple(joints),

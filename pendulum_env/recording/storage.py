@@ -123,7 +123,8 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     """
     columns = recording.columns
     if len(recording.starts) > 1:  # number of the segment that each sample is in, from 0
-        columns["segment"] = np.searchsorted(recording.starts, np.arange(len(recording)), side="right") - 1.0
+        numbers = np.searchsorted(recording.starts, np.arange(len(recording)), side="right")
+        columns["segment"] = np.asarray(numbers - 1.0)
     path = Path(path)
     try:
         write = WRITERS[_suffix(path, WRITERS)]
