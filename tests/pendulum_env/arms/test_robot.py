@@ -1,4 +1,4 @@
-"""Which joints of a robot move: against files in which the others are fixed, and energies."""
+"""Which joints of a robot move: against files in which the others are fixed, energies and Hamilton's equation."""
 
 import mujoco
 import numpy as np
