@@ -23,11 +23,8 @@ from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import joint_effects, kind_at
 from pendulum_env.arms.model import ArmModel, Asked
-from pendulum_env.arms.planar import Link
 from pendulum_env.arms.plane import planar_links
 from pendulum_env.arms.recording import ArmRecording, read_arm_source, write_arm_recording
-from pendulum_env.backends.sensing import COUNTS
-from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.reading import LARGE
 from pendulum_env.recording.record import NEWTON_METRE
@@ -55,8 +52,16 @@ def record(
     body = _body(arguments, Asked(arguments.joints))
     _tell_held(body, [], terminal)
     try:
-        arm = simulated(
-            planar_links(body), body.joints, arguments.effects, arguments.rate, arguments.counts, arguments.noise
+        arm = PlanarArm(
+            planar_links(body),
+            joints=body.joints,
+            effects=arguments.effects,
+            rate=arguments.rate,
+            substeps=max(1, round(STEP_RATE / arguments.rate)),
+            max_torque=MOST_TORQUE,
+            counts=arguments.counts,
+            torque_noise=arguments.noise,
+            velocity="ideal",  # as the controller sees it
         )
     except ValueError as error:  # an effect that cannot be there
         raise InputError(str(error)) from None
@@ -91,32 +96,6 @@ def record(
     if arguments.effects:
         terminal.say(f"hidden: {enumerate_words([re.split('[=:]', text)[0] for text in arguments.effects])}")
     wrote([arguments.output], terminal)
-
-
-def simulated(
-    links: Sequence[Link],
-    joints: Sequence[str],
-    effects: Sequence[str],
-    rate: float,
-    counts: int = COUNTS,
-    noise: float = TORQUE_NOISE,
-) -> PlanarArm:
-    """Links as pymunk simulates them, with effects hidden at their joints; a controller sees velocities as they are.
-
-    Raises:
-        ValueError: if an effect cannot be there.
-    """
-    return PlanarArm(
-        links,
-        joints=joints,
-        effects=effects,
-        rate=rate,
-        substeps=max(1, round(STEP_RATE / rate)),
-        max_torque=MOST_TORQUE,
-        counts=counts,
-        torque_noise=noise,
-        velocity="ideal",
-    )
 
 
 def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
