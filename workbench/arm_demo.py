@@ -16,17 +16,18 @@ from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import effect_at, joint_effects
 from pendulum_env.arms.planar import TWO_LINK, Link, joint_names, urdf
 from pendulum_env.arms.recording import ArmRecording, write_arm_recording
+from pendulum_env.backends.simulated import TORQUE_NOISE
+from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.interface import MAX_TORQUE
 from pendulum_env.physics import Estimate
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import draw_effect
-from workbench.arms import simulated, story
+from workbench.arms import story
 from workbench.commands.demo import reveal
 from workbench.inputs import check_outputs, wrote
 from workbench.terminal import Terminal
 
-RATE = 1000.0  # [Hz]
 SPREAD = 0.25  # of what nobody told, to either side
 
 
@@ -45,11 +46,13 @@ def run(
     write_whole(robot, urdf(TWO_LINK, joints))  # of the right lengths, with masses and inertias as somebody drew them
     write_whole(truth, urdf(links, joints))
     body = read_body(robot)
-    arm = simulated(links, joints, [hidden], RATE)
+    arm = PlanarArm(
+        links, joints=joints, effects=hidden, max_torque=MOST_TORQUE, torque_noise=TORQUE_NOISE, velocity="ideal"
+    )
     terminal.heading(
         "An arm of two links, of which a file tells the lengths, with one effect at a joint that nobody told"
     )
-    recordings = [record(arm, body, round(seconds * RATE), rng, file, terminal) for file in files]
+    recordings = [record(arm, body, round(seconds * arm.rate), rng, file, terminal) for file in files]
     train, holdout = recordings
     terminal.say(f"recorded twice for {seconds:g} s: once to learn from, once to check on")
     with terminal.progress("diagnosing") as progress:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,18 +23,14 @@ from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.joints import joint_effects, kind_at
 from pendulum_env.arms.model import ArmModel, Asked
-from pendulum_env.arms.planar import Link
 from pendulum_env.arms.plane import planar_links
 from pendulum_env.arms.recording import ArmRecording, read_arm_source, write_arm_recording
-from pendulum_env.backends.sensing import COUNTS
-from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
-from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import Source, read_as
 from pendulum_env.words import Table, parameters_table
-from workbench.inputs import check_outputs, format_told, given, sources_of, write_model, wrote
+from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
 from workbench.mistakes import InputError
 from workbench.story import Story, judged, parameters_line
 from workbench.terminal import Terminal
@@ -57,8 +52,16 @@ def record(
     body = _body(arguments, Asked(arguments.joints))
     _tell_held(body, [], terminal)
     try:
-        arm = simulated(
-            planar_links(body), body.joints, arguments.effects, arguments.rate, arguments.counts, arguments.noise
+        arm = PlanarArm(
+            planar_links(body),
+            joints=body.joints,
+            effects=arguments.effects,
+            rate=arguments.rate,
+            substeps=max(1, round(STEP_RATE / arguments.rate)),
+            max_torque=MOST_TORQUE,
+            counts=arguments.counts,
+            torque_noise=arguments.noise,
+            velocity="ideal",  # as the controller sees it
         )
     except ValueError as error:  # an effect that cannot be there
         raise InputError(str(error)) from None
@@ -95,32 +98,6 @@ def record(
     wrote([arguments.output], terminal)
 
 
-def simulated(
-    links: Sequence[Link],
-    joints: Sequence[str],
-    effects: Sequence[str],
-    rate: float,
-    counts: int = COUNTS,
-    noise: float = TORQUE_NOISE,
-) -> PlanarArm:
-    """Links as pymunk simulates them, with effects hidden at their joints; a controller sees velocities as they are.
-
-    Raises:
-        ValueError: if an effect cannot be there.
-    """
-    return PlanarArm(
-        links,
-        joints=joints,
-        effects=effects,
-        rate=rate,
-        substeps=max(1, round(STEP_RATE / rate)),
-        max_torque=MOST_TORQUE,
-        counts=counts,
-        torque_noise=noise,
-        velocity="ideal",
-    )
-
-
 def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print base parameters and friction as each scheme finds them."""
     _refuse(arguments, "align", "instruments", "fixed", "bounds")
@@ -139,8 +116,7 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
                 "wider and together",
                 style="yellow",
             )
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    write_json(arguments.json, found.json())
     chosen = found.schemes.get(SAVED, next(iter(found.schemes.values())))
     write_model(chosen.model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
@@ -156,7 +132,7 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     body, recordings = asked.body, [*asked.recordings, *asked.held]
     model = ArmModel.load(arguments.model, body)
     without = [source for name in arguments.without for source in sources_of(name, arguments)]
-    empty = [_read(read_as(source, model.log_format, arguments.model), body, terminal) for source in without]
+    empty = _read([read_as(source, model.log_format, arguments.model) for source in without], body, terminal)
     with terminal.progress("comparing"):
         errors = compare_arm(model, recordings)
         carried = _carried(model, recordings, empty, arguments.payload)
@@ -172,11 +148,10 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     elif carried is not None and carried.stands_out:
         mass = carried.estimates["m"].text
         terminal.say(f"\nA payload of {mass} kg behind {carried.joint} would explain most of it: see --payload")
-    if arguments.json is not None:
-        content: JSON = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
-        if carried is not None and arguments.payload is not None:
-            content["payload"] = carried.json()
-        write_whole(arguments.json, json.dumps(content, indent=1) + "\n")
+    content: JSON = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
+    if carried is not None and arguments.payload is not None:
+        content["payload"] = carried.json()
+    write_json(arguments.json, content)
     wrote(outputs, terminal)
 
 
@@ -228,8 +203,7 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     body, recordings, held = asked.body, asked.recordings, asked.held
     with terminal.progress("diagnosing") as progress:
         found = diagnose_arm(recordings, body, held, progress, library=library)
-    if arguments.json is not None:
-        write_whole(arguments.json, json.dumps(found.json(), indent=1) + "\n")
+    write_json(arguments.json, found.json())
     write_model(found.model, arguments.output, asked.fitted, terminal)
     if arguments.report is not None:
         from workbench.report.arm import write_arm_report  # plotly takes a while to import
@@ -342,21 +316,19 @@ def _given(
     asked = given(arguments)
     check_outputs(outputs, [*asked.files, *([model] if model else []), arguments.robot])
     told = Asked.of_model(model) if model else Asked()
-    fitted, sources = (
-        tuple(read_as(source, told.log_format, model or "") for source in part)
-        for part in (asked.fitted, (*asked.fitted, *asked.held_out))
-    )
+    asked = asked.read_as(told.log_format, model or "")
+    sources = (*asked.fitted, *asked.held_out)
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
     told = replace(told, joints=named.pop() if named else told.joints)
     body = _body(arguments, told)
-    recordings = [_read(source, body, terminal) for source in sources]
+    recordings = _read(sources, body, terminal)
     if not told.held:
         seen = {joint: [np.mean(one.still[joint]) for one in recordings if joint in one.still] for joint in body.held}
         body = _body(arguments, replace(told, held={joint: float(np.mean(at)) for joint, at in seen.items() if at}))
     _tell_held(body, recordings, terminal)
-    return _Given(body, recordings[: len(fitted)], recordings[len(fitted) :], fitted)
+    return _Given(body, recordings[: len(asked.fitted)], recordings[len(asked.fitted) :], asked.fitted)
 
 
 def _body(arguments: argparse.Namespace, told: Asked) -> Body:
@@ -382,16 +354,9 @@ def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Termina
             terminal.say(f"warning: {away}: name it in --joints if it moves", style="yellow")
 
 
-def _read(source: Source, body: Body, terminal: Terminal) -> ArmRecording:
-    with terminal.progress(f"reading {source.file.name}"):
-        others = [joint for joint in (*body.held, *body.robot.links) if joint not in body.joints]
-        recording = read_arm_source(source, body.joints, others)
-    terminal.say(f"{source.file}: {recording.summary}")
-    if source.said_by:
-        terminal.say(f"  read as {source.said_by} says: {format_told(source)}")
-    for note in recording.notes:
-        terminal.say(f"  {note}")
-    return recording
+def _read(sources: Sequence[Source], body: Body, terminal: Terminal) -> list[ArmRecording]:
+    others = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
+    return read_all(sources, terminal, lambda source: read_arm_source(source, body.joints, others))
 
 
 def _refuse(arguments: argparse.Namespace, *options: str) -> None:

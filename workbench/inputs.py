@@ -7,7 +7,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,6 +34,7 @@ from workbench.terminal import Terminal
 from workbench.words import enumerate_words, plus_minus
 
 T = TypeVar("T")
+Logged = TypeVar("Logged", bound=Recording)
 COUPLING = "coupling"  # of two joints: no effect of a pendulum
 FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, or a study.toml that names several, and known loads"  # of recordings
@@ -373,11 +374,11 @@ class Given:
     held_out: tuple[Source, ...]
     files: tuple[str, ...]  # all that must not be written to
 
-    def read_as(self, model: Model, path: str) -> Given:
+    def read_as(self, log_format: Mapping[str, Any], path: str) -> Given:
         """The same, of which a model file says what nobody else did."""
 
         def known(part: tuple[Source, ...]) -> tuple[Source, ...]:
-            return tuple(read_as(source, model.log_format, path) for source in part)
+            return tuple(read_as(source, log_format, path) for source in part)
 
         return replace(self, fitted=known(self.fitted), held_out=known(self.held_out))
 
@@ -446,10 +447,15 @@ def _columns(text: str) -> dict[str, str]:
 
 def read_recordings(sources: Sequence[Source], terminal: Terminal) -> list[Recording]:
     """Read recordings and say what they are and what was changed at reading."""
+    return read_all(sources, terminal, Source.read)
+
+
+def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Source], Logged]) -> list[Logged]:
+    """The same of recordings of one joint or of several, as `read` reads them."""
     recordings = []
     for source in sources:
         with terminal.progress(f"reading {source.file.name}"):
-            recording = source.read()
+            recording = read(source)
         terminal.say(f"{source.file}: {recording.summary}")
         if source.said_by:
             terminal.say(f"  read as {source.said_by} says: {format_told(source)}")

@@ -161,7 +161,8 @@ def models_of_arm(
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
     """
-    fitted, checked = (gather_arm(part, (*base, *library.values())) for part in (train, held))
+    kinds: tuple[type[Term] | Term, ...] = (*base, *library.values())
+    fitted, checked = gather_arm(train, kinds), gather_arm(held, kinds)
     criterion, rng = criterion or Criterion(), rng or np.random.default_rng(0)
     return Models(fitted, checked, progress, library, criterion, rng, base=base, tables=tables)
 

@@ -97,7 +97,7 @@ def find_payload(
     """
     body = model.body
     joint = joint or body.joints[-1]
-    k = body.robot.links.index(find("joint", joint, {name: name for name in body.joints}))
+    k = body.links.index(find("joint", joint, {name: name for name in body.joints}))
     combine = body.combine[:, 10 * k : 10 * (k + 1)]  # (P, 10)
     unseen = null_space(combine, rcond=HIDDEN)
     shown = null_space(unseen.T) if unseen.size else np.eye(len(STANDARD))  # (10, r)

@@ -35,12 +35,12 @@ def standard_parameters(model: ArmModel) -> dict[str, Estimate]:
     first, scale = _factors(body)
 
     def misfit(x: Array) -> Array:
-        base = body.combine @ _standard(first + scale * x, len(body.robot.links))
+        base = body.combine @ _standard(first + scale * x, len(body.links))
         return np.concatenate([(base - theta) / std, x / OPEN])
 
     found = least_squares(misfit, np.zeros(len(first)), x_scale="jac", max_nfev=TURNS)
-    values = _standard(first + scale * found.x, len(body.robot.links)).tolist()
-    return {name: Estimate(value, 0.0, unit) for (name, unit), value in zip(body.standard_units, values, strict=True)}
+    values = _standard(first + scale * found.x, len(body.links)).tolist()
+    return {name: Estimate(own, 0.0, body.unit_of(name)) for name, own in zip(body.standard, values, strict=True)}
 
 
 def pseudo_inertia(standard: Array) -> Array:
@@ -54,7 +54,7 @@ def pseudo_inertia(standard: Array) -> Array:
 
 def _factors(body: Body) -> tuple[Array, Array]:
     """Logarithms of the diagonals and rows below of each link's L, and of rotors; and how far each may usually move."""
-    links, below = len(body.robot.links), np.tril_indices(4, -1)
+    links, below = len(body.links), np.tril_indices(4, -1)
     values, scales = [], []
     for own in body.standard_values[: 10 * links].reshape(links, 10):
         matrix = pseudo_inertia(own)

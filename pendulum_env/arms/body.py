@@ -30,6 +30,7 @@ STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # 
 UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # all others kg m^2
 LATE = ("rotor", "m")  # to lead a base parameter: a mass shows through the links that carry it
 DIFFERENCE = 2e-6  # [s], along the motion: truncation and rounding are both below 1e-9 where joints turn at some rad/s
+UNLIMITED = 1e6  # of speed or torque, from which a file means none
 INDEPENDENT = 1e-8  # relative length of what a column adds to those before it
 DRAWS = 60  # of random motion, for the rank: each tells of every joint
 
@@ -55,65 +56,43 @@ class BaseParameter:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class Body(Robot):
     """Links of an arm with n joints that turn or slide, on a fixed base; build it with `read_body`.
 
     All regressors broadcast over N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m where joints slide),
     and have one column for each of P base parameters.
 
     Attributes:
-        robot: as the file has it.
         rotors: whether each joint's motor has an inertia of its own.
     """
 
-    robot: Robot
     rotors: bool
 
     def __repr__(self) -> str:
         return f"<Body {self.name!r}: {len(self.joints)} joints, {len(self.base)} base parameters>"
 
     @property
-    def name(self) -> str:
-        """Of the robot."""
-        return self.robot.name
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of those that move by themselves (n,), from the base on."""
-        return self.robot.joints
-
-    @property
-    def held(self) -> Mapping[str, float]:
-        """Joints that do not move, and where they are [rad] or [m]."""
-        return self.robot.held
-
-    @property
     def slides(self) -> tuple[bool, ...]:
         """Whether each joint slides, (n,), instead of turning."""
-        return tuple(joint in self.robot.sliding for joint in self.joints)
+        return tuple(joint in self.sliding for joint in self.joints)
 
     def said(self, joint: str, text: str) -> str:
         """A text about a joint that turns, such as the unit `N m`, as it is for this one."""
-        return along(text) if joint in self.robot.sliding else text
-
-    @property
-    def _own(self) -> list[int]:
-        """Which of the links' joints move by themselves."""
-        return [self.robot.links.index(joint) for joint in self.joints]
+        return along(text) if joint in self.sliding else text
 
     # ---------------------------------------------------------------------------------------------- standard parameters
 
     @property
     def standard(self) -> tuple[str, ...]:
         """Names of the S standard parameters."""
-        links = [f"{name}@{joint}" for joint in self.robot.links for name in STANDARD]
+        links = [f"{name}@{joint}" for joint in self.links for name in STANDARD]
         return (*links, *(f"rotor@{joint}" for joint in self.joints if self.rotors))
 
     @property
     def standard_values(self) -> Array:
         """Standard parameters as the file has them (S,)."""
-        links = np.concatenate([inertia.toDynamicParameters() for inertia in list(self.robot.model.inertias)[1:]])
-        rotors = (self.robot.ratios**2).T @ self.robot.model.armature  # of joints that follow, too
+        links = np.concatenate([inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]])
+        rotors = (self.ratios**2).T @ self.model.armature  # of joints that follow, too
         return np.concatenate([links, rotors]) if self.rotors else links
 
     @cached_property
@@ -144,11 +123,6 @@ class Body:
     def combine(self) -> Array:
         """What each base parameter is of the standard parameters (P, S)."""
         return self._reduction[1]
-
-    @property
-    def standard_units(self) -> tuple[tuple[str, str], ...]:
-        """Names and units of the standard parameters."""
-        return tuple((name, self.unit_of(name)) for name in self.standard)
 
     def unit_of(self, name: str) -> str:
         """Unit of a standard parameter."""
@@ -204,7 +178,7 @@ class Body:
 
     def stored(self, q: Array, v: Array) -> Array:
         """Regressor of the energy K + U, up to a constant (N, P)."""
-        model, data, pin = self.robot.model, self._data, pinocchio()
+        model, data, pin = self.model, self._data, pinocchio()
 
         def energies(q: Array, v: Array, a: Array) -> Array:
             return pin.computeKineticEnergyRegressor(model, data, q, v) + pin.computePotentialEnergyRegressor(
@@ -216,16 +190,16 @@ class Body:
 
     @cached_property
     def _data(self) -> Any:
-        return self.robot.model.createData()
+        return self.model.createData()
 
     @cached_property
     def _weightless(self) -> Any:
-        model = self.robot.model.copy()
+        model = self.model.copy()
         model.gravity.linear = np.zeros(3)
         return model
 
     def _torque(self, q: Array, v: Array, a: Array) -> Array:
-        return self._with_rotors(self._regress(self.robot.model, q, v, a), a)
+        return self._with_rotors(self._regress(self.model, q, v, a), a)
 
     def _momentum(self, q: Array, v: Array) -> Array:
         return self._with_rotors(self._regress(self._weightless, q, np.zeros_like(v), v), v)
@@ -234,14 +208,12 @@ class Body:
         data, regressor = self._data, pinocchio().computeJointTorqueRegressor
         # of a single joint, Pinocchio gives no row but a vector
         links = self._each(lambda q, v, a: np.atleast_2d(regressor(model, data, q, v, a)), *self._all(q, v, a))
-        return (
-            links if len(self.robot.links) == len(self.joints) else np.einsum("kn,Nkp->Nnp", self.robot.ratios, links)
-        )
+        return links if len(self.links) == len(self.joints) else np.einsum("kn,Nkp->Nnp", self.ratios, links)
 
     def _all(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Motion of all links' joints, (N, links) each."""
-        ratios = self.robot.ratios.T
-        return q @ ratios + self.robot.offsets, v @ ratios, a @ ratios
+        ratios = self.ratios.T
+        return q @ ratios + self.offsets, v @ ratios, a @ ratios
 
     def _each(self, law: Callable[[Array, Array, Array], Array], q: Array, v: Array, a: Array) -> Array:
         """A law of Pinocchio's, which knows one sample at a time, over N samples."""
@@ -254,23 +226,27 @@ class Body:
     @property
     def position_limits(self) -> tuple[Array, Array]:
         """Least and largest position of each joint (n,) [rad] or [m], infinite where the file has none."""
-        low, high = (
-            np.array(x)[self._own] for x in (self.robot.model.lowerPositionLimit, self.robot.model.upperPositionLimit)
-        )
+        low, high = self._of_joints(self.model.lowerPositionLimit), self._of_joints(self.model.upperPositionLimit)
         endless = low >= high  # MJCF without a range
         return np.where(endless, -np.inf, low), np.where(endless, np.inf, high)
 
     @property
     def torque_limits(self) -> Array:
         """Largest torque of each joint (n,) [N m] or [N], infinite where the file has none."""
-        limits = np.abs(np.asarray(self.robot.model.upperEffortLimit, dtype=float))[self._own]
-        return np.where((limits > 0) & (limits < 1e6), limits, np.inf)
+        return _limits(np.abs(self._of_joints(self.model.upperEffortLimit)))
 
     @property
     def velocity_limits(self) -> Array:
         """Largest speed of each joint (n,) [rad/s] or [m/s], infinite where the file has none."""
-        limits = np.asarray(self.robot.model.upperVelocityLimit, dtype=float)[self._own]
-        return np.where((limits > 0) & (limits < 1e6), limits, np.inf)
+        return _limits(self._of_joints(self.model.upperVelocityLimit))
+
+    def _of_joints(self, values: Array) -> Array:
+        """Those of the links' joints that move by themselves (n,)."""
+        return np.array(values, dtype=float)[[self.links.index(joint) for joint in self.joints]]
+
+
+def _limits(largest: Array) -> Array:
+    return np.where((largest > 0) & (largest < UNLIMITED), largest, np.inf)
 
 
 def read_body(
@@ -298,4 +274,5 @@ def read_body(
             joints that turn or slide and each with an inertia, if it has no such joint; or without the extra `arms`.
     """
     robot = read_robot(path, joints, held or {}, bolted)
-    return Body(robot, bool(np.any(np.asarray(robot.model.armature) > 0)) if rotors is None else rotors)
+    has_rotors = bool(np.any(np.asarray(robot.model.armature) > 0)) if rotors is None else rotors
+    return Body(**vars(robot), rotors=has_rotors)

@@ -6,8 +6,9 @@ at a joint is the pendulum's term under another name, `stribeck@elbow`; it meets
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
@@ -37,10 +38,6 @@ def can_sit(id: str, slides: bool = False) -> bool:
     return id not in NOT_DECENTRALISED and not (slides and (id in OF_A_TURN or id == Coupling.id))
 
 
-# so that the same effect at the same joint is the same class
-_known: dict[tuple[type[Term], str, bool], type[Term]] = {}
-
-
 def at_joint(effect: type[Term], joint: str, slides: bool = False) -> type[Term]:
     """An effect as it is at one of several joints: the same law, with `@joint` behind its id and its parameters.
 
@@ -51,11 +48,10 @@ def at_joint(effect: type[Term], joint: str, slides: bool = False) -> type[Term]
     """
     if effect.at:
         raise Mistake(f"{effect.id} is at a joint already: place {effect.id.partition('@')[0]} at '{joint}' instead")
-    if (effect, joint, slides) not in _known:
-        _known[effect, joint, slides] = _at_joint(effect, joint, along if slides else str)
-    return _known[effect, joint, slides]
+    return _at_joint(cast(Hashable, effect), joint, along if slides else str)
 
 
+@cache  # so that the same effect at the same joint is the same class
 def _at_joint(effect: type[Term], joint: str, said: Callable[[str], str]) -> type[Term]:
     def named(columns: Sequence[Column]) -> tuple[Column, ...]:
         own = (column for column in columns if column.name not in OF_THE_ARM)
@@ -104,20 +100,18 @@ class Coupling(Term):
         )
 
 
-def coupled(at: str, is_heavy: bool = True) -> type[Coupling]:
+@cache
+def coupled(at: str, is_heavy: bool) -> type[Coupling]:
     """The coupling of two joints, `elbow,wrist` or `elbow,-wrist`, with or without an inertia of its motor."""
-    key = (Coupling, at, is_heavy)
-    if key not in _known:
-        content = {
-            "__module__": Coupling.__module__,
-            "__doc__": Coupling.__doc__,
-            "__reduce__": lambda term: (_coupling, (at, is_heavy)),
-            "id": f"coupling@{at}",
-            "at": at,
-            "is_heavy": is_heavy,
-        }
-        _known[key] = type(f"Coupling@{at}", (Coupling,), content)
-    return cast(type[Coupling], _known[key])
+    content = {
+        "__module__": Coupling.__module__,
+        "__doc__": Coupling.__doc__,
+        "__reduce__": lambda term: (_coupling, (at, is_heavy)),
+        "id": f"coupling@{at}",
+        "at": at,
+        "is_heavy": is_heavy,
+    }
+    return cast(type[Coupling], type(f"Coupling@{at}", (Coupling,), content))
 
 
 def _coupling(at: str, is_heavy: bool) -> Coupling:

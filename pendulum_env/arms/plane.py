@@ -22,7 +22,7 @@ def planar_links(body: Body) -> tuple[Link, ...]:
     Raises:
         BodyError: if the arm is none such: pymunk simulates in a plane.
     """
-    model, pin, count = body.robot.model, pinocchio(), len(body.joints)
+    model, pin, count = body.model, pinocchio(), len(body.joints)
     if list(model.parents)[1:] != list(range(count)):  # nor do any follow others
         raise BodyError(f"{body.name}: branches, the simulator knows chains only: {ELSEWHERE}")
     gravity, data = np.array(model.gravity.linear), model.createData()

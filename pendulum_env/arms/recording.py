@@ -17,7 +17,7 @@ from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import UNUSED, named_column
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE, ColumnError
-from pendulum_env.recording.storage import segment_numbers, write_columns
+from pendulum_env.recording.storage import write_recording
 from pendulum_env.recording.study import Source
 
 QUANTITIES = ("position", "torque")
@@ -54,6 +54,16 @@ class ArmRecording(Recording):
         """Each joint alone, with the same meaning of a held torque."""
         columns = zip(*(np.ascontiguousarray(series.T) for series in (self.position, self.torque)), strict=True)
         return tuple(Recording(self.name, self.time, q, u, starts=self.starts) for q, u in columns)
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """Time, `position_<joint>` and `torque_<joint>`, (N,) each."""
+        own = {
+            f"{what}_{at}": getattr(one, what)
+            for what in QUANTITIES
+            for at, one in zip(self.names, self.joints, strict=True)
+        }
+        return {"time": self.time, **own}
 
     @property
     def summary(self) -> str:
@@ -105,9 +115,9 @@ def read_arm_recording(
                 f"an arm: give it, --columns torque_{joint}=NAME:{single[-1].torque_unit}*0.4, for one"
             )
     first = single[0]
-    for joint, own in zip(joints, single, strict=True):
-        same = len(own) == len(first) and own.starts == first.starts
-        if not (same and np.allclose(own.time, first.time, rtol=0, atol=0.1 / first.rate)):
+    for joint, other in zip(joints, single, strict=True):
+        same = len(other) == len(first) and other.starts == first.starts
+        if not (same and np.allclose(other.time, first.time, rtol=0, atol=0.1 / first.rate)):
             raise RecordingError(
                 f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at once"
             )
@@ -115,7 +125,8 @@ def read_arm_recording(
     return ArmRecording(
         first.name,
         first.time,
-        *(np.column_stack([getattr(own, quantity) for own in single]) for quantity in QUANTITIES),
+        np.column_stack([own.position for own in single]),
+        np.column_stack([own.torque for own in single]),
         notes=tuple(dict.fromkeys(note for own in single for note in own.notes)),
         starts=first.starts,
         names=tuple(joints),
@@ -198,15 +209,5 @@ def _told(
 
 
 def write_arm_recording(recording: ArmRecording, path: str | os.PathLike[str]) -> None:
-    """Write columns time, `position_<joint>` and `torque_<joint>`, as `write_recording` does.
-
-    Raises:
-        RecordingError: if the ending is unknown or the file cannot be written.
-    """
-    columns = {"time": recording.time}
-    for quantity in QUANTITIES:
-        series = getattr(recording, quantity).T
-        columns |= {f"{quantity}_{name}": own for name, own in zip(recording.names, series, strict=True)}
-    if len(recording.starts) > 1:
-        columns["segment"] = segment_numbers(recording)
-    write_columns(columns, path)
+    """Write columns time, `position_<joint>` and `torque_<joint>`, as `write_recording` does; raises as it does."""
+    write_recording(recording, path)

@@ -177,6 +177,12 @@ class Recording:
         return tuple(self.slice(start, stop) for start, stop in pairwise((*self.starts, len(self))))
 
     @property
+    def columns(self) -> dict[str, Array]:
+        """What was recorded, (N,) each, by the names of a file's columns."""
+        columns = {quantity: getattr(self, quantity) for quantity in QUANTITIES}
+        return {quantity: values for quantity, values in columns.items() if values is not None}
+
+    @property
     def bus(self) -> Array:
         """Voltage of the bus (N,) [V]: as recorded, or else what the drive says."""
         if self.supply is not None:
@@ -202,10 +208,10 @@ class Recording:
         if last - 1 in self.starts:
             last -= 1
         part = slice(first, max(first, last))
-        columns = {quantity: getattr(self, quantity) for quantity in QUANTITIES}
+        own = {quantity: getattr(self, quantity) for quantity in QUANTITIES}
         return replace(
             self,
-            **{quantity: values[part] for quantity, values in columns.items() if values is not None},
+            **{quantity: values[part] for quantity, values in own.items() if values is not None},
             starts=(0, *(begin - first for begin in self.starts if first < begin < last)),
         )
 

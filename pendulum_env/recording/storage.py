@@ -25,7 +25,7 @@ from pendulum_env.recording.cleaning import Log
 from pendulum_env.recording.columns import Column, find_columns
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.parquet import read_parquet
-from pendulum_env.recording.record import QUANTITIES, WARNING, ColumnError, Recording, RecordingError
+from pendulum_env.recording.record import WARNING, ColumnError, Recording, RecordingError
 from pendulum_env.recording.table import Find, Table, one_line
 from pendulum_env.recording.text import read_csv, read_excel
 from pendulum_env.servo.drive import Drive
@@ -121,24 +121,10 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     Raises:
         RecordingError: if the ending is unknown or the file cannot be written.
     """
-    columns = {quantity: getattr(recording, quantity) for quantity in QUANTITIES}
-    columns = {quantity: values for quantity, values in columns.items() if values is not None}
-    if len(recording.starts) > 1:
-        columns["segment"] = segment_numbers(recording)
-    write_columns(columns, path)
-
-
-def segment_numbers(recording: Recording) -> Array:
-    """Number of the segment that each sample is in, from 0 (N,)."""
-    return np.asarray(np.searchsorted(recording.starts, np.arange(len(recording)), side="right") - 1.0)
-
-
-def write_columns(columns: dict[str, Array], path: str | os.PathLike[str]) -> None:
-    """Write columns (N,) by name in the format that the ending asks for, whole or not at all.
-
-    Raises:
-        RecordingError: if the ending is unknown or the file cannot be written.
-    """
+    columns = recording.columns
+    if len(recording.starts) > 1:  # number of the segment that each sample is in, from 0
+        numbers = np.searchsorted(recording.starts, np.arange(len(recording)), side="right")
+        columns["segment"] = np.asarray(numbers - 1.0)
     path = Path(path)
     try:
         write = WRITERS[_suffix(path, WRITERS)]

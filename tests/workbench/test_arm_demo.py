@@ -5,7 +5,6 @@ from estimators.arms.diagnosis import ArmDiagnosis
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.arms.recording import read_arm_recording
 from workbench import arm_demo
-from workbench.cli import main
 from workbench.commands.demo import verdict
 from workbench.terminal import Terminal
 
@@ -48,8 +47,3 @@ def test_every_effect_that_may_be_hidden_can_be_simulated():
 def test_the_verdict_is_honest(selected, ambiguous, told):
     found = ArmDiagnosis(None, None, selected, (), ambiguous, (), (), {})
     assert verdict(["spring@elbow"], found).startswith(told)
-
-
-def test_the_demo_knows_its_arms(capsys):
-    assert main(["demo", "--robot", "six-link"]) == 2
-    assert "invalid choice" in capsys.readouterr().err

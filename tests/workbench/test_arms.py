@@ -129,9 +129,8 @@ def test_add_an_effect_at_a_joint(capsys, folder):
     assert code == 0 and "torque_offset@elbow lowers the held-out torque error of elbow" in out
     theta = json.loads((folder / "added.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(0.3, rel=0.03)
-    for wrong, told in (("stribeck@wrist", "unknown joint 'wrist'"), ("stribeck", "should say at which joint")):
-        code, _, err = run(capsys, folder, "add", "lacking.json", wrong, "hidden.csv")
-        assert code == 2 and told in err and err.count("\n") == 1
+    code, _, err = run(capsys, folder, "add", "lacking.json", "stribeck@wrist", "hidden.csv")
+    assert code == 2 and "unknown joint 'wrist'" in err and err.count("\n") == 1
     code, _, err = run(capsys, folder, "add", "added.json", "torque_offset@elbow", "hidden.csv")
     assert code == 2 and "the model has torque_offset@elbow already" in err
 
@@ -231,7 +230,6 @@ def test_a_diagnosis_names_what_is_missing_where_a_joint_slides(capsys, lift):
             "there is none for left: name them torque_left and so on, .* naming those that move, --jo",
         ),
         (("identify", "run.csv", "--joints", "torso,sholder"), "unknown joint 'sholder': did you mean shoulder"),
-        (("identify", "run.csv", "--joints", "torso,right"), "joint 'right' mimics 'left': name that one"),
         (("identify", "run.csv", "--joints", "torso,,elbow"), "names of joints with commas"),
         (("identify", "wrong.toml"), "unknown joint 'sholder': did you mean shoulder"),
         (("identify", "empty.toml"), "joints is 'torso': write the names of those that move"),
@@ -283,10 +281,7 @@ def test_an_arm_in_space_is_recorded_elsewhere(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("record", "-o", "x.csv", "--effect", "stribeck@elbo"), "unknown joint 'elbo': did you mean elbow"),
-        (("record", "-o", "x.csv", "--effect", "stribek@elbow"), "unknown effect 'stribek': did you mean stribeck"),
         (("record", "-o", "x.csv", "--effect", "stribeck"), "'stribeck' should say at which joint"),
-        (("record", "-o", "x.csv", "--effect", "backlash@elbow"), "it cannot sit at a joint of an arm"),
         (("record", "-o", "x.csv", "--theta", "inertia=1"), "--theta is for pendulums"),
         (("record", "-o", "x.csv", "--backend", "mujoco"), "arms know pymunk alone"),
         (("record", "-o", "x.csv", "--excitation", "prbs"), "arms know multisine alone"),
@@ -297,11 +292,8 @@ def test_an_arm_in_space_is_recorded_elsewhere(capsys, tmp_path):
         (("diagnose", "plain.csv", "--only", "backlash"), "unknown effect 'backlash'"),
         (("diagnose", "plain.csv", "--experiment", "x.csv"), "--experiment is for pendulums"),
         (("diagnose", "plain.csv", "--report", "x.pdf"), "a report is one HTML page"),
-        (("identify", "plain.csv", "plain.csv"), "is named twice"),
         (("identify", "plain.csv", "--columns", "torque_elbow=torque_elbow:A*?"), "no known load tells the gain"),
         (("identify", "loaded.toml"), "plain.csv: a load is of one joint"),
-        (("identify", "arm.urdf"), "the name does not end in"),
-        (("identify", "plain.csv", "--columns", "torque_wrist=u"), "unknown column of the arm 'torque_wrist'"),
         (("compare", "none.json", "plain.csv"), "none.json"),
     ],
 )

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     asked = given(arguments)
     check_outputs([arguments.output], asked.files)
     model = read_model(arguments.model)
-    asked = asked.read_as(model, arguments.model)
+    asked = asked.read_as(model.log_format, arguments.model)
     recordings, holdout = (read_recordings(part, terminal) for part in (asked.fitted, asked.held_out))
     recordings, holdout = in_torque(recordings, holdout, terminal)
     recordings, holdout = in_time(recordings, holdout, arguments.align, terminal)

@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, [arguments.model, *asked.files])
     model = read_model(arguments.model)
-    asked = asked.read_as(model, arguments.model)
+    asked = asked.read_as(model.log_format, arguments.model)
     recordings = read_recordings((*asked.fitted, *asked.held_out), terminal)
     if arguments.loop and not are_driven(recordings):
         raise InputError(

@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     asked = given(arguments)
     check_outputs(outputs, asked.files)
     model = read_model(arguments.model) if arguments.model else Model()
-    base, asked = model.terms, asked.read_as(model, arguments.model)
+    base, asked = model.terms, asked.read_as(model.log_format, arguments.model)
     recordings, holdout = (read_recordings(part, terminal) for part in (asked.fitted, asked.held_out))
     recordings, holdout = in_torque(recordings, holdout, terminal)
     with terminal.progress("diagnosing") as progress:

@@ -15,7 +15,6 @@ from estimators.diagnosis.result import Verdict
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import inertias
-from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
@@ -105,24 +104,17 @@ def test_where_no_weight_acts_a_table_may_be_a_line(six):
     assert slope == pytest.approx(0.6 * six_joint.COULOMB[0], rel=0.03)
 
 
-@pytest.fixture(scope="module")
-def two(tmp_path_factory):
-    path = tmp_path_factory.mktemp("robot") / "two.urdf"
-    path.write_text(TwoLink().urdf())
-    return read_body(path)
-
-
-def offset_run(two, offset, amplitudes=(3.5, 2.2)):
+def offset_run(body, offset, amplitudes=(3.5, 2.2)):
     time = np.arange(0, 10, 1e-3)
     signal = Multisine.paper(0, amplitudes)
     position, _ = TwoLink().simulate(signal, time)
     torque = signal.held(time, 1e-3) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
-    return ArmRecording.of("two", two.joints, time, position, torque + np.array(offset))
+    return ArmRecording.of("two", body.joints, time, position, torque + np.array(offset))
 
 
 @pytest.mark.slow
-def test_of_equal_laws_the_simplest_is_named_and_the_others_told(two):
-    found = diagnose_arm(offset_run(two, (0.0, 0.3)), two)
+def test_of_equal_laws_the_simplest_is_named_and_the_others_told(body):
+    found = diagnose_arm(offset_run(body, (0.0, 0.3)), body)
     assert found.selected == ("torque_offset@elbow",)
     told = {candidate.effect: candidate.verdict for candidate in found.candidates}
     assert told["coulomb_asymmetry@elbow"] is Verdict.AMBIGUOUS
@@ -135,44 +127,44 @@ def test_of_equal_laws_the_simplest_is_named_and_the_others_told(two):
     assert found.model.estimates["torque_offset@elbow"].value == pytest.approx(0.3, rel=0.03)
 
 
-def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(two):
-    found = diagnose_arm(offset_run(two, (0.4, 0.3)), two, library={"torque_offset": TorqueOffset, "spring": Spring})
+def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(body):
+    found = diagnose_arm(offset_run(body, (0.4, 0.3)), body, library={"torque_offset": TorqueOffset, "spring": Spring})
     assert set(found.selected) == {"torque_offset@shoulder", "torque_offset@elbow"}
     told = [candidate.effect for candidate in found.candidates]
     assert len(told) == len(set(told)) and set(told[:2]) == set(found.selected)
     for candidate in found.candidates[:2]:  # judged in the final model, as by its score: without this one alone
         others = tuple(own for own in found.model.terms if own.id != candidate.effect)
-        added = add_arm(ArmModel(others), candidate.effect, offset_run(two, (0.4, 0.3)))
+        added = add_arm(ArmModel(others), candidate.effect, offset_run(body, (0.4, 0.3)))
         old, new = (part.holdout[added.joint] for part in (added.before, added.after))
         assert candidate.error_ratio == pytest.approx(new.torque_rms / old.torque_rms, rel=0.5)  # other windows
         assert candidate.reason == f"lowers the held-out torque error of {new.joint} to {candidate.error_ratio:.1%}"
 
 
-def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept(two, tmp_path):
-    velocity = np.gradient(offset_run(two, (0.0, 0.0)).position[:, 1], 1e-3)
+def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept(body, tmp_path):
+    velocity = np.gradient(offset_run(body, (0.0, 0.0)).position[:, 1], 1e-3)
     rubbing = 0.4 * np.exp(-((velocity / 0.5) ** 2)) * np.sign(velocity)
-    logged = offset_run(two, np.column_stack([np.zeros_like(rubbing), rubbing]))
-    found = diagnose_arm(logged, two, library={"stribeck": Stribeck})
+    logged = offset_run(body, np.column_stack([np.zeros_like(rubbing), rubbing]))
+    found = diagnose_arm(logged, body, library={"stribeck": Stribeck})
     assert found.selected == ("stribeck@elbow",)
     speed = found.model.estimates["stribeck.stribeck_velocity@elbow"]
     assert 0.0 < speed.std < 0.1 * speed.value and abs(speed.value - 0.5) < 4 * speed.std
     found.model.save(tmp_path / "arm.json")
-    assert ArmModel.load(tmp_path / "arm.json", two).estimates == found.model.estimates
+    assert ArmModel.load(tmp_path / "arm.json", body).estimates == found.model.estimates
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.3])
-def test_a_joint_without_a_motor_hides_nothing_of_others(two, offset):
-    driven = offset_run(two, (offset, 0.0), (3.5, 0.0))
+def test_a_joint_without_a_motor_hides_nothing_of_others(body, offset):
+    driven = offset_run(body, (offset, 0.0), (3.5, 0.0))
     torque = np.column_stack([driven.torque[:, 0], np.zeros(len(driven))])
-    let_go = ArmRecording.of("let go", two.joints, driven.time, driven.position, torque)
-    found = diagnose_arm(let_go, two, library={"torque_offset": TorqueOffset, "spring": Spring})
+    let_go = ArmRecording.of("let go", body.joints, driven.time, driven.position, torque)
+    found = diagnose_arm(let_go, body, library={"torque_offset": TorqueOffset, "spring": Spring})
     assert found.selected == (("torque_offset@shoulder",) if offset else ()) and found.unexplained == {}
     assert found.after[0].share < 0.01 and found.after[1].share is None
 
 
-def test_a_joint_that_hardly_moves_is_told(two):
+def test_a_joint_that_hardly_moves_is_told(body):
     time = np.arange(0, 10, 1e-3)
     position = np.column_stack([np.sin(3 * time), 0.01 * (time > 5)])
-    recording = ArmRecording.of("half", two.joints, time, position, np.cos(3 * time)[:, None] * np.ones(2))
+    recording = ArmRecording.of("half", body.joints, time, position, np.cos(3 * time)[:, None] * np.ones(2))
     with pytest.raises(IdentificationError, match="joint 'elbow' is hardly ever clear of stick"):
-        diagnose_arm(recording, two)
+        diagnose_arm(recording, body)

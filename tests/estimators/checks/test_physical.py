@@ -27,7 +27,7 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
     motions = {"elbow": X, "wrist": X}
     little = [-0.0005, -0.001, 0.1, 0.1]
     assert impossible(Model.build(terms, little), motions) == ["friction that drives"]
-    both = [*terms, coupled("elbow,-wrist")()]
+    both = [*terms, coupled("elbow,-wrist", True)()]
     assert impossible(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
     wrong = impossible(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
     assert wrong == ["coupling.inertia@elbow,-wrist = -5 kg m^2"]

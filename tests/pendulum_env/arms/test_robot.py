@@ -1,4 +1,4 @@
-"""Which joints of a robot move: against files in which the others are fixed, and energies."""
+"""Which joints of a robot move: against files in which the others are fixed, energies and Hamilton's equation."""
 
 import mujoco
 import numpy as np
@@ -42,7 +42,7 @@ def test_joints_that_are_held_are_as_if_the_file_had_them_fixed(tmp_path, robot)
 def test_energy_grows_by_what_the_torque_supplies_where_joints_follow_and_slide(tmp_path, joints):
     body, h = read_body(written(tmp_path, urdf(joints))), 1e-5
     followers = {own.name for own in joints if own.mimics is not None}
-    assert set(body.robot.links) - set(body.joints) == followers and body.held == {}
+    assert set(body.links) - set(body.joints) == followers and body.held == {}
     q, v, a = np.random.default_rng(0).uniform(-2, 2, (3, 50, len(body.joints)))
     power = (body.stored(q + h * v, v + h * a) - body.stored(q - h * v, v - h * a)) / (2 * h)
     supplied = np.einsum("ni,nip->np", v, body.torque(q, v, a))
@@ -95,7 +95,7 @@ def test_gravity_of_mjcf_is_that_of_the_file(tmp_path):
 def test_a_joint_that_slides_is_said_in_metres_and_newtons(tmp_path):
     body = read_body(written(tmp_path, urdf(TORSO)), joints=moving(TORSO), rotors=True)
     assert body.slides == (True, False, False)
-    assert dict(body.standard_units)["rotor@torso"] == "kg"
+    assert body.unit_of("rotor@torso") == "kg"
     units = {column.name: column.unit for term in friction(body) for column in term.columns}
     assert units["viscous@torso"] == "N s/m" and units["coulomb@torso"] == "N"
     assert units["viscous@elbow"] == "N m s/rad" and units["coulomb@elbow"] == "N m"
