@@ -257,10 +257,8 @@ class State:
     def doubts(self) -> tuple[Doubt, ...]:
         """What the fitted recordings cannot tell about the model's parameters."""
         fitted = [r for r, one in zip(self.recordings, self.loaded, strict=True) if not one.held_out]
-        terms = self.model.terms if not self.trouble else BASE
-        return (
-            identifiability([m for recording in fitted for m in measure_segments(recording)], terms) if fitted else ()
-        )
+        measured = [segment for recording in fitted for segment in measure_segments(recording)]
+        return identifiability(measured, BASE if self.trouble else self.model.terms) if measured else ()
 
     @cached_property
     def disagreements(self) -> tuple[Disagreement, ...]:
@@ -296,9 +294,9 @@ class State:
     @cached_property
     def standing(self) -> Case:
         """The same with all recordings and the ladder as they are, whatever the diagnosis found beyond them."""
-        diagnosis = replace(self.told, steps=self.ladder, disagreements=(), window_share=1.0, knocks_beside=None)
-        case = Case.of(self.train, self.holdout, diagnosis)
-        return replace(case, gathered=self.prepared.evidence)
+        diagnosis = replace(self.told, steps=self.ladder)
+        parts = self.train, self.holdout or self.train
+        return Case(*parts, not self.holdout, diagnosis, gathered=self.prepared.evidence)
 
     @cached_property
     def points(self) -> tuple[Points, ...]:

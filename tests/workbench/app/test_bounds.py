@@ -1,9 +1,7 @@
 """What a page may ask of the server's disk, memory and time; and what it hears when something has gone meanwhile."""
 
 import json
-import os
 import shutil
-import signal
 import socket
 from collections import namedtuple
 from pathlib import Path
@@ -23,11 +21,9 @@ from tests.workbench.app.plants import files_of, upload
 from workbench.app import server
 from workbench.app import session as session_module
 from workbench.app import sessions as sessions_module
-from workbench.app.jobs import Job, Workers
 from workbench.app.session import Session
 from workbench.app.sessions import Sessions
 from workbench.app.stages import data
-from workbench.processes import Failed, Worker
 
 HOSTILE = "<img src=x onerror=alert(1)>"
 Usage = namedtuple("Usage", "total used free")
@@ -134,19 +130,6 @@ def test_a_fault_of_a_callback_is_one_line_on_the_terminal(caplog):
         page.close()
     (record,) = caplog.records
     assert "IndexError" in record.getMessage() and record.exc_info is None and "\n" not in record.getMessage()
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
-def test_a_worker_that_is_killed_is_a_sentence():
-    workers = Workers()
-    worker = Worker("one that was alive just now")
-    os.kill(worker.process.pid, signal.SIGKILL)
-    worker.process.join()
-    workers.take = lambda: worker
-    told = []
-    assert Job("Diagnosing", len, workers, lambda _, word: told.append(word)).over.wait(PATIENCE)
-    assert told == [Failed("the work ended unexpectedly: try again")]
-    workers.close()
 
 
 def test_names_of_files_and_columns_are_text(session):

@@ -1,6 +1,8 @@
 """Work in other processes."""
 
 import functools
+import os
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -49,7 +51,7 @@ def sleep(tell: Progress) -> None:
 
 
 def vanish(tell: Progress) -> None:
-    raise SystemExit
+    os.kill(os.getpid(), signal.SIGTERM)  # also Windows knows it
 
 
 @pytest.fixture
@@ -78,6 +80,11 @@ def test_a_job_ends_with_its_result_or_with_a_sentence(workers: Workers) -> None
     assert first.wait() == Done(3) and first.job.what == "step 2"
     assert Witness(refuse, workers).wait() == Failed("the data are too few")
     assert Witness(vanish, workers).wait() == Failed(LOST)
+    workers.warm()
+    assert workers._spare is not None
+    workers._spare.process.kill()  # nor is one that dies while it waits any trouble
+    workers._spare.process.join()
+    assert Witness(functools.partial(count, 1), workers).wait() == Done(1)
 
 
 def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers: Workers) -> None:
