@@ -16,6 +16,7 @@ import re
 import stat
 import tomllib
 import zipfile
+from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any, TypeVar
 
@@ -193,6 +194,21 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
         raise Unreadable(f"{path}: nests too deeply: write it flatter") from None
     _refuse_values(path, content)
     return content
+
+
+def toml(table: Mapping[str, Any]) -> list[str]:
+    """Lines of a table in TOML, tables in it on one line each: the counterpart of `read_toml`."""
+    return [f"{name} = {_toml(value)}" for name, value in table.items()]
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(toml(value)) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    if isinstance(value, float):
+        return repr(float(value))  # of NumPy's, too
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # whole numbers, truth values and texts
 
 
 def _whole(text: str) -> int | float:
