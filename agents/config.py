@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pendulum_env.lookup import find
-from pendulum_env.reading import read_toml, shown
+from pendulum_env.reading import Value, read_toml, several, within
 
 MOST_LEVELS = 1000
 ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
@@ -16,11 +16,6 @@ USUAL: dict[str, dict[str, Any]] = {  # what a constraint changes
     "peak": {},
     "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000},
 }
-
-
-def within(low: float, high: float, usual: float) -> Any:
-    """A setting that is a number of a range, and whole if its usual value is; the upper end keeps memory in bounds."""
-    return field(default=usual, metadata={"range": (low, high)})
 
 
 @dataclass(frozen=True)
@@ -56,7 +51,7 @@ class Config:
     rollout: int = within(1, 10**6, 250)
     epochs: int = within(1, 10_000, 8)
     entropy: float = within(0.0, 1e6, 0.003)
-    levels: tuple[float, ...] = (-1.0, -0.5, 0.0, 0.5, 1.0)
+    levels: tuple[float, ...] = several(-1.0, 1.0, MOST_LEVELS, (-1.0, -0.5, 0.0, 0.5, 1.0))
     price_rate: float = within(0.0, 1e6, 3e-5)
     head_start: int = within(0, 10**9, 50)
     checkpoint: int = within(1, 10**12, 200_000)
@@ -68,39 +63,16 @@ class Config:
         Raises:
             ValueError: if a setting or the constraint is unknown, or a value makes no sense.
         """
-        known = {one.name: one for one in fields(cls)}
-        for name in settings:
-            find("setting", name, known)
         usual = find("constraint", str(settings.get("constraint", cls.constraint)), USUAL)
-        config = cls(**{**usual, **settings})
-        for name, one in known.items():
-            if "range" in one.metadata:
-                low, high = one.metadata["range"]
-                _check(name, getattr(config, name), low, high, isinstance(one.default, int))
-        if not isinstance(config.levels, tuple) or not 2 <= len(config.levels) <= MOST_LEVELS:
-            raise ValueError(
-                f"levels should be a list of 2 to {MOST_LEVELS} shares of the peak, not {shown(config.levels)}"
-            )
-        for level in config.levels:
-            _check("a level", level, -1.0, 1.0, False)
+        config = Value("", "", {**usual, **settings}).record(cls)
+        if len(config.levels) < 2:
+            raise ValueError("levels should be 2 shares of the peak at least")
         decisions = config.pendulums * config.rollout
         if decisions > ROLLOUT:
             raise ValueError(f"pendulums times rollout is {decisions}, at most {ROLLOUT} decisions are possible")
         if config.batch > decisions:
             raise ValueError(f"batch ({config.batch}) has to be within the {decisions} decisions of a rollout")
         return config
-
-
-def _check(name: str, value: object, low: float, high: float, whole: bool) -> None:
-    """Refuse what is no number of a range.
-
-    Raises:
-        ValueError: if it is none.
-    """
-    right = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
-    if not right or not low <= value <= high:  # type: ignore[operator]  # a number by then
-        kind = "whole number" if whole else "number"
-        raise ValueError(f"{name} should be a {kind}, from {low:.15g} to {high:.15g}, not {shown(value)}")
 
 
 def read_settings(path: str | Path) -> dict[str, Any]:

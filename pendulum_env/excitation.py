@@ -15,9 +15,10 @@ import numpy as np
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
-from pendulum_env.reading import LARGE, Unreadable, Value
+from pendulum_env.reading import LARGE, Unreadable, Value, several, within
 
 MOST_TORQUE = 1e6  # [N m] of a signal; the largest robots have some 1e4
+TORQUE, FREQUENCY = (1e-9, MOST_TORQUE), (1e-6, 1e3)  # [N m], [Hz] of a signal in a file: others have no meaning
 USUAL_SPEED = 4.0  # [rad/s] of a joint that is designed to move, where nobody says more
 
 
@@ -48,8 +49,8 @@ class TwoTone:
     The paper prints the sines without t; the frequencies only make sense with it. r1 and r2 are random phases.
     """
 
-    amplitude: float
-    phases: tuple[float, float]  # [rad]
+    amplitude: float = within(*TORQUE)
+    phases: tuple[float, ...] = several(-LARGE, LARGE, 2)  # [rad]
 
     usual: ClassVar[float] = 6.0
 
@@ -69,10 +70,10 @@ class TwoTone:
 class Multisine:
     """Sines at multiples of one base frequency: moderate motion with a flat spectrum, over and over."""
 
-    amplitude: float
-    base: float  # [Hz]
-    harmonics: tuple[int, ...]
-    phases: tuple[float, ...]  # [rad]
+    amplitude: float = within(*TORQUE)
+    base: float = within(*FREQUENCY)  # [Hz]
+    harmonics: tuple[int, ...] = several(1, 1000, 100)
+    phases: tuple[float, ...] = several(-LARGE, LARGE, 100)  # [rad]
 
     usual: ClassVar[float] = 5.0
 
@@ -107,11 +108,11 @@ class Multisine:
 class Chirp:
     """A sweep of frequency: slow full turns first, fast wagging last, and from the start again after its duration."""
 
-    amplitude: float
-    low: float  # [Hz]
-    high: float  # [Hz]
-    seconds: float
-    phase: float  # [rad]
+    amplitude: float = within(*TORQUE)
+    low: float = within(*FREQUENCY)  # [Hz]
+    high: float = within(*FREQUENCY)  # [Hz]
+    seconds: float = within(1e-3, 1e6)
+    phase: float = within(-LARGE)  # [rad]
 
     usual: ClassVar[float] = 4.5
 
@@ -132,9 +133,9 @@ class Chirp:
 class Levels:
     """Torque held at given levels between given times, and from the start again after the last one."""
 
-    amplitude: float
-    edges: tuple[float, ...]  # end of each level [s], increasing
-    levels: tuple[float, ...]  # [N m]
+    amplitude: float = within(*TORQUE)
+    edges: tuple[float, ...] = several(1e-6, 1e6, 100_000)  # end of each level [s], increasing
+    levels: tuple[float, ...] = several(-MOST_TORQUE, MOST_TORQUE, 100_000)  # [N m]
 
     def signal(self, time: ArrayLike) -> Array:
         """Torque [N m]."""
@@ -252,19 +253,6 @@ def signal_from_json(data: JSON) -> Excitation:
     return signal_of(Value("the signal", "", data))
 
 
-RANGES: dict[str, tuple[float, float]] = {  # of numbers in files, outside of which no torque has a meaning
-    "amplitude": (1e-9, MOST_TORQUE),
-    "levels": (-MOST_TORQUE, MOST_TORQUE),
-    "base": (1e-6, 1e3),
-    "low": (1e-6, 1e3),
-    "high": (1e-6, 1e3),
-    "seconds": (1e-3, 1e6),
-    "edges": (1e-6, 1e6),
-    "harmonics": (1, 1000),
-}
-LONGEST = {"harmonics": 100, "phases": 100, "edges": 100_000, "levels": 100_000}  # lists in files
-
-
 def signal_of(data: Value) -> Excitation:
     """Signal from what stands in a file.
 
@@ -276,15 +264,15 @@ def signal_of(data: Value) -> Excitation:
         kind = SIGNALS.get(data["kind"].text())
         if kind is None:
             raise data["kind"].fault(f"one of {', '.join(SIGNALS)}")
-        signal: Excitation = kind(**{f.name: _numbers(data[f.name], f.name) for f in fields(kind)})
-    except Unreadable as error:
+        own = {name: value for name, value in data.table().items() if name != "kind"}
+        signal: Excitation = replace(data, content=own).record(kind)
+    except Mistake as error:
         raise Unreadable(f"{known}: {error}") from None
     match signal:
         case TwoTone(phases=phases):
             fits = len(phases) == 2
         case Multisine(harmonics=harmonics, phases=phases):
-            fits = len(phases) == len(harmonics) > 0 and all(n == int(n) for n in harmonics)
-            signal = replace(signal, harmonics=tuple(int(n) for n in harmonics))
+            fits = len(phases) == len(harmonics) > 0
         case Levels(edges=edges, levels=levels):
             fits = len(edges) == len(levels) > 0 and all(a < b for a, b in pairwise(edges))
         case _:
@@ -292,11 +280,3 @@ def signal_of(data: Value) -> Excitation:
     if fits and np.abs(signal.signal(np.linspace(0, 60, 6001))).max() <= signal.amplitude * (1 + 1e-9):
         return signal
     raise Unreadable(known)
-
-
-def _numbers(value: Value, name: str) -> float | tuple[float, ...]:
-    """A number of a signal, or its numbers."""
-    low, high = RANGES.get(name, (-LARGE, LARGE))
-    if name not in LONGEST:
-        return value.number(low, high)
-    return tuple(item.number(low, high) for item in value.items(LONGEST[name]))

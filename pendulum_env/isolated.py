@@ -75,7 +75,7 @@ class _Helper:
     """A process that parses, and the pipes to it."""
 
     def __init__(self) -> None:
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             [sys.executable, "-P", "-c", SERVE],  # what lies in the working directory is no module
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -83,17 +83,13 @@ class _Helper:
             env={**os.environ, **ALONE, "PYTHONPATH": os.pathsep.join(sys.path)},
             start_new_session=True,  # the keyboard's interrupt is the parent's to answer
         )
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._questions, self._answers = self._process.stdin, self._process.stdout
-
-    @property
-    def lives(self) -> bool:
-        return self._process.poll() is None
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self._questions, self._answers = self.process.stdin, self.process.stdout
 
     def ask(self, work: Callable[..., Answer], arguments: tuple[object, ...], size: float, remedy: str) -> Answer:
         seconds = math.ceil(SECONDS * max(1.0, size / LARGEST))
         until = time.monotonic() + PATIENCE * seconds
-        late = threading.Timer(PATIENCE * seconds, self._process.kill)
+        late = threading.Timer(PATIENCE * seconds, self.process.kill)
         late.daemon = True
         late.start()
         try:
@@ -103,16 +99,9 @@ class _Helper:
             return self._heard(size, remedy)
         except Unreadable:
             raise
-        except (
-            OSError,
-            ValueError,
-            LookupError,
-            TypeError,
-            AttributeError,
-            RecursionError,
-        ):  # nothing, half an answer, or nonsense
+        except Exception:  # nothing, half an answer, or nonsense
             self.end(after=1.0)
-            code = -self._process.returncode
+            code = -self.process.returncode
             if code == getattr(signal, "SIGXCPU", None) or time.monotonic() > until:
                 raise Unreadable(f"it takes more than {seconds} s to read: {remedy}") from None
             how = signal.Signals(code).name if code > 0 else f"exit code {-code}"
@@ -140,9 +129,9 @@ class _Helper:
 
     def end(self, after: float = 0.0) -> None:
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(after)  # so that it can be asked what it died of
-        self._process.kill()
-        self._process.wait()
+            self.process.wait(after)  # so that it can be asked what it died of
+        self.process.kill()
+        self.process.wait()
         for pipe in (self._questions, self._answers):
             with suppress(OSError):  # of what was not heard
                 pipe.close()
@@ -155,7 +144,7 @@ def _ready() -> _Helper:
     with suppress(IndexError):
         while True:
             helper = _idle.pop()
-            if helper.lives:
+            if helper.process.poll() is None:
                 return helper
             helper.end()
     return _Helper()

@@ -16,6 +16,7 @@ import re
 import stat
 import tomllib
 import zipfile
+from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any, TypeVar
 
@@ -195,6 +196,21 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     return content
 
 
+def toml(table: Mapping[str, Any]) -> list[str]:
+    """Lines of a table in TOML, tables in it on one line each: the counterpart of `read_toml`."""
+    return [f"{name} = {_toml(value)}" for name, value in table.items()]
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(toml(value)) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    if isinstance(value, float):
+        return repr(float(value))  # of NumPy's, too
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # whole numbers, truth values and texts
+
+
 def _whole(text: str) -> int | float:
     return int(text) if len(text) <= 400 else math.inf  # Python itself refuses those of 4,300 digits
 
@@ -224,6 +240,11 @@ def one_of(*known: Any, default: Any = MISSING) -> Any:
     return field(default=default, metadata={"known": known})
 
 
+def several(low: float, high: float, most: int, default: Any = MISSING) -> Any:
+    """A field of a record: up to so many numbers from low to high."""
+    return field(default=default, metadata={"range": (low, high), "also": None, "most": most})
+
+
 @dataclass(frozen=True)
 class Value:
     """A value of a document and the key that it stands under; every method takes it as what is asked for.
@@ -240,8 +261,11 @@ class Value:
 
     def fault(self, asked: str) -> Unreadable:
         """The mistake that it is not what was asked for."""
-        what = " of ".join(filter(None, [f"'{self.key}'" * bool(self.key), self.of])) or "it"
-        return Unreadable(f"{what} is {shown(self.content)}: it has to be {asked}")
+        return Unreadable(f"{self._what} is {shown(self.content)}: it has to be {asked}")
+
+    @property
+    def _what(self) -> str:
+        return " of ".join(filter(None, [self.key and f"'{self.key}'", self.of])) or "it"
 
     def __getitem__(self, name: str | int) -> Value:
         """What stands under a key of a table, or at a place in a list.
@@ -285,7 +309,7 @@ class Value:
         if not isinstance(self.content, list | tuple):
             raise self.fault("a list")
         if len(self.content) > most:
-            raise Unreadable(f"'{self.key}' of {self.of} is a list of {len(self.content)}: at most {most} are read")
+            raise Unreadable(f"{self._what} is a list of {len(self.content)}: at most {most} are read")
         return [self[k] for k in range(len(self.content))]
 
     def text(self, most: int = 200) -> str:
@@ -312,7 +336,7 @@ class Value:
         return int(self.content) if whole else float(self.content)
 
     def record(self, kind: type[T]) -> T:
-        """A record of a table, whose keys are its fields: of their types, and as `within` and `one_of` bound them.
+        """A record of a table, whose keys are its fields: of their types, and as they are bounded there.
 
         Raises:
             Unreadable: if this is no table, or lacks a key, or a value is not what its field asks for.
@@ -341,6 +365,8 @@ class Value:
             case "Value":
                 return self
         (low, high), also = asked.metadata["range"], asked.metadata["also"]
+        if "most" in asked.metadata:
+            return tuple(one.number(low, high, whole="int" in kind) for one in self.items(asked.metadata["most"]))
         if isinstance(self.content, str) and also is not None:
             if self.content != also:
                 raise self.fault(f'a number, or "{also}"')

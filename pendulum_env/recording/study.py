@@ -21,7 +21,6 @@ columns = {torque = "i_q:A*0.091"}   # instead of those above
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -35,7 +34,7 @@ import numpy as np
 
 from pendulum_env._typing import JSON
 from pendulum_env.files import write_whole
-from pendulum_env.reading import LARGEST, LONGEST, Unreadable, Value, one_of, read_toml, within
+from pendulum_env.reading import LARGEST, LONGEST, Unreadable, Value, one_of, read_toml, toml, within
 from pendulum_env.recording.columns import refuse_unknown_quantity
 from pendulum_env.recording.record import ColumnError, Load, Recording, RecordingError
 from pendulum_env.recording.storage import read_recording
@@ -231,31 +230,17 @@ def write_study(path: str | os.PathLike[str], sources: Sequence[Source]) -> None
     path = Path(path)
     folder = path.resolve().parent
     shared = dict(sources[0].columns) if sources and all(s.columns == sources[0].columns for s in sources) else {}
-    lines = [f"joints = {json.dumps(sources[0].joints)}", ""] if sources and sources[0].joints is not None else []
-    lines += ["[columns]", *(f"{name} = {_text(told)}" for name, told in shared.items()), ""] if shared else []
+    joints = sources[0].joints if sources else None
+    lines = toml({} if joints is None else {"joints": joints})
+    lines += ["", "[columns]", *toml(shared)] if shared else []
     for source in sources:
         file = source.file.resolve()
         file = file.relative_to(folder) if file.is_relative_to(folder) else file
-        lines += ["[[recording]]", f"file = {_text(file.as_posix())}", f"role = {_text(source.role)}"]
-        if source.unwrap:
-            lines.append("unwrap = true")
-        if source.range is not None:
-            lines.append(f"range = [{float(source.range[0])!r}, {float(source.range[1])!r}]")
-        if source.load is not None:
-            lines.append(
-                f"load = {{inertia = {float(source.load.inertia)!r}, gravity = {float(source.load.gravity)!r}}}"
-            )
-        if source.drive is not None:
-            drive = ", ".join(
-                f"{name} = {_text(value) if isinstance(value, str) else repr(value)}"
-                for name, value in source.drive.told().items()
-            )
-            lines.append(f"drive = {{{drive}}}")
-        if source.columns and not shared:
-            told = ", ".join(f"{name} = {_text(text)}" for name, text in source.columns.items())
-            lines.append(f"columns = {{{told}}}")
-        lines.append("")
-    write_whole(path, "\n".join(lines))
+        said: JSON = {"file": file.as_posix(), "role": source.role}
+        said |= {} if source.range is None else {"range": source.range}
+        said |= {key: value for key, value in source.format.items() if not (shared and key == "columns")}
+        lines += ["", "[[recording]]", *toml(said)]
+    write_whole(path, "\n".join([*lines, ""]))
 
 
 @dataclass(frozen=True)
@@ -337,7 +322,3 @@ def _load(table: Value | None) -> Load | None:
         return None if table is None else table.record(Load)
     weight = table.record(_Weight)
     return Load(weight.mass * weight.length**2, weight.mass * GRAVITY * weight.length)
-
-
-def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

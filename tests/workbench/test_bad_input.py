@@ -79,11 +79,11 @@ RIGS = [
     (f"{'a' * 100_000} = 1", "unknown key 'aaa"),
 ]
 TRAININGS = [
-    ("hidden = 1_000_000_000", "hidden should be a whole number, from 1 to 4096, not 1000000000"),
+    ("hidden = 1_000_000_000", "'hidden' is 1000000000: it has to be a whole number from 1 to 4096"),
     ("pendulums = 100_000\nrollout = 1000", "pendulums times rollout is 100000000, at most 50000000 decisions"),
-    ("entropy = inf", "entropy should be a number, from 0 to 1000000, not inf"),
-    ("levels = [[1.0], 2.0]", "a level should be a number"),
-    (f"levels = {[0.5] * 2000}", "levels should be a list of 2 to 1000 shares"),
+    ("entropy = inf", "'entropy' is inf: it has to be a finite number from 0 to 1e+06"),
+    ("levels = [[1.0], 2.0]", "'levels[0]' is [1.0]: it has to be a finite number"),
+    (f"levels = {[1] * 2000}", "'levels' is a list of 2000: at most 1000 are read"),
     (f"seed = {'9' * 400}", "holds a number of more than 18 digits"),
 ]
 OPTIONS = [
@@ -237,7 +237,7 @@ def test_a_recording_above_the_size_that_is_allowed_is_refused_with_the_option(
 
 
 def killed(helper: Any, *arguments: Any) -> Any:
-    os.kill(helper._process.pid, signals.SIGKILL)
+    os.kill(helper.process.pid, signals.SIGKILL)
     return HEARD(helper, *arguments)
 
 

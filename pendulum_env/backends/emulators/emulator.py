@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 import math
 import os
 import select
@@ -21,7 +20,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 from pendulum_env.plant import PAPER
-from pendulum_env.reading import Unreadable, read_text
+from pendulum_env.reading import Unreadable, read_text, toml
 
 MARK = "# written by an emulator, and overwritten by the next one\n"
 TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which acts in time anyway
@@ -111,7 +110,9 @@ def emulate(
         tables = {kind: reached, "encoder": {"zero": first % 2**32}, "plant": _plant(plant)}
         for name, values in settings.items():
             tables[name] = {**tables.get(name, {}), **values}
-        write_whole(config, MARK + _toml({"adapter": kind, "rate": rate, "realtime": realtime}, tables))
+        lines = toml({"adapter": kind, "rate": rate, "realtime": realtime})
+        lines += [line for name, table in tables.items() for line in ("", f"[{name}]", *toml(table))]
+        write_whole(config, MARK + "\n".join([*lines, ""]))
         mark_checked(load(config))  # nobody gets hurt
         said(f"ready: an emulated {kind} rig at {cable.place}, described by {config}")
         _serve(Emulated(motor, cable), said)
@@ -174,12 +175,3 @@ def _own(path: Path) -> None:
         own = False
     if not own:
         raise FileExistsError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")
-
-
-def _toml(top: Mapping[str, Any], tables: Mapping[str, Mapping[str, Any]]) -> str:
-    """A document; JSON's numbers, truth values and short texts are TOML's, too."""
-    blocks = ["", *(f"\n[{name}]\n" for name in tables)]
-    rows = [
-        "".join(f"{key} = {json.dumps(value)}\n" for key, value in table.items()) for table in (top, *tables.values())
-    ]
-    return "".join(block + row for block, row in zip(blocks, rows, strict=True))
