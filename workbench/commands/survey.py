@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, where they are diagnosed, and outputs."""
     parser.add_argument(
         "recordings",
-        metavar="FOLDER|GLOB|STUDY.toml|TABLE.csv",
+        metavar="FOLDER|STUDY.toml|TABLE.csv",
         nargs="+",
         help="recordings, each diagnosed by itself; a table has a column file and perhaps robot, joint, date and kind",
     )
