@@ -1,15 +1,13 @@
-"""What is surveyed: recordings in folders, globs, studies and tables, each with its robot, joint and date."""
+"""What is surveyed: recordings in folders, studies and tables, each with its robot, joint and date."""
 
 from __future__ import annotations
 
 import csv
-import glob
 import os
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import takewhile
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -51,10 +49,10 @@ class Case:
 
 
 def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = None) -> list[Case]:
-    """The recordings that folders, globs, studies, tables and files name, in the order of their names.
+    """The recordings that folders, studies, tables and files name, in the order of their names.
 
     Args:
-        names: of folders, globs, `study.toml`, tables, or recordings.
+        names: of folders, `study.toml`, tables, or recordings.
         reading: how recordings are read that no study speaks of: `columns`, `unwrap`, `max_size`.
         pattern: what names mean, such as `{robot}/{joint}_{date}`, for files that no table speaks of.
 
@@ -62,10 +60,14 @@ def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = N
         InputError: if there are none, one is named twice, or a table or a name makes no sense.
         StudyError: if a study makes no sense.
     """
-    given = [_expanded(name) for name in names]
-    root = Path(os.path.commonpath([folder for folder, _ in given]))
+    paths = [Path(name) for name in names]
+    for path in paths:
+        if not path.exists():
+            raise InputError(f"{path}: there is no such folder or file: check the path, all below a folder is surveyed")
+    places = [Path(os.path.abspath(path)) for path in paths]  # a link is called as it is called, not as where it leads
+    root = Path(os.path.commonpath([place if place.is_dir() else place.parent for place in places]))
     found: dict[str, Case] = {}
-    for path in (path for _, paths in given for path in paths):
+    for path in paths:
         for source, told in _sources(path, reading):
             case = _case(source, told, root, pattern)
             if found.setdefault(case.name, case) is not case:
@@ -73,29 +75,6 @@ def find_cases(names: Sequence[str], reading: Namespace, pattern: str | None = N
     if not found:
         raise InputError(f"{names[0]}: holds no recording: files end in {', '.join(ENDINGS)}, or in .txt if named")
     return [found[name] for name in sorted(found)]
-
-
-def _expanded(name: str) -> tuple[Path, list[Path]]:
-    """What a name stands for, itself or the files that match it as a pattern, and the folder below which that lies.
-
-    The folder is the same whatever a pattern matches today; no link to a folder is followed.
-    """
-    path = Path(name)
-    base = path if path.exists() else Path(*takewhile(lambda part: not glob.has_magic(part), path.parts))
-    folder = Path(os.path.abspath(base))  # a link is called as it is called, not as what it leads to
-    if path.exists():
-        return folder if path.is_dir() else folder.parent, [path]
-    if base == path:
-        raise InputError(f"{name}: there is no such folder or file: check the path")
-    pattern = str(path.relative_to(base))
-    try:
-        paths = sorted(base.glob(f"{pattern}/*" if path.name == "**" else pattern))
-    except ValueError as error:
-        raise InputError(f"{name}: {error}: check the pattern") from None
-    paths = [path for path in paths if not any(map(_is_hidden, path.relative_to(base).parts))]
-    if not paths:
-        raise InputError(f"{name}: names no file: check the pattern")
-    return folder, [path for path in paths if path.is_file()] or paths
 
 
 def _sources(path: Path, reading: Namespace) -> Iterator[tuple[Source, Mapping[str, str]]]:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.simulation.free_running import Flights, follow
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import Array
 from workbench.report.case import Case
-from workbench.report.figure import POINTS, Figure, band, broken, joined, line, numbers, stacked, thin, views
+from workbench.report.figure import POINTS, Figure, band, broken, joined, line, stacked, thin, views
 from workbench.report.section import Section
 
 MOST = 4  # held-out recordings that are drawn
@@ -81,7 +81,9 @@ def position_figure(case: Case, id: str, each: Sequence[Flights]) -> Figure:
     label = f"Measured position and free-running simulation over time, recording {recording.name}"
     names = ("position", "error", "rad")
     figure = before_and_after(case, id, label, x, measured, simulated, errors, names)
-    figure.data.append(starts(start, flights.position[0]))
+    dots = {"color": "--measured", "size": 5}
+    more = {"mode": "markers", "marker": dots, "hoverinfo": "skip", "hovertemplate": None}
+    figure.data.append(line(start, flights.position[0], "start of a window", "--measured", "", **more))
     return figure
 
 
@@ -107,16 +109,3 @@ def before_and_after(
     for axis, limits in choice[0].ranges.items():
         layout[axis]["range"] = limits
     return Figure(id, label, data, layout, 460, choice)
-
-
-def starts(time: Array, position: Array) -> JSON:
-    """Dots where the simulations start."""
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": "start of a window",
-        "x": numbers(time),
-        "y": numbers(position),
-        "marker": {"color": "--measured", "size": 5},
-        "hoverinfo": "skip",
-    }

@@ -11,7 +11,7 @@ from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence
 from pendulum_env._typing import JSON
 from workbench.report.case import Case
-from workbench.report.figure import Figure, axis, numbers
+from workbench.report.figure import Figure, axis, line
 from workbench.report.section import Section
 from workbench.report.words import name, number
 
@@ -70,31 +70,12 @@ def ladder(case: Case, quantity: str, title: str, floor: float | None) -> Figure
     for part, label, color, symbol in PARTS:
         error = np.array([getattr(step.errors[part], quantity) for step in steps])
         values += [*error]
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "lines+markers",
-                "name": label,
-                "x": list(range(len(steps))),
-                "y": numbers(error),
-                "line": {"color": color, "width": 2},
-                "marker": {"color": shades, "size": 10, "symbol": symbol},
-                "hovertemplate": "%{y:.3g}",
-            }
-        )
+        marker = {"color": shades, "size": 10, "symbol": symbol}
+        data.append(line(np.arange(float(len(steps))), error, label, color, "", mode="lines+markers", marker=marker))
     if floor is not None:
         values.append(floor)
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": "noise floor",
-                "x": [-0.3, len(steps) - 0.7],
-                "y": [floor, floor],
-                "line": {"color": "--muted", "width": 1.5, "dash": "dash"},
-                "hovertemplate": "%{y:.3g}",
-            }
-        )
+        dashed = {"color": "--muted", "width": 1.5, "dash": "dash"}
+        data.append(line(np.array([-0.3, len(steps) - 0.7]), np.full(2, floor), "noise floor", "", "", line=dashed))
     low, high = np.log10(min(values)) - 0.12, np.log10(max(values)) + 0.12
     marks = np.array([1, 2, 5] if high - low < 2 else [1]) * 10.0 ** np.arange(-15, 7)[:, None]  # 1-2-5 or decades
     ticks = [float(mark) for mark in marks.ravel() if low <= np.log10(mark) <= high]

@@ -40,21 +40,11 @@ def loop(
         start = recording.time - recording.time[0]
         lines = [line(time, measured, "measured", "--measured", "rad"), *curves]
         if recording.drive is not None and not recording.drive.acts_on_speed:
-            lines.insert(
-                0,
-                line(
-                    start,
-                    recording.reference,
-                    "goal",
-                    "--muted",
-                    "rad",
-                    line={"color": "--muted", "dash": "dot", "width": 1},
-                ),
-            )
+            dotted = {"color": "--muted", "dash": "dot", "width": 1}
+            lines.insert(0, line(start, recording.reference, "goal", "", "rad", line=dotted))
         layout = {"title": {"text": recording.name}, "xaxis": axis("time [s]"), "yaxis": axis("position [rad]")}
-        figures.append(
-            Figure(f"loop-{number}", f"{recording.name}: goal, measured and simulated position", lines, layout)
-        )
+        label = f"{recording.name}: goal, measured and simulated position"
+        figures.append(Figure(f"loop-{number}", label, lines, layout))
     content = {
         "labels": [label for label, _ in models],
         "rows": rows,

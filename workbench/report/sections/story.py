@@ -69,20 +69,14 @@ def story(case: Case) -> Section:
 def changes(diagnosis: Diagnosis) -> list[Change]:
     """Held-out errors before and after."""
     first, last = (diagnosis.steps[k].errors["holdout"] for k in (0, -1))
-    found = bool(diagnosis.selected)
-    quantities = (
-        ("Torque error", "N m", first.torque_rms, last.torque_rms, "on held-out data"),
-        (
-            "Free-running position error",
-            "rad",
-            first.position_rms,
-            last.position_rms,
-            f"on held-out data, over {SECONDS:g} s",
-        ),
-    )
+
+    def change(label: str, unit: str, before: float, after: float, note: str) -> Change:
+        return Change(label, unit, before, after, after / before if diagnosis.selected else None, note)
+
+    over = f"on held-out data, over {SECONDS:g} s"
     return [
-        Change(label, unit, before, after, after / before if found else None, note)
-        for label, unit, before, after, note in quantities
+        change("Torque error", "N m", first.torque_rms, last.torque_rms, "on held-out data"),
+        change("Free-running position error", "rad", first.position_rms, last.position_rms, over),
     ]
 
 
