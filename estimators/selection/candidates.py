@@ -46,8 +46,6 @@ class Screen:
 
     data: Dataset
     _columns: dict[Term, Columns] = field(default_factory=dict)
-    _rates: dict[Term, Array] = field(default_factory=dict)
-    _muffled: dict[Term, float] = field(default_factory=dict)
     _bases: dict[tuple[Term, ...], tuple[Array, Normal]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -98,10 +96,11 @@ class Screen:
 
     def rates(self, terms: Sequence[Term]) -> Array:
         """Time derivatives of the linear columns of some terms (R, P)."""
-        for term in terms:
-            if term not in self._rates:
-                self._rates[term] = self.data.rates(term)
-        return self.placed(terms, [self._rates[term] for term in terms])
+        return self.placed(terms, [self._rates(term) for term in terms])
+
+    @kept
+    def _rates(self, term: Term) -> Array:
+        return self.data.rates(term)
 
     def placed(self, terms: Sequence[Term], parts: Sequence[Array]) -> Array:
         """Columns of some terms side by side (R, P), each on the rows of its joint."""
@@ -317,13 +316,12 @@ class Screen:
         It counts as error all the same: a lag smooths the noise of the torque channel along with the torque, and that
         must not make it look likelier.
         """
-        found = []
-        for term in terms:
-            if term.fixed and term.has_state():
-                if term not in self._muffled:
-                    self._muffled[term] = self.data.part(term.at).muffled(term)
-                found.append((self.data.where(term.at), self._muffled[term]))
-        return found
+        filters = [term for term in terms if term.fixed and term.has_state()]
+        return [(self.data.where(term.at), self._muffled(term)) for term in filters]
+
+    @kept
+    def _muffled(self, term: Term) -> float:
+        return self.data.part(term.at).muffled(term)
 
     def _hidden_in_all(self, terms: Sequence[Term], w: Array) -> float:
         """The same, mean over all equations as they are weighted (R,) [(N m)^2]."""
