@@ -13,6 +13,7 @@ import numpy as np
 
 from estimators.in_loop.fit import ROUGHLY, Linear, fit, likeliest, likelihood, linear
 from estimators.in_loop.rollouts import Rollouts
+from estimators.kept import kept
 from estimators.regression.least_squares import Balance, Columns
 from estimators.selection.candidates import Screen, Trial, best_of_forms, bounds, by_class
 from estimators.selection.score import FOLDS, STRETCH
@@ -42,10 +43,8 @@ class LoopScreen:
     guide: LoopScreen | None = None
     _linear: dict[Terms, Linear] = field(default_factory=dict)
     _ranked: dict[tuple[Terms, str], list[Trial]] = field(default_factory=dict)
-    _variants: dict[tuple[Terms, str], list[Trial]] = field(default_factory=dict)
     _foretold: dict[Terms, Point] = field(default_factory=dict)  # where a linear fit has the parameters
     _settled: set[Terms] = field(default_factory=set)
-    _typical: dict[Term, Array] = field(default_factory=dict)
 
     def at(self, joint: str) -> LoopScreen:
         """The screen of a joint: a servo has one."""
@@ -95,12 +94,11 @@ class LoopScreen:
         """Size of each linear parameter that matters (P,)."""
         return np.concatenate([np.empty(0), *(self._typical_of(term) for term in terms)])
 
+    @kept
     def _typical_of(self, term: Term) -> Array:
-        if term not in self._typical:
-            rms = np.sqrt(np.mean(self.windows.data.torque() ** 2))
-            own = np.sqrt(np.mean(self.windows.data.columns([term])[0][0] ** 2, axis=0))
-            self._typical[term] = TYPICAL * rms / np.maximum(own, 1e-9)
-        return self._typical[term]
+        rms = np.sqrt(np.mean(self.windows.data.torque() ** 2))
+        own = np.sqrt(np.mean(self.windows.data.columns([term])[0][0] ** 2, axis=0))
+        return np.asarray(TYPICAL * rms / np.maximum(own, 1e-9))
 
     def _begin(self, terms: Terms) -> Point:
         """Where a fit begins: the likeliest of what is known of models that are nearly the same."""
@@ -248,12 +246,10 @@ class LoopScreen:
         first = sum(len(term.columns) for term in point.terms[:place])
         return np.delete(point.theta, np.s_[first : first + len(point.terms[place].columns)])
 
+    @kept
     def variants(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """Best variants of an effect beside the terms, one for each set of shape parameters that are told."""
-        key = tuple(terms), effect.id
-        if key not in self._variants:
-            self._variants[key] = best_of_forms(self.ranked(key[0], effect), effect, self.refine)
-        return self._variants[key]
+        return best_of_forms(self.ranked(terms, effect), effect, self.refine)
 
     def refine(self, trial: Trial, id: str) -> Trial:
         """Fit all continuous shape parameters of a trial from where they are."""

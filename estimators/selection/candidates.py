@@ -12,6 +12,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
+from estimators.kept import kept
 from estimators.regression.least_squares import RIDGE, Balance, Columns, Tangent
 from estimators.regression.normal import Groups, Normal, quietest_most
 from estimators.selection.score import FOLDS, STRETCH
@@ -45,29 +46,18 @@ class Screen:
 
     data: Dataset
     _columns: dict[Term, Columns] = field(default_factory=dict)
-    _weights: dict[tuple[Term, ...], Array] = field(default_factory=dict)  # of each recording
-    _rates: dict[Term, Array] = field(default_factory=dict)
-    _muffled: dict[Term, float] = field(default_factory=dict)
-    _ranked: dict[tuple[tuple[Term, ...], str], list[Trial]] = field(default_factory=dict)
-    _variants: dict[tuple[tuple[Term, ...], str], list[Trial]] = field(default_factory=dict)
-    _joints: dict[str, Screen] = field(default_factory=dict)
-    _looked_at: dict[tuple[tuple[Term, ...], str], int] = field(default_factory=dict)
     _bases: dict[tuple[Term, ...], tuple[Array, Normal]] = field(default_factory=dict)
-    _solved: dict[tuple[Term, ...], Array] = field(default_factory=dict)
-    _tangents: dict[tuple[Term, ...], Tangent] = field(default_factory=dict)
-    _frames: dict[tuple[Term, ...], Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._torque = self.data.net_torque()
 
     def at(self, joint: str) -> Screen:
         """The screen of the data of a joint; this one for what is at no one joint."""
-        own = self.data.part(joint)
-        if own is self.data:
-            return self
-        if joint not in self._joints:
-            self._joints[joint] = Screen(own)
-        return self._joints[joint]
+        return self if self.data.part(joint) is self.data else self._of_joint(joint)
+
+    @kept
+    def _of_joint(self, joint: str) -> Screen:
+        return Screen(self.data.part(joint))
 
     def columns(self, variants: Sequence[Term]) -> list[Columns]:
         """Windowed columns of each variant of one effect, on the rows of its joint."""
@@ -106,10 +96,11 @@ class Screen:
 
     def rates(self, terms: Sequence[Term]) -> Array:
         """Time derivatives of the linear columns of some terms (R, P)."""
-        for term in terms:
-            if term not in self._rates:
-                self._rates[term] = self.data.rates(term)
-        return self.placed(terms, [self._rates[term] for term in terms])
+        return self.placed(terms, [self._rates(term) for term in terms])
+
+    @kept
+    def _rates(self, term: Term) -> Array:
+        return self.data.rates(term)
 
     def placed(self, terms: Sequence[Term], parts: Sequence[Array]) -> Array:
         """Columns of some terms side by side (R, P), each on the rows of its joint."""
@@ -131,16 +122,6 @@ class Screen:
     def weights(self, terms: Sequence[Term]) -> Array:
         """Weight of each equation (R,): of several recordings those count less of which the terms leave more."""
         return self._weight_of_each(terms)[self._groups.owner]
-
-    def _weighed(self, terms: tuple[Term, ...]) -> Array:
-        normal = self._normal(terms)
-        theta = None if normal is None else normal.solve(self._by_noise)
-        if normal is not None and theta is not None:
-            return normal.weights(theta, self.data.least())
-        balance = self.equations(terms)
-        owner, counts = self._groups.owner, self._groups.counts
-        squares = np.bincount(owner, balance.error(balance.solve()) ** 2, len(counts)).astype(float)
-        return quietest_most(squares, counts, self.data.least())
 
     @cached_property
     def _groups(self) -> Groups:
@@ -214,14 +195,12 @@ class Screen:
     def _load_rates(self) -> Array:
         return self.data.load_rates()
 
+    @kept
     def solve(self, terms: Sequence[Term]) -> Array:
         """Linear parameters (P,) of the terms, fitted to all windows."""
-        key = tuple(terms)
-        if key not in self._solved:
-            normal = self._normal(key)
-            theta = None if normal is None else normal.solve(self._weight_of_each(key))
-            self._solved[key] = self.balance(terms).solve() if theta is None else theta
-        return self._solved[key]
+        normal = self._normal(tuple(terms))
+        theta = None if normal is None else normal.solve(self._weight_of_each(terms))
+        return self.balance(terms).solve() if theta is None else theta
 
     def solve_without(self, terms: Sequence[Term]) -> Array:
         """Linear parameters of the terms without each fold of stretches (FOLDS, P)."""
@@ -229,14 +208,19 @@ class Screen:
         found = None if normal is None else normal.solve_without(self._weight_of_each(terms))
         return self.balance(terms).solve_without(self._groups.fold, FOLDS) if found is None else found
 
+    @kept
     def _weight_of_each(self, terms: Sequence[Term]) -> Array:
         """Weight of each recording (E,)."""
         if len(self.data.windows) == 1 or not terms:
             return self._by_noise
-        key = tuple(terms)
-        if key not in self._weights:
-            self._weights[key] = self._weighed(key)
-        return self._weights[key]
+        normal = self._normal(tuple(terms))
+        theta = None if normal is None else normal.solve(self._by_noise)
+        if normal is not None and theta is not None:
+            return normal.weights(theta, self.data.least())
+        balance = self.equations(terms)
+        owner, counts = self._groups.owner, self._groups.counts
+        squares = np.bincount(owner, balance.error(balance.solve()) ** 2, len(counts)).astype(float)
+        return quietest_most(squares, counts, self.data.least())
 
     def as_fitted(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """The terms with shape parameters that follow others as these were fitted: a search sets them itself."""
@@ -246,19 +230,15 @@ class Screen:
         """The terms fitted as closely as can be: they always are."""
         return tuple(terms)
 
+    @kept
     def tangent(self, terms: Sequence[Term]) -> Tangent:
         """Errors near the fit of the terms, to first order."""
-        key = tuple(terms)
-        if key not in self._tangents:
-            self._tangents[key] = self.balance(terms).tangent()
-        return self._tangents[key]
+        return self.balance(terms).tangent()
 
+    @kept
     def frame(self, terms: Sequence[Term]) -> Array:
         """Orthonormal columns (R, P) that span what the terms can do to the weighted errors."""
-        key = tuple(terms)
-        if key not in self._frames:
-            self._frames[key] = np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
-        return self._frames[key]
+        return np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
 
     def trials(self, terms: Sequence[Term], variants: Sequence[Term]) -> list[Trial]:
         """`terms` with each of V variants of one further effect added, and their errors."""
@@ -336,13 +316,12 @@ class Screen:
         It counts as error all the same: a lag smooths the noise of the torque channel along with the torque, and that
         must not make it look likelier.
         """
-        found = []
-        for term in terms:
-            if term.fixed and term.has_state():
-                if term not in self._muffled:
-                    self._muffled[term] = self.data.part(term.at).muffled(term)
-                found.append((self.data.where(term.at), self._muffled[term]))
-        return found
+        filters = [term for term in terms if term.fixed and term.has_state()]
+        return [(self.data.where(term.at), self._muffled(term)) for term in filters]
+
+    @kept
+    def _muffled(self, term: Term) -> float:
+        return self.data.part(term.at).muffled(term)
 
     def _hidden_in_all(self, terms: Sequence[Term], w: Array) -> float:
         """The same, mean over all equations as they are weighted (R,) [(N m)^2]."""
@@ -367,41 +346,32 @@ class Screen:
                 whole[self.data.where(term.at)] = slope
         return np.column_stack([np.empty((len(self.data.weights), 0)), *slopes.values()]), list(slopes)
 
+    @kept
     def variants(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """Best variants of an effect beside the terms, one for each set of shape parameters that are told.
 
         Those with the fewest come first. Empty where the data offer no variant to try.
         """
-        key = (tuple(terms), effect.id)
-        if key not in self._variants:
-            self._variants[key] = self._search(terms, effect)
-        return self._variants[key]
+        if effect.rugged:
+            return self._searched_one_by_one(terms, effect)
+        return best_of_forms(self.ranked(terms, effect), effect, self.refine)
 
+    @kept
     def ranked(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """The terms with each variant of the grid of an effect, the smallest error first."""
-        key = (tuple(terms), effect.id)
-        if key not in self._ranked:
-            trials = [trial for same in by_class(self.grid(terms, effect)) for trial in self.trials(terms, same)]
-            self._ranked[key] = sorted(trials, key=lambda trial: trial.fitted_rms)
-        return self._ranked[key]
+        trials = [trial for same in by_class(self.grid(terms, effect)) for trial in self.trials(terms, same)]
+        return sorted(trials, key=lambda trial: trial.fitted_rms)
 
     def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
         """Variants of an effect beside the terms, from which a search starts."""
         found = effect.grid(self.data.part(effect.at).samples, self.residual(terms)[self.data.where(effect.at)])
         return [variant.beside(terms) if isinstance(variant, Table) else variant for variant in found]
 
+    @kept
     def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
         """Number of variants among which `grid` chose."""
-        key = (tuple(terms), effect.id)
-        if key not in self._looked_at:
-            x, here = self.data.part(effect.at).samples, self.data.where(effect.at)
-            self._looked_at[key] = effect.looked_at(x, self.residual(terms)[here])
-        return self._looked_at[key]
-
-    def _search(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
-        if effect.rugged:
-            return self._searched_one_by_one(terms, effect)
-        return best_of_forms(self.ranked(terms, effect), effect, self.refine)
+        x, here = self.data.part(effect.at).samples, self.data.where(effect.at)
+        return effect.looked_at(x, self.residual(terms)[here])
 
     def _searched_one_by_one(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """The best of the searches from each value of the shape parameter that the error is rugged over."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.kept import kept
 from estimators.regression.least_squares import information, least_squares, robust_covariance
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, fit_terms, inertias
@@ -50,8 +51,6 @@ class Left:
     holdout: Evidence
     criterion: Criterion
     base: Terms
-    _powers: dict[Terms, tuple[dict[str, Power], dict[str, Power]]] = field(default_factory=dict)
-    _structures: dict[Terms, tuple[dict[str, Structure], dict[str, Structure]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.screen, self.parts = self.train.screen, (self.train, self.holdout)
@@ -59,17 +58,16 @@ class Left:
         self.inertia = inertias(self.screen, self.base)
         self._floors = [{at: part.data.part(at).noise(self.inertia[at]) for at in self.joints} for part in self.parts]
 
+    @kept
     def power(self, terms: Terms) -> tuple[dict[str, Power], dict[str, Power]]:
         """What a model leaves of each joint of the training data, and of those that are held out, as it was fitted."""
-        if terms not in self._powers:
-            if any(isinstance(term, ByTime) for term in terms):
-                residuals = [part.screen.residual(wandering_in(part, terms)) for part in self.parts]
-            else:
-                theta = self.screen.solve(terms)
-                residuals = [part.screen.equations(terms).error(theta) for part in self.parts]
-            first, second = (self._power_of(*pair, terms) for pair in zip(self.parts, residuals, strict=True))
-            self._powers[terms] = first, second
-        return self._powers[terms]
+        if any(isinstance(term, ByTime) for term in terms):
+            residuals = [part.screen.residual(wandering_in(part, terms)) for part in self.parts]
+        else:
+            theta = self.screen.solve(terms)
+            residuals = [part.screen.equations(terms).error(theta) for part in self.parts]
+        first, second = (self._power_of(*pair, terms) for pair in zip(self.parts, residuals, strict=True))
+        return first, second
 
     def _power_of(self, part: Evidence, residual: Array, terms: Terms) -> dict[str, Power]:
         known, left = self._structures_of(part, residual), {}
@@ -79,15 +77,11 @@ class Left:
             left[at] = Power(power, known[at].shared ** 2)
         return left
 
+    @kept
     def structures(self, terms: Terms) -> tuple[dict[str, Structure], dict[str, Structure]]:
         """What neighbouring windows of each joint share of the residual, fitted and `unseen`."""
-        if terms not in self._structures:
-            first, second = (
-                self._structures_of(part, residual)
-                for part, residual in ((self.train, self.screen.residual(terms)), (self.holdout, self.unseen(terms)))
-            )
-            self._structures[terms] = first, second
-        return self._structures[terms]
+        fitted = self._structures_of(self.train, self.screen.residual(terms))
+        return fitted, self._structures_of(self.holdout, self.unseen(terms))
 
     def _structures_of(self, part: Evidence, residual: Array) -> dict[str, Structure]:
         data = part.data

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.checks.physical import impossible, objection
+from estimators.kept import kept
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, Step, fit_terms
@@ -61,7 +62,6 @@ class Models:
         self.left = Left(self.train, self.holdout, self.criterion, self.base)
         self._where = [_stretches(part, STRETCH) for part in self.parts]
         self._finer = [_stretches(part, MOMENT) for part in self.parts]
-        self._densities: dict[Terms, Array] = {}
         self._in_motion: dict[Terms, Step] = {}
         first, second = (where.of_stretch for where in self._where)
         same = self.train.recordings == self.holdout.recordings  # parts of the same recordings
@@ -76,28 +76,28 @@ class Models:
         train, holdout = (part.watching(linked.model) for part in self.parts)
         return replace(self, train=train, holdout=holdout, linked=linked, drawn=self.bootstrap)
 
+    @kept
     def density(self, terms: Terms) -> Array:
         """Log predictive density of every stretch, those of the training data first, (S,) [nat]."""
-        if terms not in self._densities and any(isinstance(term, ByTime) for term in terms):
-            self._densities[terms] = self.fitted_anew(terms)
-        if terms not in self._densities:
-            fitted, unseen = (part.screen.equations(terms) for part in self.parts)
-            first, second = self._where
-            inside = cross_validated(fitted, first, self.screen.hidden_noise(terms), self.screen.solve_without(terms))
-            outside = predicted(self.screen.solve(terms), unseen, second, self.holdout.screen.hidden_noise(terms))
-            told = np.concatenate([inside, outside])
-            if fitted.recorded is not None and unseen.recorded is not None:
-                known = replace(fitted.recorded, weights=self.screen.weights(terms))
-                recorded = np.concatenate(
-                    [cross_validated(known, first), predicted(known.solve(), unseen.recorded, second)]
-                )
-                withouts = [tuple(other for other in terms if other is not term) for term in terms if term.lead]
-                gains = [self.bootstrap.gain(recorded, self.density(without)) for without in withouts]
-                if any(gain.chance > self.criterion.chance for gain in gains):
-                    told = recorded  # a filter that only makes the torque smaller
-            self._densities[terms] = told
-        return self._densities[terms]
+        if any(isinstance(term, ByTime) for term in terms):
+            return self.fitted_anew(terms)
+        fitted, unseen = (part.screen.equations(terms) for part in self.parts)
+        first, second = self._where
+        inside = cross_validated(fitted, first, self.screen.hidden_noise(terms), self.screen.solve_without(terms))
+        outside = predicted(self.screen.solve(terms), unseen, second, self.holdout.screen.hidden_noise(terms))
+        told = np.concatenate([inside, outside])
+        if fitted.recorded is not None and unseen.recorded is not None:
+            known = replace(fitted.recorded, weights=self.screen.weights(terms))
+            recorded = np.concatenate(
+                [cross_validated(known, first), predicted(known.solve(), unseen.recorded, second)]
+            )
+            withouts = [tuple(other for other in terms if other is not term) for term in terms if term.lead]
+            gains = [self.bootstrap.gain(recorded, self.density(without)) for without in withouts]
+            if any(gain.chance > self.criterion.chance for gain in gains):
+                told = recorded  # a filter that only makes the torque smaller
+        return told
 
+    @kept
     def fitted_anew(self, terms: Terms) -> Array:
         """The same, fitted to each part of the data anew: what wanders does so in each recording otherwise.
 

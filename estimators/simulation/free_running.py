@@ -99,12 +99,7 @@ def cut_flights(windows: Windows, first: Index, length: int) -> Flights:
 
 def follow(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
     """Simulated minus measured position in every flight, (N + 1, B) [rad]."""
-    return fly(flights, terms, theta) - flights.position
-
-
-def fly(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
-    """Simulated position in every flight, (N + 1, B) [rad]."""
-    return fly_all([flights], [(terms, theta)])[0][:, 0]
+    return fly_all([flights], [(terms, theta)])[0][:, 0] - flights.position
 
 
 Parametrised = tuple[Sequence[Term], Array]  # terms and their linear parameters (P,)

@@ -26,8 +26,7 @@ FINE = 2000  # points over which functions are orthogonal
 DRAWN = 241  # points of a curve
 FARTHEST, NARROWEST = 1e6, 1e-6  # of a table in a file [rad, rad/s]
 ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # pieces that are tried
-SLOW = 0.5  # [s], pieces of a torque by time;
-WARMING = 5  # of a gain by time: a motor warms and a battery empties slowly
+SLOW = 0.5  # [s], pieces over time
 OF_ANGLE: dict[str, Callable[[Array], Array]] = {
     "one": np.ones_like,
     "line": np.positive,
@@ -365,20 +364,17 @@ class ByTime(Table):
     """A function of time: that of one recording is none of the next."""
 
     axis = "time"
+    most: ClassVar[float] = np.inf  # pieces
 
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
         return x.time
 
     @classmethod
-    def pieces_of(cls, seconds: float) -> int:
-        """Number of pieces that it takes."""
-        raise NotImplementedError
-
-    @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         first, last = float(np.min(x.time)), float(np.max(x.time))
-        return [cls.over(Extent(first, last, cls.pieces_of(last - first)))()]
+        pieces = min(max(2, round((last - first) / SLOW)), cls.most)
+        return [cls.over(Extent(first, last, int(pieces)))()]
 
 
 @dataclass(frozen=True)
@@ -389,10 +385,6 @@ class TorqueByTime(ByTime):
     title = "a torque that wanders with time"
     law = "f(t)"
     kind = "time-varying"
-
-    @classmethod
-    def pieces_of(cls, seconds: float) -> int:
-        return max(2, round(seconds / SLOW))
 
 
 @dataclass(frozen=True)
@@ -405,10 +397,7 @@ class GainByTime(ByTime):
     kind = "actuation"
     unit = "1"
     is_gain = True
-
-    @classmethod
-    def pieces_of(cls, seconds: float) -> int:
-        return WARMING
+    most = 5  # a motor warms and a battery empties slowly
 
 
 def refuse_held(terms: Iterable[Term], new: Term) -> None:
