@@ -21,14 +21,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
-from estimators.checks.channel_fits import CLEARER, SURE, ChannelFits, View
+from estimators.checks.channel_fits import SURE, ChannelFits, Law
 from estimators.regression.equations import IdentificationError
 from estimators.signals.channel import Channel
-from estimators.weak_form.dataset import prepare
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
@@ -150,33 +148,26 @@ def align(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Align
         beside: effects that the joint has, with their shape parameters set; those that depend on the motion alone,
             and on what it was before, are fitted along.
 
-    A law is reported if its delay or lag is `SURE` standard errors (jackknife over stretches of time) from none, if it
-    surely predicts seconds better to which it was not fitted, as an effect has to, and if that holds under every more
-    general model of the motion that predicts better. A filter is told from a delay where it predicts better by
-    `CLEARER` standard errors, else both are said. What looks logged late by half a sample, or by less since a
-    controller held it for a while, was sampled unless held torque predicts better by as much; what looks late by more
-    was, if that predicts better by as much.
+    A law is reported if its delay or lag is `SURE` standard errors from none, and if it surely predicts seconds better
+    to which it was not fitted. A filter is told from a delay where it surely predicts better, else both are said. What
+    looks logged late by half a sample, or by less since a controller held it for a while, was sampled unless held
+    torque surely predicts better; what looks late by more was, if that surely predicts better.
     Recordings too short to tell give an alignment without a finding and with infinite standard errors.
     """
     try:
         if not any(recording.torque.any() for recording in recordings):
             raise IdentificationError("torque is never applied")
-        fits = ChannelFits.of(prepare(recordings), beside)
+        fits = ChannelFits.of(recordings, beside)
     except IdentificationError:
         fits = None
     if fits is None:
         return Alignment(Channel(), np.inf, np.inf)
-    period = 1.0 / max(recording.rate for recording in recordings)
-    views = fits.views()
-    found, law = _agreed(views, period)
+    found, law = _found(fits)
     if not found.is_late:
         return found
-    others = fits.sampled().views()
-    other, rival = _agreed(others, period)
-    plain, plain_too = (next(view for view in some if view.is_plain) for some in (views, others))
-    held, sampled = (getattr(view, kind) or view.delay for view, kind in ((plain, law), (plain_too, rival)))
-    is_usual = found.delay + found.lag < 0.5 * period + SURE * (found.delay_std + found.lag_std)
-    is_sampled = not held.excels(sampled, CLEARER) if is_usual else sampled.excels(held, CLEARER)
+    other, rival = _found(replace(fits, is_sampled=True))
+    is_usual = found.delay + found.lag < 0.5 * fits.period + SURE * (found.delay_std + found.lag_std)
+    is_sampled = not law.excels(rival) if is_usual else rival.excels(law)
     return replace(other, rival=None) if is_sampled and other.is_late else found
 
 
@@ -248,39 +239,30 @@ class Aligned:
         return tuple(f"{name}: {text}" for text, name in said.items())
 
 
-Name = Literal["none", "delay", "lag", "both"]
-
-
-def _agreed(views: Sequence[View], period: float) -> tuple[Alignment, Name]:
-    """The simplest law on which all views agree, as the first sees it, and which one it is.
+def _found(fits: ChannelFits) -> tuple[Alignment, Law]:
+    """The simplest law that surely predicts better than others, and that law.
 
     A filter that is shorter than a sample is a delay by a share of it, as far as samples tell.
     """
-    first = views[0]
-
-    def stands(law: Name) -> bool:
-        found = [getattr(view, law) for view in views]
-        signs = {one.channel.is_late for one in found if one is not None}
-        return len(signs) == 1 and all(
-            one is not None and one.is_sure and view.bears_out(one) for one, view in zip(found, views, strict=True)
-        )
-
-    def excels(law: Name, other: Name, by: float = CLEARER) -> bool:
-        return all(getattr(view, law).excels(getattr(view, other), by) for view in views)
-
-    delay, lag, both = first.delay, first.lag, first.both
-    if not stands("delay") or abs(delay.channel.delay) < TRIFLE * period:  # what is filtered is late as well
+    views = fits.views()
+    fits, delays = views[0], [view.delayed for view in views]
+    none, delay, late = fits.undelayed, fits.delayed, fits.delayed.channel.delay
+    lag = fits.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
+    is_borne_out = all(one.stands(view.undelayed) for one, view in zip(delays, views, strict=True))
+    is_one = len({one.channel.is_late for one in delays}) == 1
+    if not (is_borne_out and is_one) or abs(late) < TRIFLE * fits.period:  # what is filtered is late as well
         # what is not borne out is no more exact than that: it must not speak against what other recordings tell
-        spread = max(delay.std[0], abs(delay.channel.delay) / SURE), max(lag.std[1], abs(lag.channel.lag) / SURE)
-        return Alignment(first.none.channel, *spread), "none"
-    if both is not None and stands("both") and both.channel.lag > period:
-        if excels("both", "delay") and excels("both", "lag"):
-            return Alignment(both.channel, *both.std), "both"
-    if not stands("lag") or excels("delay", "lag"):
-        return Alignment(delay.channel, *delay.std), "delay"
-    if abs(lag.channel.lag) < period or not excels("lag", "delay", 0.0):
-        return Alignment(delay.channel, *delay.std, rival=_words(lag.channel)), "delay"
-    return Alignment(lag.channel, *lag.std, rival=None if excels("lag", "delay") else _words(delay.channel)), "lag"
+        spread = max(delay.std[0], abs(late) / SURE), max(lag.std[1], abs(lag.channel.lag) / SURE)
+        return Alignment(none.channel, *spread), none
+    if late > 0:
+        both = fits.fit([late * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)
+        if both.stands(none) and both.channel.lag > fits.period and both.excels(delay) and both.excels(lag):
+            return Alignment(both.channel, *both.std), both
+    is_likelier = (lag.density.sum(axis=1) > delay.density.sum(axis=1)).all()
+    is_filter = is_likelier and lag.stands(none) and abs(lag.channel.lag) >= fits.period
+    law, other = (lag, delay) if is_filter else (delay, lag)
+    rival = None if law.excels(other) or not other.stands(none) else _words(other.channel)
+    return Alignment(law.channel, *law.std, rival=rival), law
 
 
 def _words(channel: Channel) -> str:

@@ -1,4 +1,16 @@
-"""Fits of delay and lag of the torque channel beside models of the motion that bend to nearly any physics."""
+"""The torque channel: what was recorded is a gain, a delay, a filter and a hold of what the joint needs.
+
+With tau the torque that acts, tau = C u of what is logged, by a law of the channel (`signals.channel.Channel`),
+
+    C u = (1/K) (dI q'' + dmgl sin q) + phi theta,
+
+by least squares over windows. The torque of the known loads is a column like any other, whose parameter is one over the
+torque constant where a current is logged; where torque is, it is subtracted. The other columns follow nearly any
+physics of the joint, each a function of the motion: none can stand in for time, or explain torque by torque.
+
+Source: Golub and Pereyra, Inverse Problems 19(2), 2003 (variable projection); Ramsey, Journal of the Royal Statistical
+Society B 31(2), 1969 (powers of the fitted values).
+"""
 
 from __future__ import annotations
 
@@ -9,37 +21,59 @@ from itertools import pairwise
 from typing import Self
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from estimators.regression.least_squares import Balance, robust_covariance
+from estimators.regression.least_squares import Balance
 from estimators.selection.candidates import depends_on_torque
-from estimators.selection.criterion import Criterion
-from estimators.selection.score import STRETCH, Bootstrap, Stretches, cross_validated
+from estimators.selection.score import STRETCH, Stretches, cross_validated
 from estimators.signals.channel import Channel
-from estimators.weak_form.dataset import Dataset, smooth_laws
-from pendulum_env._typing import Array, Index
-from pendulum_env.physics import BASE, Term
+from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
+from estimators.weak_form.windows import Windows
+from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.physics import BASE, Column, KnownLoad, Term
 from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.term import LOAD
+from pendulum_env.recording import Load, Recording
+from pendulum_env.recording.record import NEWTON_METRE
 
 REACH = 0.05  # [s], delays and lags up to it are looked for
-STEP = 1e-3  # [s], a tenth of the longest step
+STARTS = 51  # delays among which a search starts from the best
 SURE = 4.0  # standard errors from which an estimate is told from none
-TRIED = int(2 * REACH / STEP)  # delays that are told apart; the best of so many predicts better by chance
-BETTER, CLEARER = 1.0, 2.0  # standard errors of what is gained in predictive density: to be heard, to be chosen
+CLEARER = 2.0  # standard errors of what is gained in predictive density, from which a law is better
+BY_CHANCE = float(np.log(2 * REACH / 1e-3))  # [nat], that the best of so many delays predicts better by chance
 FEWEST = 3  # equations for each column
 FRICTION = (0.02, 0.1, 0.5)  # of the highest velocity: where friction may bend, beside where smooth laws bend already
 BENT = 3  # times that the torque of the model is refitted with columns that depend on it
-TURNS = 20  # of Gauss-Newton at most
-SHARES = (1.0, 0.4, 0.1)  # of a Gauss-Newton step that are tried
 NEARBY = 1e-4  # [s], difference for derivatives
+BETWEEN = 4  # recordings from which on their scatter, too, tells a standard error
+NONE = Load(0.0, 0.0)
+# friction that is pressed by what hangs on the output, the joint's own weight and the known loads [per N m of each]
+PRESSED = (
+    Column("own", "1", dry=lambda x: np.abs(np.sin(x.position))),
+    Column("hung", "1", dry=lambda x: x.load.gravity * np.abs(np.sin(x.position))),
+)
+MOTOR = Column(
+    "motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True
+)  # by the motor, and its slope by the torque
+SENSE = Column("sense", "1", dry=lambda x: np.sign(x.torque), of_torque=True)
 
 
 @dataclass(frozen=True)
 class Law:
-    """A law of the channel with free delay, free lag or both, as fitted."""
+    """A law of the channel with free delay, free lag or both, as fitted.
+
+    Attributes:
+        channel: the law.
+        std: standard errors of delay and lag [s], zero of what is not free.
+        gain: parameter of the first column, and its standard error.
+        density: log predictive density of each stretch (2, C) [nat], if what is left acts as torque, and if it is
+            noise of the log, which the channel's filter raises.
+    """
 
     channel: Channel
-    std: tuple[float, float]  # of delay and lag [s]
-    density: Array  # log predictive density of each stretch, (2, C), see `ChannelFits.density`
+    std: tuple[float, float]
+    gain: tuple[float, float]
+    density: Array
 
     @property
     def is_sure(self) -> bool:
@@ -47,51 +81,29 @@ class Law:
         pairs = zip((self.channel.delay, self.channel.lag), self.std, strict=True)
         return all(SURE * std < abs(value) < REACH for value, std in pairs if std > 0)
 
-    def excels(self, other: Law, by: float) -> bool:
-        """Whether it predicts better by some standard errors, over stretches, of the difference; in either case."""
-        gain = self.density - other.density
-        return bool((gain.sum(axis=1) > by * np.sqrt(gain.shape[1]) * gain.std(axis=1)).all())
+    def stands(self, none: Law) -> bool:
+        """Whether it is surely told from none, and surely predicts better."""
+        return self.is_sure and self.excels(none, BY_CHANCE)
 
+    def excels(self, other: Law, by_chance: float = 0.0) -> bool:
+        """Whether it surely predicts better, by the scatter between stretches, whatever is left.
 
-@dataclass(frozen=True)
-class View:
-    """The laws of the channel beside one model of the motion; delay and lag together only where torque is late."""
-
-    bootstrap: Bootstrap
-    none: Law
-    delay: Law
-    lag: Law
-    both: Law | None
-    is_plain: bool = True  # whether that model is the one that all begins with
-
-    def bears_out(self, law: Law) -> bool:
-        """Whether a law predicts surely better than none, as an effect has to, and so it does without its best second.
-
-        A channel acts always. What fits a single event better is no delay.
+        A channel acts always: what fits a single event better is no delay.
         """
-        by_chance = float(np.log(TRIED))
-        return all(
-            np.sum(after - before) - np.max(after - before) > by_chance
-            and self.bootstrap.gain(after, before, by_chance).chance <= Criterion().chance
-            for after, before in zip(law.density, self.none.density, strict=True)
-        )
-
-    @property
-    def best(self) -> Law:
-        """What predicts best."""
-        laws = [law for law in (self.none, self.delay, self.lag, self.both) if law is not None]
-        return max(laws, key=lambda law: float(law.density.sum()))
+        gain = self.density - other.density
+        spread = np.sqrt(gain.shape[1]) * gain.std(axis=1)
+        return bool((gain.sum(axis=1) - by_chance > CLEARER * spread).all())
 
 
 @dataclass(frozen=True, eq=False)
 class ChannelFits:
-    """Fits of the flexible model to windows, for any law of the channel; rows of which all torque is known.
+    """Fits of what was recorded under any law of the channel, in rows of which all torque is known.
 
     Attributes:
-        data: windows.
+        data: windows, each with its known load.
         rows: equations used (R,) of those in the windows.
-        phi: columns (R, P), weighted.
-        clusters: stretch of each equation for standard errors, (R,).
+        phi: columns (R, P), weighted; first that of the known loads, where it is there to tell the gain.
+        by_torque: their slopes by the torque (R, P).
         where: stretch of each equation for predictions.
         is_sampled: whether torque is taken for sampled, else for held.
         torques: weighted torque (R,) that acts in the windows by law of the channel, as far as they were asked for.
@@ -100,86 +112,67 @@ class ChannelFits:
     data: Dataset
     rows: Index
     phi: Array
-    clusters: Index
+    by_torque: Array
     where: Stretches
     is_sampled: bool = False
     torques: dict[Channel, Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, data: Dataset, beside: Sequence[Term] = ()) -> Self | None:
-        """Fits to these windows, None if too few are clear of the ends of segments; see `align`."""
-        clear = []
-        for w in data.windows:
-            beyond = len(w.kernel) // 2 + int(np.ceil(REACH * w.recording.rate)) + 2
-            own = np.zeros(len(w.centers), dtype=bool)
-            for begin, end in pairwise((*w.recording.starts, len(w.recording))):
-                own |= (w.centers >= begin + beyond) & (w.centers < end - beyond)
-            clear.append(own)
-        rows = np.flatnonzero(np.concatenate(clear))
+    def of(cls, recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> Self | None:
+        """Fits to recordings beside effects that the joint has, None if too little is clear of the ends of segments.
+
+        Raises:
+            IdentificationError: if too little of the motion is clear of stick.
+        """
+        data, loads = prepare(recordings), [recording.load or NONE for recording in recordings]
+        hung = zip(data.windows, (KnownLoad(load.inertia, load.gravity) for load in loads), strict=True)
+        data = replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
+        rows = np.flatnonzero(np.concatenate([_clear(w) for w in data.windows]))
         fast = float(np.percentile(np.abs(data.samples.velocity), 95))
         known = [term for term in beside if not depends_on_torque(term)]
         laws = (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in FRICTION), *known)
-        phi = np.column_stack([data.columns([law])[0][0] for law in laws])
-        phi = phi[rows] * data.weights[rows, None]
-        if len(phi) < FEWEST * phi.shape[1]:
+        gain = [] if is_torque(data) else [LOAD]
+        columns = [*gain, *PRESSED] if len(set(loads)) > 1 else []
+        first = [data.rows.column(column, data.rows.samples) for column in columns]
+        phi = np.column_stack([*first, *(data.columns([law])[0][0] for law in laws)])
+        if len(rows) < FEWEST * phi.shape[1]:
             return None
         stretch, recording = (numbers[rows] for numbers in data.stretches(STRETCH)[:2])
-        _, first, stretch = np.unique(stretch, return_index=True, return_inverse=True)
-        where = Stretches(stretch, recording, recording[first], stretch)
-        return cls(data, rows, phi, np.unique(data.clusters[rows], return_inverse=True)[1], where)
+        _, begin, stretch = np.unique(stretch, return_index=True, return_inverse=True)
+        where = Stretches(stretch, recording, recording[begin], stretch)
+        return cls(data, rows, phi[rows] * data.weights[rows, None], np.zeros((len(rows), phi.shape[1])), where)
 
-    def torque(self, channel: Channel) -> Array:
-        """Weighted torque (R,) that acts in the windows, less what known loads take."""
-        if channel in self.torques:
-            return self.torques[channel]
-        parts = []
-        for w in self.data.windows:
-            torque, period = w.recording.torque, 1.0 / w.recording.rate
-            bounds = pairwise((*w.recording.starts, len(w.recording)))
-            acting = [channel.around(w.samples, torque[begin:end], period) for begin, end in bounds]
-            parts.append(w.average(np.concatenate(acting)))
-        net = np.concatenate(parts) - self.carried
-        self.torques[channel] = net[self.rows] * self.data.weights[self.rows]
-        return self.torques[channel]
+    def beside(self, columns: Array, by_torque: Array | None = None) -> Self:
+        """The same with more columns (R, P), and their slopes by the torque where they depend on it."""
+        weighted = columns * self.data.weights[self.rows, None]
+        slopes = np.zeros_like(columns) if by_torque is None else by_torque
+        phi, by_torque = np.column_stack([self.phi, weighted]), np.column_stack([self.by_torque, slopes])
+        return replace(self, phi=phi, by_torque=by_torque)
 
-    def sampled(self) -> Self:
-        """The same of torque that was sampled, and not held."""
-        return replace(self, is_sampled=True)
+    def rubbing(self) -> Self:
+        """The same with friction that is pressed by the motor."""
+        parts = [self.data.rows.column(column, self.data.rows.samples)[self.rows, None] for column in (MOTOR, SENSE)]
+        return self.beside(*parts)
 
-    def drifting(self) -> Self:
-        """The same with base parameters that change along each recording."""
-        passed = np.concatenate([2 * w.centers / len(w.recording) - 1 for w in self.data.windows])[self.rows]
-        return replace(self, phi=np.column_stack([self.phi, self.phi[:, : len(BASE)] * passed[:, None]]))
-
-    def bent(self, channel: Channel) -> Self:
-        """The same with columns that bend with the torque of the model: friction under load, and a bent gain.
-
-        Like every other column they are functions of the motion alone, and cannot explain torque by torque.
-        Source: Ramsey, Journal of the Royal Statistical Society B 31(2), 1969 (powers of the fitted values).
-        """
-        weights = self.data.weights[self.rows]
-        sign = np.sign(self.data.samples.velocity[self.rows])
-        bent = self
+    def bent(self) -> Self:
+        """The same with columns that bend with the torque of the model: friction under load, and a bent gain."""
+        sign, torque, bent = np.sign(self.data.samples.velocity[self.rows]), self.torque(self.channel(self.start)), self
         for _ in range(BENT):
-            fitted = (bent.torque(channel) - bent.residual(channel)) / weights + self.carried[self.rows]
-            powers = np.column_stack([np.abs(fitted) * sign, fitted**2, fitted**3])
-            bent = replace(self, phi=np.column_stack([self.phi, powers * weights[:, None]]))
+            fitted = (torque - bent.residual(torque)) / self.data.weights[self.rows] + self.carried[self.rows]
+            bent = self.beside(np.column_stack([np.abs(fitted) * sign, fitted**2, fitted**3]))
         return bent
 
-    def residual(self, channel: Channel) -> Array:
-        """What the model leaves of the torque, (R,), weighted."""
-        torque = self.torque(channel)
-        return torque - self.span @ (self.span.T @ torque)
-
-    @cached_property
-    def bootstrap(self) -> Bootstrap:
-        """Of the stretches."""
-        return Bootstrap(self.where.of_stretch, np.random.default_rng(0))
+    def drifting(self) -> Self:
+        """The same with parameters that change along each recording."""
+        passed = np.concatenate([2 * w.centers / len(w.recording) - 1 for w in self.data.windows])
+        base = np.column_stack([self.data.columns([term])[0][0] for term in BASE])
+        return self.beside((base * passed[:, None])[self.rows])
 
     @cached_property
     def carried(self) -> Array:
-        """Torque that known loads take in all windows [N m]."""
-        return self.data.torque() - self.data.net_torque()
+        """Torque that is known to be taken by loads in all windows [N m], none where the log is no torque."""
+        load = self.data.rows.column(LOAD, self.data.rows.samples)
+        return load if is_torque(self.data) else 0.0 * load
 
     @cached_property
     def span(self) -> Array:
@@ -187,112 +180,122 @@ class ChannelFits:
         left, singular, _ = np.linalg.svd(self.phi / np.maximum(np.linalg.norm(self.phi, axis=0), 1e-300), False)
         return np.asarray(left[:, singular > 1e-9 * singular[0]])
 
+    @cached_property
+    def start(self) -> Array:
+        """The best of a few delays, (2,), see `channel`."""
+        delays = REACH * np.linspace(-1.0, 1.0, STARTS)
+        return min(np.outer(delays, [1.0, 0.0]), key=lambda x: float(np.linalg.norm(self.misfit(x))))
+
+    def views(self) -> list[Self]:
+        """Fits beside this model of the motion, and beside each wider one that predicts better; most precise first."""
+        wider = [own for own in (self.drifting(), self.bent()) if own.delayed.excels(self.delayed)]
+        return sorted([self, *wider], key=lambda own: own.delayed.std[0])
+
+    @cached_property
+    def undelayed(self) -> Law:
+        """Neither delay nor filter."""
+        return self.fit([np.zeros(2)])
+
+    @cached_property
+    def delayed(self) -> Law:
+        """The law with a free delay."""
+        return self.fit([np.zeros(2), self.start], (0,))
+
+    @property
+    def period(self) -> float:
+        """Of a sample [s]."""
+        return 1.0 / max(w.recording.rate for w in self.data.windows)
+
     def channel(self, x: Array) -> Channel:
         """Law with a delay and a filter that delays slow torque by so much [s]; time constants are steep near zero."""
         delay, shift = (float(value) for value in x)
-        period = 1.0 / self.data.windows[0].recording.rate
-        lag = shift if shift <= 0 else period / float(np.log1p(period / shift))
+        lag = shift if shift <= 0 else self.period / float(np.log1p(self.period / shift))
         return Channel(delay, lag, self.is_sampled)
 
-    def misfit(self, x: Array) -> float:
-        """Sum of squared residuals."""
-        residual = self.residual(self.channel(x))
-        return float(residual @ residual)
+    def torque(self, channel: Channel) -> Array:
+        """Weighted torque (R,) that acts in the windows, less what is known to be taken by loads."""
+        if channel in self.torques:
+            return self.torques[channel]
+        parts = []
+        for w in self.data.windows:
+            bounds = pairwise((*w.recording.starts, len(w.recording)))
+            acting = [channel.around(w.samples, w.recording.torque[a:b], 1.0 / w.recording.rate) for a, b in bounds]
+            parts.append(w.average(np.concatenate(acting)))
+        net = np.concatenate(parts) - self.carried
+        self.torques[channel] = net[self.rows] * self.data.weights[self.rows]
+        return self.torques[channel]
 
-    def slopes(self, x: Array, free: Index) -> Array:
-        """Derivatives (R, F) of the torque with respect to what is free."""
-        ways = NEARBY * np.eye(2)[free]
-        ends = [[self.torque(self.channel(x + sign * way)) for sign in (1, -1)] for way in ways]
-        return np.column_stack([(after - before) / (2 * NEARBY) for after, before in ends])
+    def residual(self, torque: Array) -> Array:
+        """What the columns leave of a weighted torque (R, ...)."""
+        return torque - self.span @ (self.span.T @ torque)
 
-    def fit(self, starts: Iterable[tuple[float, float]], free: tuple[int, ...], low: float = -REACH) -> Law:
-        """Best law near the best of the starts, by variable projection.
+    def misfit(self, x: Array) -> Array:
+        """What the model leaves of the torque, (R,), weighted."""
+        return self.residual(self.torque(self.channel(x)))
+
+    def slopes(self, x: Array, ways: Array) -> Array:
+        """Derivatives (R, F) of the torque along each of several ways (F, 2)."""
+        ends = [[self.torque(self.channel(x + sign * NEARBY * way)) for sign in (1, -1)] for way in ways]
+        return np.reshape([(after - before) / (2 * NEARBY) for after, before in ends], (len(ways), len(self.rows))).T
+
+    def fit(self, starts: Iterable[Array], free: Sequence[int] = (), low: float = -REACH) -> Law:
+        """Best law near the best of the starts.
 
         Args:
             starts: delay and shift, see `channel`.
             free: which of them are fitted.
             low: limit of both.
-
-        Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
         """
-        index = np.array(free, dtype=int)
-        x = min((np.array(start) for start in starts), key=self.misfit)
-        for _ in range(TURNS if free else 0):
-            slopes = self.slopes(x, index)
-            slopes -= self.span @ (self.span.T @ slopes)
-            step = np.zeros(2)
-            step[index] = np.linalg.lstsq(-slopes, self.residual(self.channel(x)), rcond=1e-9)[0]
-            step *= min(1.0, 10 * STEP / max(float(np.abs(step).max()), 1e-300))
-            tried = [np.clip(x + share * step, low, REACH) for share in SHARES]
-            best = min(tried, key=self.misfit)
-            if self.misfit(best) >= self.misfit(x) * (1 - 1e-7):
-                break
-            x = best
-        channel = self.channel(x)
-        slopes = self.slopes(x, index) if free else np.empty((len(self.rows), 0))
-        std = np.zeros(2)
+        x = min(starts, key=lambda start: float(np.linalg.norm(self.misfit(start))))
+        ways = np.eye(2)[list(free)]
         if free:
-            std[index] = self.errors(slopes, self.residual(channel))
+            moved = least_squares(
+                lambda way: self.misfit(x + way @ ways),
+                np.zeros(len(ways)),
+                lambda way: self.residual(self.slopes(x + way @ ways, ways)),
+                (low - ways @ x, REACH - ways @ x),
+                xtol=1e-6,
+            )
+            x = x + moved.x @ ways
+        channel, slopes = self.channel(x), self.slopes(x, ways)
+        design, count = np.column_stack([self.phi, -slopes]), self.phi.shape[1]
+        by_torque, far = np.column_stack([self.by_torque, 0 * slopes]), np.full(design.shape[1], np.inf)
+        balance = Balance(design, self.torque(channel), by_torque, -far, far, np.ones(len(design)))
+        fits = [balance.fit(clusters) for clusters in self.clusters]
+        errors = np.max([fit.std for fit in fits], axis=0)
+        delay_std, lag_std = (float(std) for std in errors[count:] @ ways)
         if channel.lag > 0:  # d lag / d shift
-            period = 1.0 / self.data.windows[0].recording.rate
-            std[1] *= channel.lag**2 / (x[1] * (x[1] + period))
-        return Law(channel, (float(std[0]), float(std[1])), self.density(channel, slopes))
-
-    def errors(self, slopes: Array, residual: Array) -> Array:
-        """Standard errors (F,) of what is free: of the jackknife, or by chance alone, whichever is larger.
-
-        What no law explains repeats with the motion, and resembles the slopes by chance: how much is seen where it is
-        moved along the recording to places where it does not belong. For white residuals the two are the same.
-        """
-        covariance = robust_covariance(np.column_stack([self.span, slopes]), residual, self.clusters)
-        jackknife = np.diag(covariance)[-slopes.shape[1] :]
-        own = slopes - self.span @ (self.span.T @ slopes)
-        spectrum = np.conj(np.fft.rfft(residual))[:, None] * np.fft.rfft(np.linalg.pinv(own).T, axis=0)
-        # estimates (R, F) from the residual moved along by 0 to R - 1 equations
-        elsewhere = np.fft.irfft(spectrum, len(residual), axis=0)
-        return np.sqrt(np.maximum(jackknife, np.mean(elsewhere**2, axis=0)))
-
-    def gain(self, channel: Channel) -> float:
-        """By how much the channel's filter raises white noise of the log in the windows, mean over recordings."""
-        gains = []
-        for w in self.data.windows:
-            period = 1.0 / w.recording.rate
-            impulse = np.zeros(2 * int(np.ceil(5 * REACH / period)) + 1)
-            impulse[len(impulse) // 2] = 1.0
-            ways = (Channel(), replace(channel, delay=0.0))
-            before, after = (way.around(w.samples, impulse, period) for way in ways)
-            gains.append(np.linalg.norm(np.convolve(after, w.kernel)) / np.linalg.norm(np.convolve(before, w.kernel)))
-        return float(np.mean(gains))
-
-    def density(self, channel: Channel, slopes: Array) -> Array:
-        """Log predictive density of each stretch (2, C): if what is left acts as torque, and if it is the log's noise.
-
-        Each stretch is predicted by laws, and a channel near this one, that were fitted to the other folds.
-        """
-        design, torque = np.column_stack([self.span, slopes]), self.torque(channel)
-        free = np.full(design.shape[1], np.inf)
-        balance = Balance(design, torque, np.zeros_like(design), -free, free, np.ones(len(torque)))
+            lag_std *= channel.lag**2 / (x[1] * (x[1] + self.period))
+        gain = float(fits[0].theta[0]), float(errors[0])
         density = cross_validated(balance, self.where)
-        return np.stack([density, density + np.log(self.gain(channel)) * np.bincount(self.where.stretch)])
+        raised = np.log(self.raised(channel)) * np.bincount(self.where.stretch)
+        return Law(channel, (delay_std, lag_std), gain, np.stack([density, density + raised]))
 
-    def views(self) -> list[View]:
-        """Under this model of the motion, and under each more general one that predicts better; most precise first."""
-        grid = np.arange(-REACH, REACH + STEP, 2 * STEP)
-        start = min(((float(delay), 0.0) for delay in grid), key=lambda start: self.misfit(np.array(start)))
-        own = self.compare(start)
-        wider = [
-            replace(fits.compare(start), is_plain=False) for fits in (self.drifting(), self.bent(own.delay.channel))
-        ]
-        views = [own, *(view for view in wider if view.best.excels(own.best, BETTER))]
-        return sorted(views, key=lambda view: view.delay.std[0])
+    def raised(self, channel: Channel) -> float:
+        """By how much the channel's filter raises white noise of the log in the windows, at most."""
+        factors, reach = [], int(np.ceil(5 * REACH / self.period))
+        impulse = np.eye(1, 2 * reach + 1, reach)[0]
+        for w in self.data.windows:
+            filters = (way.around(w.samples, impulse, self.period) for way in (replace(channel, delay=0.0), Channel()))
+            after, before = (float(np.linalg.norm(np.convolve(own, w.kernel))) for own in filters)
+            factors.append(after / before)
+        return max(factors)
 
-    def compare(self, start: tuple[float, float]) -> View:
-        """Fits of every law of the channel beside this model of the motion."""
-        none = self.fit([(0.0, 0.0)], ())
-        delay = self.fit([(0.0, 0.0), start], (0,))
-        late = delay.channel.delay
-        lag = self.fit([(0.0, share * late) for share in (0.5, 1.0, 1.5)], (1,))
-        both = None
-        if late > 0:
-            both = self.fit([(share * late, (1 - share) * late) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0)
-        return View(self.bootstrap, none, delay, lag, both)
+    @property
+    def clusters(self) -> list[Index]:
+        """Stretches of time, and recordings, of each equation (R,), within which errors may be alike."""
+        time, recording = self.data.clusters, self.data.recording_of_window
+        several = [time, recording] if len(np.unique(recording[self.rows])) >= BETWEEN else [time]
+        return [np.unique(clusters[self.rows], return_inverse=True)[1] for clusters in several]
+
+
+def is_torque(data: Dataset) -> bool:
+    """Whether torque was logged, and not what it is some gain of."""
+    return data.windows[0].recording.torque_unit == NEWTON_METRE
+
+
+def _clear(w: Windows) -> Mask:
+    """Windows whose torque is known under every law of the channel (R,)."""
+    beyond = len(w.kernel) // 2 + int(np.ceil(REACH * w.recording.rate)) + 2
+    bounds = pairwise((*w.recording.starts, len(w.recording)))
+    return np.any([(w.centers >= begin + beyond) & (w.centers < end - beyond) for begin, end in bounds], axis=0)

@@ -11,13 +11,15 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-from pendulum_env._typing import Array
+from estimators.regression.equations import Equations
+from estimators.regression.least_squares import least_squares, solve
 from pendulum_env.recording import Recording
 
 PAST = 6  # samples of torque and position that tell what comes
 PARTS = 20  # of a recording, whose scatter tells how sure a correlation is
-SURE = 5.0  # standard errors
+SURE = 4.0  # standard errors
 ANSWERED = 0.1  # correlation of the surprises; less of it biases no parameter
 TAIL = 4.0  # standard deviations beyond which a surprise is an event of its own: a step, a stop, a glitch
 
@@ -62,24 +64,17 @@ def _gain(recording: Recording) -> float | None:
     if sum(b - a - PAST for a, b in bounds) < 20 * PARTS:
         return None
     position, torque = (
-        np.concatenate([_surprising(series[a:b]) for a, b in bounds])
-        for series in (recording.position - recording.position.mean(), recording.torque - recording.torque.mean())
-    )  # (R, 1 + PAST) each: present and past
-    past = np.column_stack([position[:, 1:], torque[:, 1:], np.ones(len(torque))])
-    known = np.linalg.qr(past / np.maximum(np.linalg.norm(past, axis=0), 1e-300))[0]
-    moved, answer = (now - known @ (known.T @ now) for now in (position[:, 0], torque[:, 0]))
+        np.concatenate([sliding_window_view(series[a:b] - series.mean(), PAST + 1) for a, b in bounds])
+        for series in (recording.position, recording.torque)
+    )  # (R, PAST + 1) each: past and present
+    past = np.column_stack([position[:, :-1], torque[:, :-1], np.ones(len(torque))])
+    moved, answer = (now - past @ least_squares(past, now) for now in (position[:, -1], torque[:, -1]))
     usual = [TAIL * 1.4826 * float(np.median(np.abs(surprise))) for surprise in (moved, answer)]
     calm = (np.abs(moved) < usual[0]) & (np.abs(answer) < usual[1])
     moved, answer = moved[calm], answer[calm]
     if len(moved) < PARTS or not (moved.any() and answer.any()):
         return None
-    products = moved * answer / (moved.std() * answer.std())
-    parts = np.array([part.mean() for part in np.array_split(products, PARTS)])
-    if parts.mean() > -max(ANSWERED, SURE * parts.std() / np.sqrt(PARTS)):
-        return None
-    return float(moved @ answer / (moved @ moved))
-
-
-def _surprising(series: Array) -> Array:
-    """Each sample with those before it, (N - PAST, 1 + PAST)."""
-    return np.column_stack([series[PAST - lag : len(series) - lag] for lag in range(PAST + 1)])
+    parts = np.arange(len(moved)) * PARTS // len(moved)
+    fit = solve(Equations(moved[:, None], answer), np.ones(len(moved)), parts)
+    gain, std = float(fit.theta[0]), float(fit.std[0])
+    return gain if gain < -max(ANSWERED * answer.std() / moved.std(), SURE * std) else None

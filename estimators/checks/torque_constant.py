@@ -5,9 +5,7 @@ known inertia dI and gravity dmgl, which differs from recording to recording, ca
 
     i = (1/K) (dI q'' + dmgl sin q) + (1/K) (I q'' + mgl sin q + friction),
 
-as the torque of the known loads is a column like any other. All columns are functions of the motion, those of friction
-under load too, which is odd in the velocity as the weight of a load is not: where the drive pushes along the motion all
-the time, as in most servos, |i| sgn q' is i itself, and would take the place of the loads.
+as the torque of the known loads is a column like any other, fitted with all else that lies between torque and log.
 
 Source: Gautier and Briot, Journal of Dynamic Systems, Measurement, and Control 136(5), 2014 (drive gains of robots from
 known payloads).
@@ -20,27 +18,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.arguments import within_limits
+from estimators.checks.channel_fits import NONE, ChannelFits
 from estimators.regression.equations import IdentificationError
-from estimators.regression.least_squares import least_squares
-from estimators.selection.candidates import Screen
 from estimators.selection.data import Evidence, fit_terms
-from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
+from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.windows import Windows
-from pendulum_env._typing import Array, Index
-from pendulum_env.physics import BASE, Column, Estimate, KnownLoad, Model, Term
-from pendulum_env.physics.friction import LoadDependentFriction
-from pendulum_env.physics.term import LOAD
-from pendulum_env.recording import Load, Recording
+from pendulum_env.physics import Estimate, Model
+from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.words import plus_minus
 
-TURNS = 4  # in which the constant and the weight that presses the gears are told by the fit before
-FEWEST = 3  # equations for each column; with less, only the base model stands beside the load
 DRIVEN = 0.9  # share of the motion that the motor drives, from which nothing tells what it loses in the gears
 LEAST = 5.0  # standard errors that the constant has to be from none
-BETWEEN = 4  # recordings from which on their scatter tells a standard error
-NONE = Load(0.0, 0.0)
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
 
 
@@ -128,7 +117,7 @@ def further(recordings: Sequence[Recording]) -> list[Recording]:
     ]
 
 
-def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = None, is_whole: bool = False) -> Model:
+def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = None) -> Model:
     """A model that was fitted to data, in the unit of their torque, with the torque constant and what it errs by.
 
     Args:
@@ -136,28 +125,13 @@ def told(model: Model, data: Dataset, fit: Callable[[Dataset], Model] | None = N
         data: what it was fitted to.
         fit: finds parameters of the same names in data, by which it is seen what another constant makes of them; if not
             given, the model's terms are fitted as they are.
-        is_whole: whether the model lacks nothing: then the constant is the one beside it, and its parameters follow.
     """
-    recordings = [w.recording for w in data.windows]
-    first = recordings[0].torque_constant
-    if first is None:
-        return model.per(recordings[0].torque_unit)
-
-    def by(constant: float) -> Model:
-        scaled = _scaled(data, constant / first.value)
-        return fit_terms(Evidence(scaled, ()), model.terms)[0] if fit is None else fit(scaled)
-
-    found = first
-    if is_whole and first.loads:
-        beside = torque_constant([_logged(recording) for recording in recordings], model, first.value)
-        found = beside if isinstance(beside, TorqueConstant) else first
-    before = by(first.value)
-    here, there = before if found is first else by(found.value), by(found.value + found.std)
-    estimates = {}
-    for name, own in model.estimates.items():
-        moved = here.estimates[name].value - before.estimates[name].value
-        estimates[name] = replace(own, value=own.value + moved)
-    return widened(replace(model, estimates=estimates), found, here, there)
+    recording = data.windows[0].recording
+    constant = recording.torque_constant
+    if constant is None:
+        return model.per(recording.torque_unit)
+    fit = fit or (lambda own: fit_terms(Evidence(own, ()), model.terms)[0])
+    return widened(model, constant, fit(data), fit(_scaled(data, 1 + constant.std / constant.value)))
 
 
 def widened(model: Model, constant: TorqueConstant, here: Model, there: Model) -> Model:
@@ -177,31 +151,10 @@ def widened(model: Model, constant: TorqueConstant, here: Model, there: Model) -
     return replace(model, estimates=estimates, torque_constant=known)
 
 
-def _logged(recording: Recording) -> Recording:
-    """The recording as it was logged, its torque constant unknown."""
-    known = recording.torque_constant
-    if known is None:
-        return recording
-    return replace(recording, torque=recording.torque / known.value, torque_unit=known.of, torque_constant=None)
-
-
-def constant_of(model: Model, first: TorqueConstant | None) -> TorqueConstant | None:
-    """The torque constant of a model that was `told`."""
-    own = model.torque_constant
-    return first if own is None or first is None else replace(first, value=own.value, std=own.std)
-
-
-def torque_constant(
-    recordings: Sequence[Recording], model: Model | None = None, start: float = 1.0
-) -> TorqueConstant | str:
+def torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | str:
     """Torque constant from recordings of a current under known loads, or in a sentence why there is none.
 
     A recording of which no load is known counts as one without a load.
-
-    Args:
-        recordings: of a current.
-        model: what the joint is beside its loads; a first guess bends to nearly any physics.
-        start: torque constant that the model's shape parameters are by [N m/A].
 
     Raises:
         IdentificationError: if the recordings hold too little motion.
@@ -209,43 +162,34 @@ def torque_constant(
     unit = unit_of(recordings)
     loads = [recording.load or NONE for recording in recordings]
     name = "torque constant" if unit == "A" else "torque gain"
+    unknown = f"the {name} is not known, and every parameter is per {unit}"
     if len(set(loads)) < 2:
         hung = "known loads that differ are needed" if loads[0] == NONE else "all recordings have the same load"
         return (
-            f"the {name} is not known, and every parameter is per {unit}: the log has {LOGGED.get(unit, unit)} for the "
-            f"torque, and {hung}; record with another known load, or without any, and give `load` in the study"
+            f"{unknown}: the log has {LOGGED.get(unit, unit)} for the torque, and {hung}; record with another known "
+            "load, or without any, and give `load` in the study"
         )
-    data, value, weight = prepare(recordings), start, 0.0
-    moved = {load for load, w in zip(loads, data.windows, strict=True) if len(w.centers)}
+    fits = ChannelFits.of(recordings)
+    if fits is None:
+        return f"{unknown}: too little of the motion is clear of the ends of the recordings; record longer"
+    moved = {loads[k] for k in np.unique(fits.data.recording_of_window[fits.rows])}
     if len(moved) < 2:
         return (
-            f"the {name} is not known, and every parameter is per {unit}: of {len(set(loads))} known loads only one was"
-            " moved; move the joint under each of them, clear of stick"
+            f"{unknown}: of {len(set(loads))} known loads only one was moved; move the joint under each of them, clear "
+            "of stick"
         )
-    rubbing = Pressed if driven(data) > DRIVEN else LoadDependentFriction
-    laws = smooth_laws(data.windows[0])
-    laws = laws if len(data.weights) >= FEWEST * (len(laws) + 3) else BASE
-    for _ in range(TURNS):  # friction under load is known in N m
-        if model is None:
-            terms: Sequence[Term] = (*laws, rubbing(weight))
-        else:
-            terms = _with_known_motor(model) if rubbing is Pressed else model.terms
-        share, std, weight = _share(_in_newton_metres(data, loads, value), terms)
-        if share <= LEAST * std:
-            break
-        value = value / share
-    share, std = share / value, std / value  # 1/K
+    share, std = (fits if driven(fits.data) > DRIVEN else fits.rubbing()).delayed.gain  # 1/K
     if abs(share) <= LEAST * std:
         return (
-            f"the {name} is not known, and every parameter is per {unit}: all that {len(moved)} known loads tell "
-            f"of its inverse is {plus_minus(share, std)} {unit}/(N m); take loads that differ more, or move further"
+            f"{unknown}: all that {len(moved)} known loads tell of its inverse is {plus_minus(share, std)} "
+            f"{unit}/(N m); take loads that differ more, or move further"
         )
     if share < 0:
         return (
-            f"the {name} is not known, and every parameter is per {unit}: it would be negative, "
-            f"{plus_minus(1 / share, std / share**2)} N m/{unit}; turn torque or position round with a minus sign"
+            f"{unknown}: it would be negative, {plus_minus(1 / share, std / share**2)} N m/{unit}; turn torque or "
+            "position round with a minus sign"
         )
-    return TorqueConstant(value, std * value**2, unit, len(moved))
+    return TorqueConstant(1 / share, std / share**2, unit, len(moved))
 
 
 def of_the_drive(model: Model, constant: TorqueConstant, data: Dataset) -> list[str]:
@@ -279,34 +223,6 @@ def driven(data: Dataset) -> float:
     return float(np.mean(data.torque() * data.samples.velocity > 0))
 
 
-class KnownLoads(Term):
-    """What the torque of known loads counts for beyond its size: nothing, where the torque constant is right."""
-
-    id = "known_loads"
-    law = "s (dI q'' + dmgl sin q)"
-    kind = "inertial"
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """The loads' own column."""
-        return (LOAD,)
-
-
-class Pressed(LoadDependentFriction):
-    """Friction by what hangs on the output alone: what the motor presses is no function of the motion."""
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Without that of the motor."""
-        return super().columns[1:]
-
-
-def _with_known_motor(model: Model) -> tuple[Term, ...]:
-    """A model's terms, friction by the motor's torque as it is: beside an unknown scale of the torque, it is none."""
-    known = {name: e.value for name, e in model.estimates.items() if name == "load_dependent_friction"}
-    return within_limits(model.terms, {}, known, {})[0]
-
-
 def _scaled(data: Dataset, factor: float) -> Dataset:
     """Data whose torque is larger by a factor."""
 
@@ -316,41 +232,3 @@ def _scaled(data: Dataset, factor: float) -> Dataset:
         return replace(w, recording=recording, samples=samples, torque_noise=factor * w.torque_noise)
 
     return replace(data, windows=tuple(map(scaled, data.windows)))
-
-
-def _in_newton_metres(data: Dataset, loads: Sequence[Load], constant: float) -> Dataset:
-    """Windows of currents as those of torques, by a constant that is tried [N m/A]."""
-
-    def turned(w: Windows, load: Load) -> Windows:
-        samples = replace(w.samples, load=KnownLoad(load.inertia, load.gravity))
-        return replace(w, recording=replace(w.recording, torque_unit=NEWTON_METRE), samples=samples)
-
-    windows = zip(_scaled(data, constant).windows, loads, strict=True)
-    return replace(data, windows=tuple(turned(w, load) for w, load in windows))
-
-
-def _share(data: Dataset, terms: Sequence[Term]) -> tuple[float, float, float]:
-    """What the torque of the known loads counts in that which was recorded, 1 if the torque constant is right.
-
-    With its standard error, and the weight of the joint without loads [N m].
-    """
-    balance = Screen(data).balance((KnownLoads(), *terms))
-    fit = balance.fit(data.clusters)
-    names = [column.name for term in terms for column in term.columns]
-    loads = [tuple(map(float, w.samples.load)) if len(w.centers) else None for w in data.windows]
-    between = _between(balance.slopes(fit.theta), fit.residual, balance.weights, data.recording_of_window, loads)
-    weight = float(fit.theta[1 + names.index("gravity")]) if "gravity" in names else 0.0
-    return 1.0 + float(fit.theta[0]), max(float(fit.std[0]), between), weight
-
-
-def _between(slopes: Array, error: Array, weights: Array, owner: Index, loads: Sequence[object]) -> float:
-    """Standard error of the first parameter from the scatter between recordings: each is left out once (jackknife).
-
-    One without which all others have the same load is not: they would know nothing.
-    """
-    if len(loads) - loads.count(None) < BETWEEN:
-        return 0.0
-    phi, left = slopes * weights[:, None], error * weights
-    others = [owner != k for k, own in enumerate(loads) if own and len({*loads[:k], *loads[k + 1 :]} - {None}) > 1]
-    told = [least_squares(phi[own], left[own])[0] for own in others]
-    return float(np.sqrt((len(told) - 1) * np.var(told))) if len(told) > 1 else 0.0

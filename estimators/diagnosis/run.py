@@ -15,7 +15,7 @@ from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.physical import impossible
 from estimators.checks.remedies import remedies, turned_round
 from estimators.checks.residual import Region, stand_out
-from estimators.checks.torque_constant import Calibrated, constant_of, of_the_drive, told
+from estimators.checks.torque_constant import Calibrated, of_the_drive, told
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.judge import doubted, judge
 from estimators.diagnosis.result import KEPT, UNNAMED, Diagnosis
@@ -207,7 +207,7 @@ class Prepared:
 
     def told(self, found: Diagnosis) -> Diagnosis:
         """A diagnosis with what was found of the torque channel."""
-        constant = constant_of(found.model, self.calibrated.constant)
+        constant = self.calibrated.constant
         wrong = remedies(found.model, self.recordings, found.ambiguous)
         return replace(
             found,
@@ -239,12 +239,10 @@ def _of_one_plant(given: Prepared, setting: Setting) -> Diagnosis:
         odd = named if left else odd  # where every recording would be another plant's, what was said before stands
         if len(left) in (0, len(kept)):
             break
-    *others, last = found.steps
-    model = told(last.model, evidence[0].data, is_whole=not found.unexplained)
-    whole = replace(last, model=model.biased() if found.unexplained else model)
+    *others, last = (replace(step, model=told(step.model, evidence[0].data)) for step in found.steps)
     return replace(
         found,
-        steps=(*(replace(step, model=told(step.model, evidence[0].data)) for step in others), whole),
+        steps=(*others, replace(last, model=last.model.biased()) if found.unexplained else last),
         disagreements=tuple(odd[number] for number in sorted(odd)),
     )
 

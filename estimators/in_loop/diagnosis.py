@@ -15,7 +15,7 @@ import numpy as np
 from estimators.checks.physical import objection
 from estimators.checks.remedies import remedies
 from estimators.checks.residual import Region
-from estimators.checks.torque_constant import Calibrated, constant_of, widened
+from estimators.checks.torque_constant import Calibrated, widened
 from estimators.diagnosis.added import CHANCE, Addition
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import UNNAMED, Diagnosis
@@ -132,7 +132,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
         advice=(*remedies(model, recordings, groups), *filter(None, [calibrated.doubt])),
         forbidden=UNNAMED if left else None,
         torque_unit=calibrated.unit,
-        torque_constant=constant_of(model, calibrated.constant),
+        torque_constant=calibrated.constant,
     )
 
 

