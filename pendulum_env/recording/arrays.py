@@ -110,7 +110,8 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
     """Columns of arrays by name, those of HDF5 not read yet."""
     widths = {name: _width(array.shape) for name, array in stored.items()}
     places = [(name, k) for name, width in widths.items() if width <= WIDEST for k in range(width)]
-    columns = find([name if widths[name] == 1 else f"{name}[{k}]" for name, k in places])
+    headers = [name if widths[name] == 1 else f"{name}[{k}]" for name, k in places]
+    columns = find(headers)
     load = cache(lambda name: _loaded(stored[name]))
     values: dict[str, Array] = {}
     for quantity, column in columns.items():
@@ -131,4 +132,4 @@ def _table(stored: Mapping[str, Any], find: Find) -> Table:
     if len({len(array) for array in values.values()}) > 1:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
-    return Table(columns, values)
+    return Table(headers, columns, values)

@@ -46,7 +46,8 @@ def read_bag(path: Path, find: Find = find_columns) -> Table:
                 topic, field = owners[column.index - 1]
                 wanted.setdefault(topic, []).append(field)
         series = {topic: _series(reader, topic, fields) for topic, fields in wanted.items()}
-    return _merged(columns, owners, series)
+    values, notes = _merged(columns, owners, series)
+    return Table(headers, columns, values, notes)
 
 
 def _series(reader: Any, topic: str, fields: Sequence[str]) -> tuple[NDArray[np.int64], dict[str, Array]]:
@@ -65,7 +66,9 @@ def _series(reader: Any, topic: str, fields: Sequence[str]) -> tuple[NDArray[np.
     return time, {field: values[:, k] for k, field in enumerate(fields)}
 
 
-def _merged(columns: dict[str, Column], owners: Sequence[tuple[str, str]], series: Any) -> Table:
+def _merged(
+    columns: dict[str, Column], owners: Sequence[tuple[str, str]], series: Any
+) -> tuple[dict[str, Array], tuple[str, ...]]:
     topic, _ = owners[columns["position"].index - 1]
     base = series[topic][0]
     values: dict[str, Array] = {}
@@ -85,7 +88,7 @@ def _merged(columns: dict[str, Column], owners: Sequence[tuple[str, str]], serie
             values[quantity] = np.interp(1e-9 * (base - base[0]), 1e-9 * (stamps - base[0]), fields[field])
         if other != topic:
             notes.append(f"{quantity} is taken from {other} at the times of {topic}")
-    return Table(columns, values, tuple(notes))
+    return values, tuple(notes)
 
 
 def _numbers(message: Any, path: str = "") -> Iterator[tuple[str, float]]:

@@ -21,7 +21,8 @@ def read_parquet(path: Path, find: Find = find_columns) -> Table:
     """
     with pq.ParquetFile(path, pre_buffer=False) as file:
         places = _places(file)
-        columns = find([name if k is None else f"{name}[{k}]" for name, k in places])
+        headers = [name if k is None else f"{name}[{k}]" for name, k in places]
+        columns = find(headers)
         chosen = [places[column.index] for column in columns.values()]
         table = file.read(columns=list(dict.fromkeys(name for name, _ in chosen)), use_threads=False)
     values = {}
@@ -35,7 +36,7 @@ def read_parquet(path: Path, find: Find = find_columns) -> Table:
                 "store it as a floating-point number in SI"
             )
         values[column.quantity] = numbers(series)
-    return Table(columns, values)
+    return Table(headers, columns, values)
 
 
 def _places(file: pq.ParquetFile) -> list[tuple[str, int | None]]:

@@ -3,7 +3,7 @@
 import gzip
 import math
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cleaning import Log
-from pendulum_env.recording.columns import Column, find_columns
+from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.parquet import read_parquet
 from pendulum_env.recording.record import WARNING, ColumnError, Recording, RecordingError
@@ -160,7 +160,8 @@ def read_table(path: Path, find: Find, largest: float = LARGEST) -> Table:
         told, arrays = isolated(_told, path, find, size=largest)
     except Unreadable as error:
         raise RecordingError(str(error)) from None
-    return Table(find(told["headers"]), dict(zip(told["quantities"], arrays, strict=True)), tuple(told["notes"]))
+    values = dict(zip(told["quantities"], arrays, strict=True))
+    return Table(told["headers"], find(told["headers"]), values, tuple(told["notes"]))
 
 
 def reads_here(path: Path, largest: float = LARGEST) -> bool:
@@ -198,15 +199,8 @@ def read_here(path: Path, find: Find) -> Table:
 
 def _told(path: Path, find: Find) -> Answer:
     """What `read_table` makes a table of again."""
-    headers: Sequence[str] = ()
-
-    def heard(names: Sequence[str]) -> dict[str, Column]:
-        nonlocal headers
-        headers = names
-        return find(names)
-
-    table = read_here(path, heard)
-    record = {"headers": list(headers), "quantities": list(table.values), "notes": table.notes}
+    table = read_here(path, find)
+    record = {"headers": list(table.headers), "quantities": list(table.values), "notes": table.notes}
     return record, list(table.values.values())
 
 

@@ -19,6 +19,7 @@ Find = Callable[[Sequence[str]], dict[str, Column]]  # which of the columns with
 class Table:
     """The columns found in a file and their values as they stand there: units as in the file, NaN for empty cells."""
 
+    headers: Sequence[str]  # of all columns in it
     columns: dict[str, Column]  # by quantity
     values: dict[str, Array]  # by quantity, each (N,)
     notes: tuple[str, ...] = ()  # what else a user should know

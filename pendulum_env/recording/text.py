@@ -92,7 +92,7 @@ def read_text(opened: Opened, find: Find) -> Table:
         except RecordingError:
             raise refusal from None
         notes.append("the last row is cut off: left out")
-    return Table(columns, values, tuple(notes))
+    return Table(layout.headers, columns, values, tuple(notes))
 
 
 def _without_last_line(opened: Opened) -> pa.NativeFile:

@@ -44,25 +44,20 @@ def signal(**changes: object) -> str:
 
 MODELS = [
     ("[" * 100_000 + "]" * 100_000, "model.json: is not JSON; a model file is what"),
-    (theta(inertia={"value": 0.0}), "'theta.inertia.value' of the model is 0.0: it has to be a number above zero"),
     (theta(inertia={"value": True}), "'theta.inertia.value' of the model is True: it has to be a finite number"),
     (theta(gravity={"value": 10**399}), "holds a number of more than 18 digits"),
     (theta(gravity={"value": "@"}).replace('"@"', "9" * 5000), "'theta.gravity.value' of the model is inf"),
-    (theta(gravity={"value": 2.0, "std": -1}), "'theta.gravity.std' of the model is -1"),
     (json.dumps({**MODEL, "torque_unit": "A" * 10_000}), "'torque_unit' of the model is 'AAA"),
     (json.dumps({**MODEL, "torque_unit": "\ud800"}), "holds '\\ud800', which is no text"),
     (json.dumps({**MODEL, "terms": ["inertia"] * 10_000}), "is a list of 10000: at most 100 are read"),
     (json.dumps({**MODEL, "terms": ["\x1b[31m"]}), "unknown effect '\\x1b[31m'"),
-    (json.dumps({**MODEL, "torque_constant": {"value": 1.0, "std": 0.1}}), "lacks 'unit' under 'torque_constant'"),
 ]
 DIAGNOSES = [
     (json.dumps({**DIAGNOSIS, "inseparable": [[3]]}), "'inseparable[0][0]' of the diagnosis is 3"),
-    (json.dumps({**DIAGNOSIS, "inseparable": {"a": 1}}), "'inseparable' of the diagnosis is a table"),
     (json.dumps({**DIAGNOSIS, "forbidden": ["a"]}), "'forbidden' of the diagnosis is ['a']: it has to be a text"),
     (suggested(reach=[1.0]), "'suggestion.reach' of the diagnosis is [1.0]: it has to be a list of two angles"),
     (suggested(seconds=1e308), "'suggestion.seconds' of the diagnosis is 1e+308: it has to be a number above 0"),
     (suggested(settles=[{}]), "lacks 'effect' under 'suggestion.settles[0]'"),
-    (suggested(signal=3), "'suggestion.signal' of the diagnosis is 3"),
     (signal(phases=[1.0] * 3), "a signal is one of two_tone"),
     (signal(kind="multisine", base=1.0, harmonics=[2] * 101), "a list of 101: at most 100"),
     (signal(kind="levels", edges=[1.0], levels=[4.0]), "within its amplitude"),
@@ -88,13 +83,10 @@ TRAININGS = [
 ]
 OPTIONS = [
     (["evaluate", "--plants", "1000000000000"], "should be a whole number from 2 to 10000"),
-    (["evaluate", "--plants", "1e12"], "'1e12' should be a whole number from 2 to 10000"),
     (["evaluate", "--plants", "9" * 5000], "should be a whole number from 2 to 10000"),
     (["evaluate", "--workers", "1000000"], "should be a whole number from 1 to 1000"),
-    (["paper", "--runs", "1000000000"], "should be a whole number from 1 to 10000"),
     (["record", "--amplitude", "1e308", "-o", "x.csv"], "'1e308' should be a number from 0 to 1e+06"),
     (["record", "--amplitude", "nan", "-o", "x.csv"], "'nan' should be a number"),
-    (["record", "--noise", "1e308", "-o", "x.csv"], "'1e308' should be a number from 0 to 1e+06"),
     (["record", "--counts", "9" * 400, "-o", "x.csv"], "should be a whole number from 0 to 4294967296"),
     (["record", "--seconds", "1e12", "--excitation", "prbs", "-o", "x.csv"], "should be a number from 1 to 500000"),
     (["record", "--theta", "inertia=1e308", "-o", "x.csv"], "inertia of a plant cannot be 1e+308"),

@@ -366,14 +366,6 @@ def test_signs_of_the_wiring_are_taken_out(make, clock):
     assert guard.torque == 2.0
 
 
-def test_what_happened_is_kept_in_order(make, clock):
-    guard, _ = make()
-    guard.disable()
-    guard.close()
-    guard.close()
-    assert [event.text for event in guard.events] == ["opened", "enabled", "disabled", "closed"]
-
-
 def test_a_motion_that_no_such_arm_can_make_takes_the_torque(make, clock):
     """One principle whatever the fault: here the arm is said to stop dead under a torque that goes on."""
     guard, drive = make(plant=Plant())

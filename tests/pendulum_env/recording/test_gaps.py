@@ -252,11 +252,3 @@ def test_whatever_is_lost_the_rest_is_true(
     assert recording.rate == pytest.approx(500, rel=5e-3)
     np.testing.assert_allclose(recording.position, motion(recording.time)["position"], atol=2e-4)
     assert recording.duration >= 2000 / 500 - (len(lost) + 9 * 105) / 500
-
-
-def test_a_bare_motor_that_turns_many_times_is_not_taken_for_degrees() -> None:
-    folder = Path(__file__).parents[4] / "shared" / "data" / "odrive"
-    if not folder.is_dir():
-        pytest.skip("the real recordings are not on this machine")
-    for path in folder.glob("*.csv.gz"):
-        assert np.ptp(read_recording(path).position) > 6
