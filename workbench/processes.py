@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.context import SpawnProcess
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
@@ -60,12 +60,6 @@ class Quiet(SpawnProcess):
             super().start()
 
 
-class QuietContext(SpawnContext):
-    """Where a pool of workers takes its processes from."""
-
-    Process = Quiet
-
-
 def attend() -> None:
     """Called by a worker first: it ends with whoever began it, even if that one is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -77,15 +71,6 @@ def attend() -> None:
 def _follow(parent: BaseProcess) -> None:
     parent.join()
     os._exit(1)
-
-
-def end_workers() -> None:
-    """End all that this process has begun, whatever they do."""
-    workers = [child for child in multiprocessing.active_children() if isinstance(child, Quiet)]
-    for worker in workers:
-        worker.terminate()
-    for worker in workers:
-        worker.join()
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """However a command ends, it says so in a line, and nothing that it began goes on without it."""
 
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -16,24 +15,6 @@ from workbench.cli import main
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and devices of Unix")
 
 COMMAND = [sys.executable, "-c", "import sys; from workbench.entry import main; sys.exit(main())"]
-POOL = """
-import sys, time
-from concurrent.futures import ProcessPoolExecutor
-from workbench.processes import QuietContext, attend, end_workers, interrupts_wait
-if __name__ == "__main__":
-    with ProcessPoolExecutor(2, QuietContext(), initializer=attend) as pool:
-        try:
-            futures = [pool.submit(time.sleep, 0.0 if k < 2 else 1000.0) for k in range(4)]
-            if sys.argv[1] == "ready":
-                futures[0].result()
-            print("running", flush=True)
-            while not futures[3].done():  # a signal that comes as a lock begins to wait is heard only after
-                time.sleep(0.1)
-        except BaseException:
-            with interrupts_wait():
-                end_workers()
-            print("ended", flush=True)
-"""
 
 
 def run(redirection: str, *arguments: str, shell: str = "sh") -> subprocess.CompletedProcess[str]:
@@ -88,25 +69,6 @@ def test_a_standard_output_that_is_full_is_told(redirection):
     assert done.returncode == 2
     if "2>" not in redirection:
         assert done.stderr == "pendulum-ident: standard output: No space left on device\n"
-
-
-@pytest.mark.parametrize("moment", ["ready", "loading"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_workers_end_with_their_command_and_say_nothing(tmp_path, moment, number):
-    """A signal of the keyboard goes to all processes of the terminal; a kill to the command alone."""
-    script = tmp_path / "pool.py"  # a file, as workers import it
-    script.write_text(POOL)
-    with subprocess.Popen(
-        [sys.executable, script, moment], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True,
-    ) as process:  # fmt: skip
-        assert process.stdout.readline() == "running\n"
-        (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
-        out, err = process.communicate(timeout=PATIENCE)  # ends when the last process has closed the streams
-    if number == signal.SIGINT:
-        assert (out, err) == ("ended\n", "")
-    else:
-        assert "Traceback" not in err
 
 
 def test_a_disk_without_room_is_told_and_nothing_is_left(tmp_path, capsys):

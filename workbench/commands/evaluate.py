@@ -5,11 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from functools import partial
-from importlib.util import find_spec
 
 from agents.baselines import BASELINE, BASELINES, baseline
 from agents.evaluation import Contender, Outcome, compare, evaluation_json
@@ -19,9 +17,9 @@ from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import Policy
+from workbench.cluster import connected
 from workbench.inputs import argument, check_outputs, one_of, take_report, whole, write_json, wrote
 from workbench.mistakes import InputError
-from workbench.processes import QuietContext, attend, end_workers, interrupts_wait
 from workbench.terminal import Terminal
 
 MOST = 10_000  # plants, which take a quarter of an hour for each policy
@@ -143,32 +141,18 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Executor | None]:
     """Where the work is done: here, in processes, or on a cluster.
 
     Raises:
-        InputError: if there is no such cluster.
+        InputError: if there is no such cluster, or a worker dies.
     """
-    if arguments.dask is None:
-        if arguments.workers == 1:
-            yield None
-            return
-        with ProcessPoolExecutor(arguments.workers, QuietContext(), initializer=attend) as pool:
-            try:
-                yield pool
-            except BrokenProcessPool:
-                raise InputError("a worker ended unexpectedly, perhaps for want of memory: use fewer") from None
-            except BaseException:  # an interrupt, above all
-                with interrupts_wait():
-                    end_workers()
-                raise
+    if arguments.dask is None and arguments.workers == 1:
+        yield None
         return
-    if find_spec("distributed") is None:
-        raise InputError("--dask needs the extra rl: pip install 'pendulum-ident[rl]'")
-    from distributed import Client
+    with connected(arguments.dask, arguments.workers) as client:
+        from distributed import KilledWorker
 
-    try:
-        client = Client(arguments.dask, timeout=10)
-    except (OSError, ValueError) as error:
-        raise InputError(f"there is no Dask cluster at {arguments.dask}: {error}") from None
-    with client:
-        yield client.get_executor()
+        try:
+            yield client.get_executor()
+        except KilledWorker:
+            raise InputError("a worker ended unexpectedly, perhaps for want of memory: use fewer") from None
 
 
 def _write_report(path: str, told: JSON, outcomes: dict[str, Outcome], terminal: Terminal) -> None:

@@ -1,4 +1,4 @@
-"""Where a survey is computed: in processes of this computer, or on a Dask cluster."""
+"""Where work of many parts is computed: in processes of this computer, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
         InputError: if Dask is not installed, or there is no such cluster.
     """
     if find_spec("distributed") is None:
-        raise InputError("a survey needs the extra fleet: pip install 'pendulum-ident[fleet]'")
+        raise InputError("surveys, --workers and --dask need the extra fleet: pip install 'pendulum-ident[fleet]'")
     import dask
     from distributed import Client, LocalCluster
     from distributed.utils import silence_logging_cmgr
@@ -48,16 +48,16 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
         with interrupts_wait():  # a cluster that is half begun cannot be closed
             cluster = LocalCluster(
                 n_workers=workers,
-                threads_per_worker=1,  # a diagnosis computes in Python most of the time
+                threads_per_worker=1,  # the work computes in Python most of the time
                 memory_limit="auto" if memory is None else int(1e6 * memory),
-                preload="workbench.survey.cluster",
-                dashboard_address="127.0.0.1:0",  # for nobody else, and beside other surveys
-                silence_logs=logging.CRITICAL,  # what happened to a case is in the dataset
+                preload="workbench.cluster",
+                dashboard_address="127.0.0.1:0",  # for nobody else, and beside other clusters
+                silence_logs=logging.CRITICAL,  # what went wrong is told by who asked for the work
             )
             client = stack.enter_context(Client(stack.enter_context(cluster)))
         yield client
 
 
 def dask_setup(worker: Worker) -> None:
-    """Called by Dask in each worker that is begun here: Ctrl-C is left to the survey, which ends its workers itself."""
+    """Called by Dask in each worker begun here: Ctrl-C is left to the command, which ends its workers itself."""
     attend()
