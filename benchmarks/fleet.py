@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.survey import GROWTH, HIDDEN, Meter, Plan, cases_of, day, measured, record
+from workbench.cluster import connected
 from workbench.survey import Dataset, Fleet
 from workbench.survey.cases import joints
-from workbench.survey.cluster import connected
 from workbench.terminal import Terminal
 
 Finding = tuple[str, str]  # joint, and what is said of it

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and devices 
 BEGUN = """
 import time
 from workbench.processes import Worker, attend
-from workbench.survey.cluster import connected
+from workbench.cluster import connected
 def work(connection):
     attend()
     connection.send("at work")

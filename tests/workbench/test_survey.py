@@ -433,8 +433,8 @@ def test_the_command_diagnoses_on_a_cluster_and_writes_pages(tmp_path, swing, cl
 
 @pytest.mark.realtime
 @pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
-@pytest.mark.parametrize("moment", slow.but_first(["beginning", "working"]))
-def test_ctrl_c_ends_all_processes_and_keeps_what_is_done(tmp_path, swing, moment):
+@pytest.mark.parametrize("moment", slow.but_first(["beginning", "working", "killed"]))
+def test_ctrl_c_or_a_kill_ends_all_processes_and_keeps_what_is_done(tmp_path, swing, moment):
     first = tmp_path / "elbow_2026-01-01.csv"
     write_recording(swing, first)
     for month, day in product(range(2, 8), range(1, 29)):  # more than are done before the interrupt comes
@@ -448,11 +448,14 @@ def test_ctrl_c_ends_all_processes_and_keeps_what_is_done(tmp_path, swing, momen
         text=True,
         start_new_session=True,
     ) as process:
-        wait_until(lambda: dataset.parts if moment == "working" else dataset.folder.exists())
+        wait_until(lambda: dataset.folder.exists() if moment == "beginning" else dataset.parts)
         children = psutil.Process(process.pid).children(recursive=True)
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        if moment == "killed":
+            process.kill()  # the command alone
+        else:
+            os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         told = process.communicate(timeout=PATIENCE)[0]
-    assert process.returncode == 130 and "Traceback" not in told
+    assert process.returncode == (-signal.SIGKILL if moment == "killed" else 130) and "Traceback" not in told
     assert psutil.wait_procs(children, timeout=PATIENCE)[1] == []
     if moment == "working":
         assert "what is done is kept" in told and 0 < len(dataset.rows(["name"])) < 169

@@ -17,9 +17,9 @@ from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import Policy
+from workbench.cluster import connected
 from workbench.inputs import argument, check_outputs, one_of, take_report, whole, write_json, wrote
 from workbench.mistakes import InputError
-from workbench.survey.cluster import connected
 from workbench.terminal import Terminal
 
 MOST = 10_000  # plants, which take a quarter of an hour for each policy

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 from estimators.arguments import chosen_effects, within_limits
 from pendulum_env.physics import BASE
+from workbench.cluster import connected
 from workbench.inputs import check_outputs, ids, number, read_model, take_limits, take_reading, whole, wrote
 from workbench.mistakes import InputError, Interrupted
 from workbench.survey.cases import find_cases, joints
-from workbench.survey.cluster import connected
 from workbench.survey.dataset import Dataset
 from workbench.survey.fleet import Fleet
 from workbench.survey.run import Tally, survey

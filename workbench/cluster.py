@@ -48,11 +48,11 @@ def connected(address: str | None, workers: int, memory: float | None = None) ->
         with interrupts_wait():  # a cluster that is half begun cannot be closed
             cluster = LocalCluster(
                 n_workers=workers,
-                threads_per_worker=1,  # a diagnosis computes in Python most of the time
+                threads_per_worker=1,  # the work computes in Python most of the time
                 memory_limit="auto" if memory is None else int(1e6 * memory),
-                preload="workbench.survey.cluster",
-                dashboard_address="127.0.0.1:0",  # for nobody else, and beside other surveys
-                silence_logs=logging.CRITICAL,  # what happened to a case is in the dataset
+                preload="workbench.cluster",
+                dashboard_address="127.0.0.1:0",  # for nobody else, and beside other clusters
+                silence_logs=logging.CRITICAL,  # what went wrong is told by who asked for the work
             )
             client = stack.enter_context(Client(stack.enter_context(cluster)))
         yield client
