@@ -134,10 +134,10 @@ def _families(table: Table) -> list[Family]:
     fall = "exp(-|q'| / {0} rad/s)"
     return [
         Family("|q'|^{0}", lambda v, p: v[:, None] ** p, [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (POWERS,)),
-        Family(fall, lambda v, s: np.exp(-v / s)[:, None] - (table.is_gain), scales, ends),
+        Family(fall, lambda v, s: np.exp(-v / s)[:, None] - table.is_gain, scales, ends),
         Family(
             "exp(-(q' / {0} rad/s)^2)",
-            lambda v, s: np.exp(-((v / s) ** 2))[:, None] - (table.is_gain),
+            lambda v, s: np.exp(-((v / s) ** 2))[:, None] - table.is_gain,
             scales,
             ends,
         ),

@@ -236,6 +236,7 @@ class ByAngle(Table):
     """A function of the angle, over a turn where the joint turned."""
 
     axis = "position"
+    outside: ClassVar[float] = 0.0  # times a piece's share of the samples, that lie beyond either end
 
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
@@ -244,8 +245,9 @@ class ByAngle(Table):
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         extents = []
-        for pieces in ANGLES:  # beyond either end lies half a piece's share of the samples: few tell a curve badly
-            low, high = np.quantile(x.position, [0.5 / pieces, 1.0 - 0.5 / pieces]).tolist()
+        for pieces in ANGLES:
+            share = cls.outside / pieces
+            low, high = np.quantile(x.position, [share, 1.0 - share]).tolist()
             extents.append(Extent(low, high, pieces))
         if np.ptp(x.position) >= 2 * np.pi and not cls.slides:
             extents += [Extent(-np.pi, np.pi, pieces) for pieces in ANGLES]
@@ -414,4 +416,28 @@ def refuse_held(terms: Iterable[Term], new: Term) -> None:
 TABLES: dict[str, type[Term]] = {
     kind.id: kind for kind in (TorqueByAngle, FrictionByAngle, FrictionBySpeed, GainBySpeed)
 }
-COMPETING: tuple[type[Term], ...] = (PowerOfSpeed, *TABLES.values(), TorqueByTime, GainByTime)  # with effects
+
+
+@dataclass(frozen=True)
+class SureTorqueByAngle(TorqueByAngle):
+    """The same where it is told best: a curve that few samples tell predicts badly what is recorded next."""
+
+    outside = 0.5
+
+
+@dataclass(frozen=True)
+class SureFrictionByAngle(FrictionByAngle):
+    """The same where it is told best."""
+
+    outside = 0.5
+
+
+COMPETING: tuple[type[Term], ...] = (  # with effects
+    PowerOfSpeed,
+    SureTorqueByAngle,
+    SureFrictionByAngle,
+    FrictionBySpeed,
+    GainBySpeed,
+    TorqueByTime,
+    GainByTime,
+)
