@@ -244,13 +244,10 @@ def _found(fits: ChannelFits) -> tuple[Alignment, Law]:
 
     A filter that is shorter than a sample is a delay by a share of it, as far as samples tell.
     """
-    views = fits.views()
-    fits, delays = views[0], [view.delayed for view in views]
-    none, delay, late = fits.undelayed, fits.delayed, fits.delayed.channel.delay
+    fits = fits.sharpest()
+    none, delay, late = fits.fit([np.zeros(2)]), fits.delayed, fits.delayed.channel.delay
     lag = fits.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
-    is_borne_out = all(one.stands(view.undelayed) for one, view in zip(delays, views, strict=True))
-    is_one = len({one.channel.is_late for one in delays}) == 1
-    if not (is_borne_out and is_one) or abs(late) < TRIFLE * fits.period:  # what is filtered is late as well
+    if not delay.stands(none) or abs(late) < TRIFLE * fits.period:  # what is filtered is late as well
         # what is not borne out is no more exact than that: it must not speak against what other recordings tell
         spread = max(delay.std[0], abs(late) / SURE), max(lag.std[1], abs(lag.channel.lag) / SURE)
         return Alignment(none.channel, *spread), none

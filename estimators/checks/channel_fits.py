@@ -22,9 +22,11 @@ from typing import Self
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.special import ndtri
 
 from estimators.regression.least_squares import Balance
 from estimators.selection.candidates import depends_on_torque
+from estimators.selection.criterion import Criterion
 from estimators.selection.score import STRETCH, Stretches, cross_validated
 from estimators.signals.channel import Channel
 from estimators.weak_form.dataset import Dataset, prepare, smooth_laws
@@ -39,7 +41,7 @@ from pendulum_env.recording.record import NEWTON_METRE
 REACH = 0.05  # [s], delays and lags up to it are looked for
 STARTS = 51  # delays among which a search starts from the best
 SURE = 4.0  # standard errors from which an estimate is told from none
-CLEARER = 2.0  # standard errors of what is gained in predictive density, from which a law is better
+CLEARER = float(ndtri(1 - Criterion().chance))  # standard errors that a law has to gain to be better, as an effect has
 BY_CHANCE = float(np.log(2 * REACH / 1e-3))  # [nat], that the best of so many delays predicts better by chance
 FEWEST = 3  # equations for each column
 FRICTION = (0.02, 0.1, 0.5)  # of the highest velocity: where friction may bend, beside where smooth laws bend already
@@ -186,15 +188,9 @@ class ChannelFits:
         delays = REACH * np.linspace(-1.0, 1.0, STARTS)
         return min(np.outer(delays, [1.0, 0.0]), key=lambda x: float(np.linalg.norm(self.misfit(x))))
 
-    def views(self) -> list[Self]:
-        """Fits beside this model of the motion, and beside each wider one that predicts better; most precise first."""
-        wider = [own for own in (self.drifting(), self.bent()) if own.delayed.excels(self.delayed)]
-        return sorted([self, *wider], key=lambda own: own.delayed.std[0])
-
-    @cached_property
-    def undelayed(self) -> Law:
-        """Neither delay nor filter."""
-        return self.fit([np.zeros(2)])
+    def sharpest(self) -> Self:
+        """The same beside the model of the motion that tells a delay most precisely: this one, or a wider one."""
+        return min((self, self.drifting(), self.bent()), key=lambda own: own.delayed.std[0])
 
     @cached_property
     def delayed(self) -> Law:
@@ -246,7 +242,8 @@ class ChannelFits:
             free: which of them are fitted.
             low: limit of both.
         """
-        x = min(starts, key=lambda start: float(np.linalg.norm(self.misfit(start))))
+        within = (np.clip(start, low, REACH) for start in starts)
+        x = min(within, key=lambda start: float(np.linalg.norm(self.misfit(start))))
         ways = np.eye(2)[list(free)]
         if free:
             moved = least_squares(
