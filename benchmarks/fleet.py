@@ -20,7 +20,7 @@ from workbench.survey import Dataset, Fleet
 from workbench.survey.cases import joints
 from workbench.terminal import Terminal
 
-Finding = tuple[str, str]  # joint, and what is said of it
+Finding = tuple[str, str]  # joint or group of them, and what is said of it
 
 
 @dataclass(frozen=True)
@@ -41,22 +41,25 @@ class Judged:
     def of(cls, fleet: Fleet, plan: Plan) -> Judged:
         """Judge a fleet by its plan.
 
-        That a joint of growing friction differs in it from its siblings is true.
+        That a joint of growing friction differs in it from its siblings is true. So is that an effect which is in half
+        of a joint's cases shows in those that do not name it, and in the sums over the joint's kind and over all.
         """
         label = [" / ".join(plan.label(joint)) for joint in range(plan.joints)]
         growing, broken = label[: plan.drifting], label[plan.joints - plan.broken :]
         since = f"{day(plan.weeks // 2):%Y-%m-%d}"
         drifts = {(name, "coulomb drifts") for name in growing}
         begins = {(name, f"stribeck {what}") for name in broken for what in ("is missing", f"since {since}")}
+        groups = {*broken, "all joints", *(f"all {name.rpartition(' / ')[2]}" for name in broken)}
         named = {
             *((one.joint.label, f"{one.parameter} drifts") for one in fleet.drifting),
             *((one.joint.label, f"{one.parameter} jumps") for one in fleet.jumping),
             *((one.joint.label, f"{one.effect} is missing") for one in fleet.effects if one.sure),
             *((one.joint.label, f"{one.effect} since {one.since:%Y-%m-%d}") for one in fleet.effects if one.since),
             *((one.joint.label, f"{one.parameter} is odd") for one in fleet.odd),
+            *((one.group, f"{one.effect} is weak in each") for one in fleet.shared),
         }  # fmt: skip
         wanted = drifts | begins
-        also = {(one, "coulomb is odd") for one in growing}
+        also = {(one, "coulomb is odd") for one in growing} | {(one, "stribeck is weak in each") for one in groups}
         return cls(frozenset(wanted), frozenset(wanted & named), frozenset(named - wanted - also))
 
 

@@ -26,7 +26,7 @@ from workbench.mistakes import InputError
 from workbench.report.fleet import write_fleet_report
 from workbench.survey import Dataset, Fleet, Settings, find_cases, survey, work
 from workbench.survey import dataset as stored
-from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table
+from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
 
 distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")  # comes with it
@@ -49,6 +49,7 @@ def stub(case, settings):
     told = json.loads(text) if text.startswith("{") else {}
     theta = {name: (told.get(name, value), std, unit) for name, (value, std, unit) in USUAL.items()}
     effects = told.get("effects", [])
+    gains = {**dict.fromkeys(("stribeck", "cogging"), -1.0), **told.get("gains", {})}
     return dict(
         verdict="missing" if effects else "nothing",
         headline="Something" if effects else "Nothing is missing",
@@ -56,9 +57,9 @@ def stub(case, settings):
         selected=effects,
         ambiguous=[],
         candidates=[
-            {"effect": id, "verdict": "selected" if id in effects else "rejected", "score": 0.1, "gain": -1.0,
+            {"effect": id, "verdict": "selected" if id in effects else "rejected", "score": 0.1, "gain": gain,
              "gain_error": 2.0, "variants": 2}
-            for id in ("stribeck", "cogging")
+            for id, gain in gains.items()
         ],
         parameters=[{"name": n, "value": v, "std": s, "unit": u} for n, (v, s, u) in theta.items()],
         torque_unit="N m", noise_floor=0.01, torque_rms=0.01, position_rms=1e-3, samples=100, duration=1.0,
@@ -277,8 +278,9 @@ def fleet_of(folder, client, told):
         for joint in ("elbow", "wrist"):
             own = rng.normal(0, 0.01)  # no two joints are alike
             for week in range(12):
+                gains = {id: rng.normal(-1.0, 1.5) for id in ("stribeck", "cogging")}
                 usual = {"coulomb": 0.9 + own + rng.normal(0, 0.004), "inertia": 0.09 + rng.normal(0, 1e-4)}
-                write(folder / "data", f"arm{arm}/{joint}", week, **told(arm, joint, week, usual))
+                write(folder / "data", f"arm{arm}/{joint}", week, **told(arm, joint, week, usual, gains))
     dataset = Dataset(folder / "out")
     survey(cases(folder / "data"), dataset, client, look=stub)
     return Fleet.of(dataset)
@@ -286,23 +288,27 @@ def fleet_of(folder, client, told):
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory, client):
-    """One drifts, one jumps, one is odd, and one gets an effect half-way."""
+    """One drifts, one jumps, one is odd, one gets an effect half-way, and all elbows have a weak one."""
 
-    def told(arm, joint, week, usual):
+    def told(arm, joint, week, usual, gains):
         usual["coulomb"] += 0.004 * week * (arm == 1 and joint == "elbow")
         usual["inertia"] += 0.02 * (arm == 2 and joint == "wrist")
         usual["inertia"] += 0.003 * (arm == 4 and joint == "elbow" and week >= 8)
         lost = arm == 3 and joint == "wrist" and week >= 6
-        return {**usual, "effects": ["stribeck"] if lost else []}
+        gains["cogging"] += 4.0 * (joint == "elbow")
+        return {**usual, "gains": gains, "effects": ["stribeck"] if lost else []}
 
     return fleet_of(tmp_path_factory.mktemp("fleet"), client, told)
 
 
-def test_drifts_jumps_onsets_and_odd_ones_are_found_and_nothing_else(fleet):
+def test_drifts_onsets_odd_ones_and_what_all_share_are_found_and_nothing_else(fleet):
     assert [row[:2] for row in drifting_table(fleet).rows] == [("arm1 / elbow", "coulomb")]
     assert [row[:3] for row in jumping_table(fleet).rows] == [("arm4 / elbow", "inertia", "2026-03-02")]
     assert list(effects_table(fleet).rows) == [("arm3 / wrist", "stribeck", "6 of 12", "since 2026-02-16", "")]
     assert {row[:2] for row in odd_table(fleet).rows} == {("arm2 / wrist", "inertia")}
+    assert ("all elbow", "cogging") in {row[:2] for row in pooled_table(fleet).rows}
+    assert {row[1] for row in pooled_table(fleet).rows} == {"cogging"}
+    assert not {row[0] for row in pooled_table(fleet).rows} & {"all wrist", "arm0 / wrist"}
 
 
 def test_the_page_says_what_was_found_and_loads_nothing(fleet, tmp_path):
@@ -312,7 +318,7 @@ def test_the_page_says_what_was_found_and_loads_nothing(fleet, tmp_path):
         "1 of 12 joints drifts, 1 has jumped, 1 differs from its siblings and Stribeck friction is missing in 1"
         in found.text
     )
-    assert "since 2026-02-16" in found.text
+    assert "since 2026-02-16" in found.text and "Cogging torque" in found.text
     assert values(found, "src") == [] and len(values(found, "id")) == len(set(values(found, "id")))
     drawn = next(figure for figure in found.figures if "coulomb" in figure["layout"]["yaxis"]["title"]["text"])
     assert sum(trace.get("showlegend", False) for trace in drawn["data"]) == 1
@@ -321,8 +327,8 @@ def test_the_page_says_what_was_found_and_loads_nothing(fleet, tmp_path):
 
 @pytest.mark.slow
 def test_a_fleet_in_which_nothing_happens_shows_nothing(tmp_path, client):
-    fleet = fleet_of(tmp_path, client, lambda arm, joint, week, usual: usual)
-    assert not (fleet.drifting or fleet.jumping or fleet.effects or fleet.odd)
+    fleet = fleet_of(tmp_path, client, lambda arm, joint, week, usual, gains: {**usual, "gains": gains})
+    assert not (fleet.drifting or fleet.jumping or fleet.effects or fleet.odd or fleet.shared)
     assert len(fleet.joints) == 12 and all(row["status"] == "done" for row in fleet.rows)
 
 

@@ -17,7 +17,7 @@ from workbench.survey.cases import find_cases, joints
 from workbench.survey.dataset import Dataset
 from workbench.survey.fleet import Fleet
 from workbench.survey.run import Tally, survey
-from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table
+from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
 from workbench.survey.work import PAGES, Settings
 from workbench.terminal import Terminal
 
@@ -29,6 +29,7 @@ TABLES = (  # with what is said where there is no row
     ("What drifts", drifting_table, "no parameter, beyond its errors and its scatter"),
     ("What changed from a date on", jumping_table, None),
     ("Joints that differ from their siblings", odd_table, None),
+    ("Weak in each, present in all", pooled_table, None),
 )
 LISTED = 20  # cases that could not be diagnosed, told by name
 

@@ -20,13 +20,14 @@ from workbench.report.figure import Figure, axis, line, numbers
 from workbench.report.page import assemble
 from workbench.report.section import Section
 from workbench.survey.dataset import STATUSES, VERDICTS
-from workbench.survey.fleet import DAY, Fleet, Missing, Series
+from workbench.survey.fleet import CHANCE, DAY, Fleet, Missing, Series
 from workbench.survey.tables import (
     courses_table,
     drifting_table,
     effects_table,
     jumping_table,
     odd_table,
+    pooled_table,
 )
 
 SIGMAS = 2.0  # standard errors on either side
@@ -103,8 +104,9 @@ def _labels(found: Sequence[Missing | Series]) -> list[str]:
 
 
 def missing(fleet: Fleet) -> Section:
-    """Which effect is missing where."""
-    return Section("missing", "Missing", "What is missing where", {"effects": effects_table(fleet)})
+    """Which effect is missing where, and what is weak in each case but in all of a group."""
+    content = {"effects": effects_table(fleet), "shared": pooled_table(fleet), "chance": CHANCE}
+    return Section("missing", "Missing", "What is missing where", content)
 
 
 def courses(fleet: Fleet) -> Section | None:

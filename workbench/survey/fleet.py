@@ -1,22 +1,25 @@
-"""What the cases of a dataset show together: effects by joint, drifts, jumps and odd ones."""
+"""What the cases of a dataset show together: effects by joint, drifts, odd ones, and what all of a kind share."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from scipy import stats
 
-from estimators.fleet import Course, Odd, course, odd_ones, onset, surely
+from estimators.diagnosis.result import Verdict
+from estimators.fleet import Course, Odd, Pooled, course, odd_ones, onset, pool, surely, weigh
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON, Array
 from workbench.survey.dataset import SCHEMA, Dataset
 
 DAY = 86400.0  # [s]
 CHANCE = Criterion().chance  # that a diagnosis names an effect where none is missing
+NAMED = (str(Verdict.SELECTED), str(Verdict.AMBIGUOUS))
 COLUMNS = tuple(name for name in SCHEMA.names if name != "diagnosis")  # which is large
 
 
@@ -94,6 +97,25 @@ class Missing:
 
 
 @dataclass(frozen=True)
+class Shared:
+    """An effect that no case of a group names, or few, and all of the others show a little.
+
+    Attributes:
+        group: whose cases were added up: a joint, or joints of one kind.
+        effect: id.
+        pooled: sum over the cases that do not name it.
+        named: number of cases that do.
+        probability: among the effects that show in this group in this way.
+    """
+
+    group: str
+    effect: str
+    pooled: Pooled
+    named: int
+    probability: float
+
+
+@dataclass(frozen=True)
 class Fleet:
     """What a survey shows.
 
@@ -103,6 +125,7 @@ class Fleet:
         joints: those with cases that were diagnosed.
         series: every parameter of every joint.
         effects: what is missing where.
+        shared: effects that are weak in each case, and in all of a group.
     """
 
     folder: Path
@@ -110,6 +133,7 @@ class Fleet:
     joints: tuple[Joint, ...] = ()
     series: tuple[Series, ...] = ()
     effects: tuple[Missing, ...] = ()
+    shared: tuple[Shared, ...] = ()
 
     @classmethod
     def of(cls, dataset: Dataset) -> Fleet:
@@ -118,7 +142,8 @@ class Fleet:
         joints = _joints(rows)
         series = _judged([one for joint in joints for one in _series(joint)])
         effects = sorted(_missing(joints), key=lambda one: (not one.sure, -one.cases / one.of, one.effect))
-        return cls(dataset.folder, rows, joints, tuple(series), tuple(effects))
+        shared = sorted(_shared(joints), key=lambda one: (-one.pooled.cases, one.group, -one.probability))
+        return cls(dataset.folder, rows, joints, tuple(series), tuple(effects), tuple(shared))
 
     @property
     def drifting(self) -> list[Series]:
@@ -190,3 +215,47 @@ def _missing(joints: Sequence[Joint]) -> Iterator[Missing]:
         first = joint.cases[int(np.argmax(has))]["date"]
         since = joint.cases[begun.first]["date"] if begun is not None and begins[k] else None
         yield Missing(joint, effect, int(has.sum()), len(has), first, since, bool(sure[k]))
+
+
+def _shared(joints: Sequence[Joint]) -> Iterator[Shared]:
+    """Effects that show in cases that do not name them, once their scores are added up: by joint, kind, and fleet."""
+    groups = _groups(joints)
+    effects = sorted({one["effect"] for joint in joints for row in joint.cases for one in row["candidates"]})
+    for label, cases in groups.items():
+        gains = np.array([_gains(row, effects) for row in cases]).reshape(len(cases), len(effects), 3)
+        sure: dict[int, Pooled] = {}
+        for k in range(len(effects)):
+            known = gains[np.isfinite(gains[:, k]).all(axis=1), k]  # (n, 3)
+            if len(known) > 1:
+                gain, error, forms = known.T
+                pooled = pool(gain, error, forms, rivals=len(effects) * len(groups))
+                if pooled.chance <= CHANCE:
+                    sure[k] = pooled
+        if sure:
+            weak = gains[:, list(sure)]
+            for (k, pooled), share in zip(sure.items(), weigh(weak[..., 0] - np.log(weak[..., 2])), strict=True):
+                named = sum(effects[k] in row["selected"] for row in cases)
+                yield Shared(label, effects[k], pooled, named, float(share))
+
+
+def _groups(joints: Sequence[Joint]) -> dict[str, list[JSON]]:
+    """Cases of single joints, of those of every kind that several are of, and of all."""
+    groups = {joint.label: list(joint.cases) for joint in joints}
+    kinds = sorted({joint.kind for joint in joints})
+    for kind in kinds:
+        own = [joint.cases for joint in joints if joint.kind == kind]
+        if len(own) > 1:
+            groups[f"all {kind}".strip()] = list(chain(*own))
+    if len(kinds) > 1:
+        groups["all joints"] = list(chain(*(joint.cases for joint in joints)))
+    return groups
+
+
+def _gains(row: JSON, effects: Sequence[str]) -> list[list[float]]:
+    """What each effect gains that a case does not name, its error and forms; NaN if it names it, or cannot tell."""
+    gains = {
+        one["effect"]: [np.nan if one[key] is None else one[key] for key in ("gain", "gain_error", "variants")]
+        for one in row["candidates"]
+        if one["verdict"] not in NAMED
+    }
+    return [gains.get(effect, [np.nan] * 3) for effect in effects]

@@ -50,6 +50,16 @@ def odd_table(fleet: Fleet) -> Table:
     return Table(("joint", "parameter", "mean", "expected", "unit", "by chance"), rows, left=("parameter", "unit"))
 
 
+def pooled_table(fleet: Fleet) -> Table:
+    """Effects that are weak in each case, and in all of a group."""
+    rows = [
+        (one.group, one.effect, f"{one.pooled.total:.3g} ± {one.pooled.error:.2g}", str(one.pooled.cases),
+         str(one.named), f"{one.probability:.2f}")
+        for one in fleet.shared
+    ]  # fmt: skip
+    return Table(("group", "effect", "gain [nat]", "cases", "named in", "probability"), rows, left=("effect",))
+
+
 def courses_table(fleet: Fleet) -> Table:
     """Every parameter of every joint, those first that change."""
     rows = [

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimators.fleet import course, odd_ones, onset, surely
+from estimators.fleet import course, odd_ones, onset, pool, pooling, surely, weigh
 
 WEEKS = np.arange(10.0)
 
@@ -92,3 +92,38 @@ def test_an_effect_sets_in_where_it_does():
     shuffled = [onset(WEEKS, rng.permutation(pattern)).chance for _ in range(1500)]
     assert np.mean(np.array(shuffled) <= observed + 1e-9) == pytest.approx(observed, abs=0.04)  # exact
     assert onset(WEEKS, np.ones(10, dtype=bool)) is None and onset(np.zeros(4), np.arange(4) > 1) is None
+
+
+def test_what_is_weak_in_each_is_sure_in_all_and_noise_is_not():
+    rng = np.random.default_rng(5)
+    error, one_form = np.full(20, 3.0), np.ones(20, dtype=int)
+    weak = pool(rng.normal(2.5, 3, 20), error, one_form, rivals=22)
+    assert weak.total == pytest.approx(50, abs=30) and weak.chance < 0.05
+    assert pool(np.array([2.5]), error[:1], one_form[:1], rivals=22).chance > 0.5
+    sure = [pool(rng.normal(0, 3, 20), error, one_form, rivals=22).chance < 0.05 for _ in range(200)]
+    assert np.mean(sure) < 0.05
+
+
+def test_what_one_case_shows_is_not_said_of_all_and_choosing_among_forms_gains_nothing():
+    gain = np.full(20, -1.0)
+    gain[7] = 300.0
+    assert pool(gain, np.ones(20), np.ones(20, dtype=int), rivals=22).chance > 0.05
+    chosen = np.random.default_rng(6).normal(0, 1, (20, 60)).max(axis=1)  # the best of sixty forms of nothing
+    assert pool(chosen, np.ones(20), np.full(20, 60), rivals=22).chance > 0.5
+
+
+def test_effects_that_look_alike_share_the_probability():
+    rng = np.random.default_rng(7)
+    gain = rng.normal(3, 1, 30)
+    alike = np.column_stack([gain, gain + rng.normal(0, 0.1, 30), gain - 2, np.full(30, np.nan)])
+    share = weigh(alike)
+    assert share.sum() == pytest.approx(1) and share[:2].min() > 0.1 and share[2:].max() < 1e-3
+
+
+def test_of_many_cases_some_are_drawn_together_to_the_same_weights(monkeypatch):
+    rng = np.random.default_rng(8)
+    gains = rng.normal(0.02, 1, (600, 1)) + rng.normal(0, 0.05, (600, 3))
+    one_by_one = weigh(gains)
+    monkeypatch.setattr(pooling, "DRAWN", 50)
+    assert weigh(gains) == pytest.approx(one_by_one, abs=0.03)
+    assert one_by_one.max() - one_by_one.min() > 0.1  # there is something to tell
