@@ -35,6 +35,7 @@ class Wish:
     held_out: bool = False
 
 
+FORM = ("excitation", "seconds", "effect", "amplitude")  # controls of a run, in the order of `options`
 DEMO = (
     Wish("demo.csv", ("--seconds=15", "--effect=stribeck", "--seed=1")),
     Wish("demo-holdout.csv", ("--seconds=10", "--effect=stribeck", "--seed=2"), held_out=True),

@@ -37,7 +37,6 @@ from workbench.report.words import listing, name, number, opening, percent
 
 DRAWN = 4  # recordings that are drawn
 WHY = "No effect does that, and several may be found that only imitate it."
-FORM = ("excitation", "seconds", "effect", "amplitude", "seed")  # controls of a recording, in the order of `options`
 HEADERS = {  # and whether a column holds numbers
     "Recording": False,
     "Length [s]": True,
@@ -223,7 +222,7 @@ def connect(bench: Bench) -> None:
     def open_session(session: Session, content: str, name: str) -> None:
         session.open(name, content)
 
-    @bench.on(Input("record", "n_clicks"), given=tuple(State(control, "value") for control in FORM))
+    @bench.on(Input("record", "n_clicks"), given=tuple(State(one, "value") for one in (*recorder.FORM, "seed")))
     def record(session: Session, _: int, *values: Any) -> None:
         recorder.start(session, recorder.Wish(recorder.free_name(session.state), recorder.options(*values)))
 

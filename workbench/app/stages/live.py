@@ -40,7 +40,7 @@ NAMES = {"replay": "a recording", RIG: "the rig", "mujoco": "MuJoCo"}  # of back
 RATE = 500.0  # [Hz], of a simulated pendulum
 BEAT = 250  # [ms] between two looks
 PARAMETERS = tuple(column.name for term in BASE for column in term.columns)
-FORM = ("backend", "replay", "effect", "excitation", "seconds", "amplitude")  # controls, in the order of `options`
+FORM = ("backend", "replay", *recorder.FORM)  # controls, in the order of `options`
 PLOTS = [f"live-{k}" for k in range(len(PARAMETERS))]
 
 
@@ -176,33 +176,26 @@ def keep(session: Session) -> None:
     session.load([Source(file)])
 
 
-def options(
-    session: Session,
-    seed: int,
-    backend: str,
-    replay: str | None,
-    effect: str,
-    torque: str,
-    seconds: float | None,
-    amplitude: float | None,
-) -> list[str]:
+def options(session: Session, seed: int, backend: str, replay: str | None, *torque: Any) -> list[str]:
     """Options of `record` that run what the controls say.
 
     Raises:
         InputError: if there is no recording to replay, or no rig.
     """
-    plant = [f"--backend={backend}", f"--rate={RATE:g}"]
+    words = [f"--backend={backend}", f"--rate={RATE:g}", *recorder.options(*torque, seed)]
+    if backend in OWN_PLANT:
+        words = [word for word in words if not word.startswith("--effect=")]
     if backend == "replay":
         if replay is None:
             raise InputError("there is no recording to replay: load one first")
-        if torque in recorder.LEARNT:
+        if torque[0] in recorder.LEARNT:
             raise InputError("a replay does not follow a policy: choose another backend, or any signal")
-        plant.append(f"--replay={session.state.find(str(replay)).source.file}")
+        words.append(f"--replay={session.state.find(str(replay)).source.file}")
     if backend == RIG:
         if session.rig is None:
             raise InputError("there is no rig here: start the workbench with --config rig.toml")
-        plant.append(f"--config={session.rig}")
-    return [*plant, *recorder.options(torque, seconds, "" if backend in OWN_PLANT else effect, amplitude, seed)]
+        words.append(f"--config={session.rig}")
+    return words
 
 
 def _connect_beat(bench: Bench) -> None:
