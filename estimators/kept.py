@@ -6,18 +6,20 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
-Owner, Asked, Answer = TypeVar("Owner"), ParamSpec("Asked"), TypeVar("Answer")
+Owner = TypeVar("Owner")
+Asked = ParamSpec("Asked")
+Answer = TypeVar("Answer")
 
 
 def kept(method: Callable[Concatenate[Owner, Asked], Answer]) -> Callable[Concatenate[Owner, Asked], Answer]:
     """Keep every answer of a method with its object, by positional arguments, lists of which count as tuples."""
 
     @wraps(method)
-    def asked(self: Owner, *args: Asked.args, **named: Asked.kwargs) -> Answer:
-        answers = vars(self).setdefault("_kept", {})
+    def asked(self: Owner, /, *args: Asked.args, **named: Asked.kwargs) -> Answer:
+        answers: dict[tuple[object, ...], Answer] = self.__dict__.setdefault("_kept", {})
         key = (method.__name__, *(tuple(one) if isinstance(one, list) else one for one in args))
         if key not in answers:
             answers[key] = method(self, *args, **named)
-        return answers[key]  # type: ignore[no-any-return]
+        return answers[key]
 
     return asked
