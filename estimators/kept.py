@@ -15,8 +15,8 @@ def kept(method: Callable[Concatenate[Owner, Asked], Answer]) -> Callable[Concat
     """Keep every answer of a method with its object, by positional arguments, lists of which count as tuples."""
 
     @wraps(method)
-    def asked(self: Owner, *args: Asked.args, **named: Asked.kwargs) -> Answer:
-        answers = vars(self).setdefault("_kept", {})
+    def asked(self: Owner, /, *args: Asked.args, **named: Asked.kwargs) -> Answer:
+        answers: dict[tuple[object, ...], Answer] = self.__dict__.setdefault("_kept", {})
         key = (method.__name__, *(tuple(one) if isinstance(one, list) else one for one in args))
         if key not in answers:
             answers[key] = method(self, *args, **named)
