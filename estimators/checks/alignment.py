@@ -3,17 +3,15 @@
 Many logs hold torque late: it was read after the position, came over a slow bus, or passed a filter. No effect can do
 that, since none acts before its cause; but several effects together can hide it, so that it has to be found first.
 
-With tau the torque that acts and u the one that is logged, held from its sample to the next, two laws of the torque
-channel are fitted,
+With tau the torque that acts and u the one that is logged, held from its sample to the next, the laws of the torque
+channel (`channel_fits`) are
 
     tau(t) = u(t + delay)                    delay > 0: logged late; delay < 0: it acts late, as after a dead time
     tau = u + lag u'                         lag > 0: logged through a low-pass filter
     tau + |lag| tau' = u                     lag < 0: it acts through one, as after the lag of a drive
 
 or torque was sampled from one that went on changing until the next sample, as in a log that keeps every tenth sample of
-a controller: that is half a sample late. All are fitted beside a model that follows nearly any motion: every term is a
-function of position, velocity and acceleration at the same instant, so that none of them can stand in for time. What
-the model misses makes the standard error larger.
+a controller: that is half a sample late.
 """
 
 from __future__ import annotations

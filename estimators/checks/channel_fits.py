@@ -273,8 +273,9 @@ class ChannelFits:
         factors, reach = [], int(np.ceil(5 * REACH / self.period))
         impulse = np.eye(1, 2 * reach + 1, reach)[0]
         for w in self.data.windows:
-            filters = (way.around(w.samples, impulse, self.period) for way in (replace(channel, delay=0.0), Channel()))
-            after, before = (float(np.linalg.norm(np.convolve(own, w.kernel))) for own in filters)
+            ways, period = (replace(channel, delay=0.0), Channel()), 1.0 / w.recording.rate
+            passed = [np.convolve(way.around(w.samples, impulse, period), w.kernel) for way in ways]
+            after, before = (float(np.linalg.norm(one)) for one in passed)
             factors.append(after / before)
         return max(factors)
 
