@@ -107,7 +107,7 @@ def rig(tmp_path: Path) -> Iterator[EmulatedRig]:
 
 def driving(session: Session, torque: str = "paper") -> Run:
     """A run of the session that moves its motor."""
-    session.run = run = begun(*options(session, 1, "dm1015b", None, torque, 60.0, "stribeck", None))
+    session.run = run = begun(*options(session, "dm1015b", None, torque, 60.0, "stribeck", None, 1))
     wait_until(lambda: watched(run).time > 0.3 or not run.running)
     if not run.running:
         raise Disturbed(run.trouble)

@@ -413,7 +413,7 @@ def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path: Path) -
     named, plain = Session(tmp_path, rig=tmp_path / "rig.toml"), Session(tmp_path)
     assert '"dm1015b"' in offered(named) and '"dm1015b"' not in offered(plain)
     with pytest.raises(InputError, match="there is no rig here"):
-        live.options(plain, 1, "dm1015b", str(tmp_path / "rig.toml"), "paper", 10.0, "", None)
+        live.options(plain, "dm1015b", str(tmp_path / "rig.toml"), "paper", 10.0, "", None, 1)
 
 
 def test_a_rig_that_is_not_described_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

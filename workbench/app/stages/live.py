@@ -153,7 +153,7 @@ def connect(bench: Bench) -> None:
 
     @bench.on(Input("live-start", "n_clicks"), given=tuple(Value(f"live-{name}", "value") for name in FORM))
     def start(session: Session, seed: int, *chosen: Any) -> None:
-        words = options(session, seed, *chosen)
+        words = options(session, *chosen, seed)
         if session.run is not None:
             session.run.stop()
         session.run = live.Run(words, session.workers.take())
@@ -176,13 +176,13 @@ def keep(session: Session) -> None:
     session.load([Source(file)])
 
 
-def options(session: Session, seed: int, backend: str, replay: str | None, *torque: Any) -> list[str]:
+def options(session: Session, backend: str, replay: str | None, *torque: Any) -> list[str]:
     """Options of `record` that run what the controls say.
 
     Raises:
         InputError: if there is no recording to replay, or no rig.
     """
-    words = [f"--backend={backend}", f"--rate={RATE:g}", *recorder.options(*torque, seed)]
+    words = [f"--backend={backend}", f"--rate={RATE:g}", *recorder.options(*torque)]
     if backend in OWN_PLANT:
         words = [word for word in words if not word.startswith("--effect=")]
     if backend == "replay":
