@@ -22,4 +22,4 @@ def kept(method: Callable[Concatenate[Owner, Asked], Answer]) -> Callable[Concat
             answers[key] = method(self, *args, **named)
         return answers[key]
 
-    return asked  # type: ignore[return-value]  # `wraps` says the name of its first argument, too
+    return asked
