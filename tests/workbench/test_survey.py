@@ -9,6 +9,7 @@ import subprocess
 import sys
 from datetime import UTC, datetime, timedelta
 from itertools import product
+from pathlib import PurePosixPath
 
 import numpy as np
 import pyarrow as pa
@@ -26,7 +27,9 @@ from workbench.mistakes import InputError
 from workbench.report.fleet import write_fleet_report
 from workbench.survey import Dataset, Fleet, Settings, find_cases, survey, work
 from workbench.survey import dataset as stored
+from workbench.survey.names import matched
 from workbench.survey.tables import drifting_table, effects_table, jumping_table, odd_table, pooled_table
+from workbench.survey.work import examined
 
 distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")  # comes with it
@@ -208,15 +211,17 @@ def test_a_file_that_no_survey_wrote_is_one_row_that_says_so(folder, tmp_path, c
     own = dataset.rows()
     parts = dataset.folder / "cases"
     (parts / "torn.parquet").write_bytes(b"PAR1")
+    os.mkfifo(parts / "pipe.parquet")  # which reading would wait for
     pq.write_table(pa.table({"a": [1]}), parts / "other.parquet")
-    dataset.append([{**own[0], "date": None}])
+    for strange in ({"date": None}, {"status": "weird"}, {"verdict": "weird"}):
+        dataset.append([own[0] | strange])
     dataset.append([{**own[0], **dict.fromkeys(("headline", "robot", "joint", "kind", "torque_rms")), "name": "bare"}])
     spoilt = [row["reason"] for row in dataset.rows() if row["name"].startswith("cases/")]
-    assert spoilt == ["it is damaged, or no survey wrote it: remove it from the dataset"] * 3
+    assert spoilt == ["it is damaged, or no survey wrote it: remove it from the dataset"] * 6
     assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6
     write_fleet_report(tmp_path / "fleet.html", Fleet.of(dataset))
     told = Page((tmp_path / "fleet.html").read_text()).text
-    assert told.count("it is damaged, or no survey wrote it") == 3
+    assert told.count("it is damaged, or no survey wrote it") == 6
 
 
 def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_path, client):
@@ -474,6 +479,22 @@ def test_what_cannot_be_is_one_line(tmp_path, capsys, monkeypatch):
     assert main(["survey", str(tmp_path / "nothere"), "-o", str(tmp_path / "out")]) == 2
     assert "there is no such folder or file" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_pipe_is_a_row_that_says_so_and_not_waited_for(tmp_path):
+    for name in ("run.csv", "run.parquet", "run.mat"):
+        os.mkfifo(tmp_path / name)
+    for case in cases(tmp_path):
+        row = examined(case, Settings())
+        assert row["status"] == "refused" and "it is a device or a pipe" in row["reason"]
+
+
+def test_many_stars_are_refused_and_some_are_soon_tried():
+    long = PurePosixPath("/".join(["a" * 100] * 5 + ["b.csv"]))
+    with pytest.raises(InputError, match="at most"):
+        matched(long, "*" * 40)
+    with pytest.raises(InputError, match="does not read as"):
+        matched(long, "{robot}*/{joint}*/{kind}*/*/c")
 
 
 def test_settings_that_decide_have_another_mark(tmp_path):

@@ -122,6 +122,8 @@ def is_survey(folder: Path) -> bool:
 
 def _is_table(path: Path) -> bool:
     """Whether a file has a column `file`; what cannot be read is told where recordings are read."""
+    if not path.is_file():  # a pipe would be waited for
+        return False
     try:
         if path.suffix.lower() == ".parquet":
             return "file" in _plain(pq.read_schema(path).names)

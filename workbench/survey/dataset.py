@@ -132,12 +132,16 @@ class Dataset:
 
 def _read(path: Path, columns: Sequence[str]) -> pa.Table | None:
     """Columns of a file; None if it is damaged, or no survey wrote it: its cases are then diagnosed again."""
+    if not path.is_file():  # a pipe would be waited for
+        return None
     try:
         with pq.ParquetFile(path) as file:
             table = file.read(columns).select(columns).cast(pa.schema([SCHEMA.field(name) for name in columns]))
     except (OSError, ValueError, KeyError):
         return None
-    return None if any(table[name].null_count for name in OWN) else table
+    known = {"status": STATUSES, "verdict": (*VERDICTS, None)}
+    strange = any(set(table[name].to_pylist()) - set(known[name]) for name in known if name in columns)
+    return None if strange or any(table[name].null_count for name in OWN) else table
 
 
 def _last(tables: Sequence[pa.Table]) -> pa.Table:

@@ -12,6 +12,7 @@ from pendulum_env.recording.storage import READERS
 from workbench.mistakes import InputError
 
 LABELS = ("robot", "joint", "kind", "date")
+MOST_STARS = 4  # of which each makes a path that does not match a hundred times as long to try
 DATE = re.compile(r"(?<!\d)\d{4}(-?)\d\d\1\d\d(?:[T_ -]\d\d[-:h]?\d\d(?:[-:m]?\d\d)?)?(?!\d)")
 
 
@@ -43,6 +44,8 @@ def matched(path: PurePosixPath, pattern: str) -> dict[str, str]:
     Raises:
         InputError: if the pattern makes no sense, or the path does not match it.
     """
+    if pattern.count("*") > MOST_STARS:
+        raise InputError(f"{pattern}: a pattern of names has at most {MOST_STARS} stars, not {pattern.count('*')}")
     expression = "(?:.*/)?"
     try:
         for plain, word, *_ in Formatter().parse(pattern):
