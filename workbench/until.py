@@ -68,12 +68,13 @@ class Here:
         """Take in samples; whether a verdict stands."""
         stands = False
         for time, position, torque in samples:
-            stands = self._leader.take(time, self._diagnoser.take(time, position, torque))
+            (said,) = self._diagnoser.take(*(np.array([value]) for value in (time, position, torque)))
+            stands = self._leader.take(time, said)
         return stands
 
     def close(self) -> OnlineDiagnosis:
         """What was said in the end."""
-        return self._diagnoser.said
+        return self._diagnoser.said[0]
 
 
 class Apart:
