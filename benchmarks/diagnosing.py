@@ -42,7 +42,7 @@ def diagnosed(run: SimulatedRecording, alarms_per_hour: float = 1.0) -> list[tup
     one = Diagnoser(rate, smoothing=Smoothing.of_encoder(counts, rate), alarms_per_hour=alarms_per_hour)
     told: list[tuple[float, OnlineDiagnosis]] = []
     for t, q, tau in zip(run.time, run.position, np.r_[0.0, run.torque[:-1]], strict=True):
-        said = one.take(float(t), float(q), float(tau))
+        (said,) = one.take(*(np.full(1, value) for value in (t, q, tau)))
         if not told or said is not told[-1][1]:
             told.append((float(t), said))
     return told

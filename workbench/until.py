@@ -39,7 +39,7 @@ class Here:
     def take(self, samples: Sequence[Sample]) -> bool:
         """Take in samples; whether a verdict stands."""
         for time, position, torque in samples:
-            said = self._diagnoser.take(time, position, torque)
+            (said,) = self._diagnoser.take(*(np.array([value]) for value in (time, position, torque)))
             leader = said.group[0] if said.kind == "missing" else ""
             if leader != self._leader:
                 self._leader, self._since = leader, time if leader else np.inf
@@ -47,7 +47,7 @@ class Here:
 
     def close(self) -> OnlineDiagnosis:
         """What was said in the end."""
-        return self._diagnoser.said
+        return self._diagnoser.said[0]
 
 
 class Apart:

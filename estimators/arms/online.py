@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -40,7 +41,6 @@ class ArmEstimator:
         scheme: Scheme = ARM_SCHEMES[1],
         *,
         counts: int = 0,
-        noise: Sequence[float] | None = None,
         prior: float = PRIOR,
     ) -> None:
         """Make the estimator.
@@ -51,7 +51,6 @@ class ArmEstimator:
             terms: at joints; viscous and Coulomb friction by default.
             scheme: that makes the rows, one that borrows nothing and does not sum from the start.
             counts: of the encoders per turn, 0 if they are exact.
-            noise: of each joint's torque [N m], by which its rows count less; all alike by default.
             prior: P(0) on the diagonal.
 
         Raises:
@@ -63,7 +62,6 @@ class ArmEstimator:
             )
         self.body, self.scheme = body, scheme
         self.terms = (Links(body), *(friction(body) if terms is None else terms))
-        self._weights = np.ones(len(body.joints)) if noise is None else 1.0 / np.asarray(noise, dtype=float)
         self._smoothing = Smoothing.of_encoder(counts, rate)
         self._rate, self._prior = rate, prior
         self._chunk = round(CHUNK * rate)
@@ -81,10 +79,7 @@ class ArmEstimator:
     def forget_motion(self) -> None:
         """Begin another recording, with what was estimated so far."""
         self._clock.restart()
-        self._clear()
-
-    def _clear(self) -> None:
-        self._samples: list[tuple[float, Array, Array]] = []
+        self._samples: deque[tuple[float, Array, Array]] = deque(maxlen=self._kept)
         self._waiting = 0  # samples whose rows have not been used
         self._begun = False
 
@@ -111,10 +106,9 @@ class ArmEstimator:
         if not np.isfinite([time, *position, *torque]).all():
             self.forget_motion()
             return self.state
-        if self._samples and time <= self._samples[-1][0]:
-            raise ValueError(f"time {time:g} s is not after that of the sample before: call forget_motion in between")
         if self._clock.tick(time):
-            self._clear()
+            self.forget_motion()
+            self._clock.tick(time)
         self._samples.append((time, position, torque))
         self._waiting += 1
         if len(self._samples) >= self._kept and self._waiting >= self._chunk:
@@ -122,8 +116,7 @@ class ArmEstimator:
         return self.state
 
     def _take(self) -> None:
-        times, positions, torques = (np.array(values) for values in zip(*self._samples[-self._kept :], strict=True))
-        self._samples = self._samples[-self._kept :]
+        times, positions, torques = (np.array(values) for values in zip(*self._samples, strict=True))
         recording = ArmRecording.of("online", self.body.joints, times, positions, torques)
         m = tuple(measure(joint, self._smoothing) for joint in recording.joints)
         # of N measurements, the last `after - reach` still wait for what decides whether they are clear
@@ -132,7 +125,7 @@ class ArmEstimator:
         balances = rows(m, self.terms, VIEWS[self.scheme.view])
         regressions = [through(self.scheme, own, m, k) for k, own in enumerate(balances)]
         for k in range(max(first, 0), end):
-            for weight, (equations, usable) in zip(self._weights, regressions, strict=False):
+            for equations, usable in regressions:
                 if usable[k]:
-                    self.state = step(self.state, equations.phi[k] * weight, float(equations.y[k] * weight))
+                    self.state = step(self.state, equations.phi[k], float(equations.y[k]))
         self._waiting, self._begun = 0, True

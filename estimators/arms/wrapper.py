@@ -12,7 +12,9 @@ import gymnasium as gym
 from estimators.arguments import chosen_schemes
 from estimators.arms.identification import for_arms
 from estimators.arms.online import ArmEstimator
-from estimators.wrappers.options import SampleClock, rate_of
+from estimators.online.clock import Clock
+from estimators.wrappers.measuring import measured
+from estimators.wrappers.options import rate_of
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import Term
@@ -68,7 +70,7 @@ class EstimateArmParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordCon
             for scheme in for_arms(chosen_schemes(schemes))
         }
         self.parameters = tuple(column.name for column in next(iter(self.estimators.values())).model.columns)
-        self._clock = SampleClock(rate)
+        self._clock = Clock(rate)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment and forget what was estimated."""
@@ -76,14 +78,16 @@ class EstimateArmParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordCon
         for estimator in self.estimators.values():
             estimator.reset()
         self._clock.restart()
-        self._last = self._clock.measured(info)
+        self._last = measured(info)
+        self._clock.tick(self._last[0])
         return observation, self._add(info)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment and take in its measurement."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         time, position, _ = self._last
-        self._last = self._clock.measured(info)
+        self._last = measured(info)
+        self._clock.tick(self._last[0])
         for estimator in self.estimators.values():
             estimator.update(time, position, self._last[2])  # the torque that was held since
         return observation, reward, terminated, truncated, self._add(info)

@@ -1,6 +1,5 @@
 """Estimation while it runs: one sample in, the parameters of all schemes out."""
 
-from estimators.online.diagnosers import Diagnosers
 from estimators.online.diagnosis import Diagnoser, OnlineDiagnosis, Standing
 from estimators.online.estimates import Estimates, SchemeEstimate, SchemeEstimates
 from estimators.online.estimator import OnlineEstimator
@@ -9,7 +8,6 @@ from estimators.online.watch import Verdict, Watch
 
 __all__ = [
     "Diagnoser",
-    "Diagnosers",
     "Estimates",
     "JointState",
     "OnlineDiagnosis",

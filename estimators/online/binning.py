@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators.online.rivals import MARGIN
 from estimators.online.rows import POSITION, TIME, TORQUE, VELOCITY
-from estimators.online.stream import Stream
-from estimators.online.watch import BIN
+from estimators.online.stream import Stream, Taken
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
+from pendulum_env.physics import Term
+
+BIN = 0.01  # [s], over which rows are averaged: noise of the encoder averages out, effects do not
+BLOCK = 20  # bins, over which gains are summed
+MARGIN = 3  # instants of a bin beyond its rows: two before the first and one after the last
 
 
 class Bin(NamedTuple):
-    """A bin of one pendulum.
+    """A bin of one pendulum, its rows those of the Hamiltonian scheme.
 
     Attributes:
         of: which of the B pendulums.
         series: time, position, velocity and torque at its n + 3 instants (4, n + 3).
-        y: mean torque over it [N m].
+        phi: mean row of the terms (P,).
+        y: mean torque over it, less that of what has no parameter [N m].
+        moved: time that the pendulum has been in motion, stick and turns included, since it began [s].
     """
 
     of: int
     series: Array
+    phi: Array
     y: float
+    moved: float
 
 
 class Binner:
@@ -34,26 +42,39 @@ class Binner:
 
     Attributes:
         every: samples in a bin.
+        delay: of the equations [samples].
+        taken: the newest equations.
     """
 
-    def __init__(self, rate: float, smoothing: Smoothing, batch: int) -> None:
-        """Take the samples per second [Hz], the smoothing of the measurement, and B."""
-        self.every = max(1, round(BIN * rate))
-        self._stream = Stream((), [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
+    taken: Taken
+
+    def __init__(self, rate: float, smoothing: Smoothing, batch: int, terms: Sequence[Term] = ()) -> None:
+        """Take the samples per second [Hz], the smoothing of the measurement, B, and terms whose rows are wanted."""
+        self.every, self._rate, self._slowest = max(1, round(BIN * rate)), rate, smoothing.slowest
+        self._stream = Stream(terms, [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
+        self.delay = self._stream.delay
         self._instants = np.zeros((self.every + MARGIN, 4, batch))
-        self._sum, self._count = np.zeros((2, batch))  # of torque over the bin to come, and its usable samples
+        self._sum = np.zeros((batch, sum(len(term.columns) for term in terms) + 1))  # over the bin to come
+        self._count, self._moved = np.zeros((2, batch))  # its usable samples, and those in motion so far
         self._step = 0
 
     def reset(self, which: Mask) -> None:
         """What follows of those pendulums (B,) does not continue what came."""
         self._stream.reset(which)
-        self._count[which] = 0
+        self._count[which] = self._moved[which] = 0
+
+    @property
+    def velocity(self) -> Array:
+        """At the newest equations (B,) [rad/s]."""
+        return self._stream.instant[VELOCITY]
 
     def take(self, time: Array, position: Array, torque: Array) -> list[Bin]:
         """Take in a sample of each, as `OnlineEstimator.take`; returns the bins that are complete."""
-        taken, ring = self._stream.take(time, position, torque), len(self._instants)
+        self.taken = taken = self._stream.take(time, position, torque)
+        ring = len(self._instants)
         self._instants[self._step % ring] = self._stream.following[[TIME, POSITION, VELOCITY, TORQUE]]
-        self._sum += taken.y[:, 0]
+        self._moved += np.abs(self.velocity) > self._slowest
+        self._sum += np.where(taken.usable, taken.equations[:, 0], 0.0)
         self._count += taken.usable[:, 0]
         self._step += 1
         if self._step % self.every:
@@ -64,4 +85,7 @@ class Binner:
         if not len(whole):
             return []
         last = self._instants[(self._step + np.arange(ring)) % ring]  # (n + 3, 4, B)
-        return [Bin(b, last[:, :, b].T.copy(), float(mean[b])) for b in whole.tolist()]
+        return [
+            Bin(b, last[:, :, b].T.copy(), mean[b, :-1], float(mean[b, -1]), self._moved[b] / self._rate)
+            for b in whole.tolist()
+        ]

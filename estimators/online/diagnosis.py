@@ -8,20 +8,20 @@ missing at all is said when the bets on it have won enough (`evidence`): as ofte
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.online.binning import Bin, Binner
+from estimators.online.binning import BLOCK, Bin, Binner
 from estimators.online.evidence import Bets, threshold_of
 from estimators.online.grids import refined, thinned
 from estimators.online.rivals import Bins, Family, Rivals
-from estimators.online.watch import BLOCK
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import STRETCH, Bootstrap
 from estimators.signals.measurements import Smoothing
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Mask
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Samples, Term, effects
@@ -31,6 +31,7 @@ REFINE = (2, 4, 8, 16)  # [s] of motion, after which grids of shape parameters a
 KEPT = 16.0  # [s] of motion, that a model which begins later is fitted to
 STRETCHES = 60  # the latest ones, that probabilities are told from
 TOGETHER = 5  # bins, whose equations are made at once
+RECENT = 10.0  # [s] of motion, of the error that is told
 FEWEST = 5  # stretches that probabilities are told from; while there are fewer, blocks take their place
 WORTH = 0.01  # nat a bin, that a gain has to exceed to be one: errors a hundredth smaller
 
@@ -80,7 +81,7 @@ class OnlineDiagnosis:
     """
 
     kind: str
-    terms: tuple[Term, ...]
+    terms: tuple[Term, ...] = ()
     theta: Mapping[str, float] = field(default_factory=dict)
     ranking: tuple[Standing, ...] = ()
     group: tuple[str, ...] = ()
@@ -94,10 +95,12 @@ class OnlineDiagnosis:
 
 
 class Diagnoser:
-    """Diagnoses one pendulum, sample by sample.
+    """Diagnoses B pendulums, one sample of each per step.
 
     Attributes:
-        said: what is said now.
+        each: monitors, one a pendulum.
+        threshold: from which evidence on something is missing [nat].
+        not_run: effects that cannot be followed online, with the reason.
     """
 
     def __init__(
@@ -105,6 +108,7 @@ class Diagnoser:
         rate: float,
         terms: Sequence[Term] = BASE,
         *,
+        batch: int = 1,
         library: Mapping[str, type[Term]] | None = None,
         smoothing: Smoothing | None = None,
         alarms_per_hour: float = 1.0,
@@ -116,6 +120,7 @@ class Diagnoser:
         Args:
             rate: samples per second [Hz].
             terms: of the model, with their shape parameters set.
+            batch: number B of pendulums.
             library: effects by id; None are all that are known.
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
@@ -132,12 +137,58 @@ class Diagnoser:
             raise ValueError(f"{next(iter(reasons))} cannot be in a model that is diagnosed online: take it out of it")
         library = effects() if library is None else library
         self.not_run = {id: reason for id, effect in library.items() if (reason := hindrance(effect))}
-        self.library = {id: effect for id, effect in library.items() if id not in self.not_run}
-        self.rate, self.criterion, self._seed = rate, criterion or Criterion(), seed
-        self._base, self._period = tuple(terms), 1.0 / rate
-        self._binner = Binner(rate, smoothing or Smoothing.of_encoder(COUNTS, rate), 1)
-        self._every = self._binner.every
-        self.threshold = threshold_of(alarms_per_hour, BLOCK * self._every * self._period)
+        library = {id: effect for id, effect in library.items() if id not in self.not_run}
+        self.rate, self.batch = rate, batch
+        self._binner = Binner(rate, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
+        length = self._binner.every / rate  # of a bin [s]
+        self.threshold = threshold_of(alarms_per_hour, BLOCK * length)
+        blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
+        rival = (criterion or Criterion()).rival
+        self.each = tuple(EffectMonitor(terms, library, blank, length, 1 / rate, rival, seed) for _ in range(batch))
+
+    @property
+    def said(self) -> tuple[OnlineDiagnosis, ...]:
+        """What is said of each."""
+        return tuple(one.said for one in self.each)
+
+    def reset(self, which: Mask | None = None) -> None:
+        """Those pendulums (B,) start anew with the next sample, with the model as it was given; all without one."""
+        mask = np.ones(self.batch, dtype=bool) if which is None else which
+        self._binner.reset(mask)
+        for b in np.flatnonzero(mask):
+            self.each[b].reset()
+
+    def take(self, time: Array, position: Array, torque: Array) -> tuple[OnlineDiagnosis, ...]:
+        """Take in a sample of every pendulum, as `OnlineEstimator.take`; returns what is said of each."""
+        for one in self._binner.take(time, position, torque):
+            self.each[one.of].take(one)
+        return self.said
+
+
+class EffectMonitor:
+    """Diagnoses one pendulum: bins in, a diagnosis out.
+
+    Attributes:
+        said: the diagnosis.
+    """
+
+    def __init__(
+        self,
+        terms: Sequence[Term],
+        library: Mapping[str, type[Term]],
+        blank: OnlineDiagnosis,
+        length: float,
+        period: float,
+        rival: float,
+        seed: int,
+    ) -> None:
+        """Take model, effects, what is said at first, the length of a bin [s], and the time between samples [s].
+
+        An effect as likely as `rival` may as well be in another's place; `seed` is of the bootstrap.
+        """
+        self._base, self._library, self._blank = tuple(terms), library, blank
+        self._length, self._period, self._rival, self._seed = length, period, rival, seed
+        self._often = max(1, round(STRETCH / (BLOCK * length)))  # blocks in a stretch
         self.reset()
 
     @property
@@ -148,24 +199,19 @@ class Diagnoser:
     def reset(self) -> None:
         """Forget all that was measured, and all effects that were added."""
         self._past = [self._base]
-        self._kept: list[tuple[Array, float]] = []  # bins with motion
-        self._binner.reset(np.ones(1, dtype=bool))
+        self._kept: list[Bin] = []
         self._begin()
 
     def _begin(self) -> None:
         """Begin to compare models, from what is kept."""
         self._rivals: Rivals | None = None
-        self._stretches: list[Array] = []
-        self._stretch: list[Array] = []
-        self._blocks: list[Array] = []  # of the first stretches
-        self._errors: list[float] = []
-        self._waiting: list[tuple[Array, float]] = []  # bins, to be taken together
-        self._block: list[Array] = []  # gains in the block to come
-        self._bins = 0  # of motion, that the models have seen
-        self.said = OnlineDiagnosis(
-            "calibrating", self.terms, threshold=self.threshold, added=self._added, not_run=self.not_run
-        )
-        if len(self._kept) * self._every >= CALIBRATE * self.rate:
+        self._waiting: list[Bin] = []  # to be taken together
+        self._blocks: deque[Array] = deque(maxlen=STRETCHES * self._often)  # log predictive densities (F,)
+        self._errors: deque[float] = deque(maxlen=round(RECENT / self._length))
+        self._block: Array | float = 0.0  # log predictive densities in the block to come (F,)
+        self._seen = 0  # bins that the models have predicted
+        self.said = replace(self._blank, terms=self.terms, added=self._added)
+        if len(self._kept) * self._length >= CALIBRATE:
             self._fit()
 
     @property
@@ -180,7 +226,7 @@ class Diagnoser:
         Raises:
             ValueError: if there is no effect of that id beside the model, or too little has been seen.
         """
-        find("effect that is run", effect, self.library)
+        find("effect that is run", effect, self._library)
         if effect in self._added:
             raise ValueError(f"{effect} is in the model already: undo takes out what was added last")
         families = {} if self._rivals is None else {f.variants[0].id: f for f in self._rivals.families[1:]}
@@ -203,64 +249,42 @@ class Diagnoser:
         self._past.pop()
         self._begin()
 
-    # ------------------------------------------------------------------------------------------------------- a sample
+    # ---------------------------------------------------------------------------------------------------------- a bin
 
-    def take(self, time: float, position: float, torque: float) -> OnlineDiagnosis:
-        """Take in a sample: time [s], position [rad], and torque over the period that ends with it [N m]."""
-        for one in self._binner.take(np.array([time]), np.array([position]), np.array([torque])):
-            self.take_bin(one)
-        return self.said
-
-    def take_bin(self, one: Bin) -> None:
-        """Take in a bin of motion, for whoever gathers the samples of many pendulums."""
-        series, y = one.series, one.y
-        if len(self._kept) * self._every < KEPT * self.rate:
-            self._kept.append((series, y))
+    def take(self, one: Bin) -> None:
+        """Take in a bin of motion."""
+        seen = len(self._kept) * self._length
+        if seen < KEPT:
+            self._kept.append(one)
         if self._rivals is None:
-            if len(self._kept) * self._every >= CALIBRATE * self.rate:
+            if seen + self._length >= CALIBRATE:
                 self._fit()
             return
-        self._waiting.append((series, y))
+        self._waiting.append(one)
         if len(self._waiting) < TOGETHER:
             return
-        told, errors = self._rivals.take(_bins(self._waiting, self._period))
+        densities, errors = self._rivals.take(Bins.of(self._waiting, self._period))
         self._waiting = []
-        self._stretch += list(told)
-        self._errors += errors.tolist()
-        self._bins += len(told)
-        self._bet(told)
-        if len(self._stretch) * self._every >= STRETCH * self.rate:
-            self._stretches = [*self._stretches, np.sum(self._stretch, axis=0)][-STRETCHES:]
-            self._errors = self._errors[-10 * len(self._stretch) :]
-            self._stretch = []
-            self._tell()
-            seen = len(self._kept) * self._every / self.rate
-            if len(self._kept) == self._bins + self._fitted and round(seen) in REFINE:
-                self._refine()
-
-    def _bet(self, densities: Array) -> None:
-        """Add bins (R, F) to the block of all bets, and settle them at its end; an alarm is told at once."""
-        self._block += list(densities)
-        if len(self._block) < BLOCK:
+        self._errors.extend(errors.tolist())
+        self._block = block = self._block + densities.sum(axis=0)
+        self._seen += TOGETHER
+        if self._seen % BLOCK:
             return
-        block = np.sum(self._block, axis=0)
-        self._bets.take((block[1:] - block[0] - WORTH * len(self._block))[None], np.ones(1, dtype=bool))
-        self._block = []
-        if len(self._stretches) < FEWEST:
-            self._blocks.append(block)
-            if self._bets.joint[0] >= self.threshold and self.said.kind != "missing":
-                self._tell()
+        self._block = 0.0
+        self._blocks.append(block)
+        self._bets.take(block[1:] - block[0] - WORTH * BLOCK)
+        whole = self._seen % (BLOCK * self._often) == 0
+        if whole or (self._bets.joint >= self._blank.threshold and self.said.kind != "missing"):
+            self._tell()
+        if whole and len(self._kept) == self._seen + self._fitted:  # no more than are kept have come
+            if round(len(self._kept) * self._length) in REFINE:
+                self._refine()
 
     # ------------------------------------------------------------------------------------------------------ the rivals
 
-    @property
-    def _all(self) -> Bins:
-        """Bins that are kept."""
-        return _bins(self._kept, self._period)
-
     def _fit(self) -> None:
         """Fit all models to what is kept: they predict from now on."""
-        bins = self._all
+        bins = Bins.of(self._kept, self._period)
         width = sum(len(term.columns) for term in self.terms)
         base = Family(self.terms, (), bins, width + 2)
         families = [base]
@@ -268,12 +292,12 @@ class Diagnoser:
             if id not in self._added and variants:
                 families.append(Family(self.terms, thinned(variants), bins, width + 2))
         self._fitted = len(bins.y)
-        self._rivals, self._bets = Rivals(families, self._fitted), Bets(1, len(families) - 1)
+        self._rivals, self._bets = Rivals(families, self._fitted), Bets(len(families) - 1)
 
     def _grids(self, base: Family, x: Samples) -> Iterator[tuple[str, list[Term]]]:
         names = [column.name for term in self.terms for column in term.columns]
         known = dict(zip(names, base.theta[0].tolist(), strict=False))
-        for id, effect in self.library.items():
+        for id, effect in self._library.items():
             variants = [term for term in effect.grid(x, base.residual[:, 0]) if term.possible(x)]
             follows = {s.name: known[s.follows] for s in effect.shapes if s.follows in known}
             yield id, [_with(term, follows) for term in variants]
@@ -281,7 +305,7 @@ class Diagnoser:
     def _refine(self) -> None:
         """Narrow the grids of continuous shape parameters round what predicts best."""
         assert self._rivals is not None
-        bins = self._all
+        bins = Bins.of(self._kept, self._period)
         base, *families = self._rivals.families
         width = base.width
         fresh = dict(self._grids(Family(self.terms, (), bins, width), bins.middle))
@@ -303,51 +327,45 @@ class Diagnoser:
     def _tell(self) -> None:
         assert self._rivals is not None
         base, *families = self._rivals.families
-        said = {
-            "terms": self.terms,
-            "theta": self._theta(base, ()),
-            "threshold": self.threshold,
-            "motion": self._bins * self._every / self.rate,
-            "error": float(np.sqrt(np.mean(np.square(self._errors)))),
-            "added": self._added,
-            "not_run": self.not_run,
-        }
-        told = np.array(self._stretches if len(self._stretches) >= FEWEST else self._blocks).T  # (families, stretches)
-        if told.size == 0 or told.shape[1] < 2:
-            self.said = OnlineDiagnosis("calibrating", **said)  # type: ignore[arg-type]
+        self.said = replace(
+            self._blank,
+            terms=self.terms,
+            theta=self._theta(base, ()),
+            motion=self._seen * self._length,
+            error=float(np.sqrt(np.mean(np.square(list(self._errors))))),
+            added=self._added,
+        )
+        blocks = np.array(self._blocks)
+        if len(blocks) < 2:
             return
+        if len(blocks) >= FEWEST * self._often:
+            blocks = blocks[len(blocks) % self._often :].reshape(-1, self._often, blocks.shape[1]).sum(axis=1)
+        told = blocks.T  # (families, stretches)
         bootstrap = Bootstrap(np.zeros(told.shape[1], dtype=np.intp), np.random.default_rng(self._seed))
         odds = bootstrap.probabilities(list(told))
         penalty = float(np.log(max(1, len(families))))
         ranking = []
-        evidence = self._bets.evidence[0].tolist()
+        evidence = self._bets.each.tolist()
         for family, densities, probability, sure in zip(families, told[1:], odds[1:], evidence, strict=True):
             gain, term = bootstrap.gain(densities, told[0], penalty), family.variants[family.best]
             numbers = float(probability), gain.total, gain.error, gain.chance, sure
             ranking.append(Standing(term.id, *numbers, term, self._theta(family, (term,))))
         ranking.sort(key=lambda one: (-round(one.probability, 3), -one.gain))
-        joint = float(self._bets.joint[0]) if ranking else -np.inf
-        missing = joint >= self.threshold and ranking[0].gain > 0
-        alike = [one.effect for one in ranking if one.probability > self.criterion.rival]
-        group = tuple(dict.fromkeys([ranking[0].effect, *alike])) if missing else ()
-        kind = "missing" if missing else "nothing"
-        self.said = OnlineDiagnosis(
-            kind,
+        joint = self._bets.joint if ranking else -np.inf
+        missing = joint >= self.said.threshold and ranking[0].gain > 0
+        alike = [one.effect for one in ranking if one.probability > self._rival]
+        self.said = replace(
+            self.said,
+            kind="missing" if missing else "nothing",
             ranking=tuple(ranking),
-            group=group,
+            group=tuple(dict.fromkeys([ranking[0].effect, *alike])) if missing else (),
             none=float(odds[0]),
             evidence=joint,
-            **said,  # type: ignore[arg-type]
         )
 
     def _theta(self, family: Family, more: tuple[Term, ...]) -> dict[str, float]:
         names = [column.name for term in (*self.terms, *more) for column in term.columns]
         return dict(zip(names, family.theta[family.best].tolist(), strict=False))
-
-
-def _bins(kept: Sequence[tuple[Array, float]], period: float) -> Bins:
-    series, y = zip(*kept, strict=True)
-    return Bins(np.stack(series, axis=1), np.array(y), period)
 
 
 def _with(term: Term, values: Mapping[str, float]) -> Term:

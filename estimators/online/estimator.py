@@ -46,8 +46,6 @@ class OnlineEstimator:
         prior: float = PRIOR,
         forgetting: float = 1.0,
         random_walk: float | Sequence[float] = 0.0,
-        reset_every: float | None = None,
-        settle: float = 0.0,
         recursion: str = OURS,
         position_noise: float | None = None,
     ) -> None:
@@ -63,8 +61,6 @@ class OnlineEstimator:
             forgetting: factor lambda, once for every equation; 1 remembers all.
             random_walk: by which the parameters may wander, as a share of their value [1/sqrt(s)], or for each in its
                 own unit [unit/sqrt(s)]; 0 if they stand still.
-            reset_every: time after which P starts anew from P(0), the estimates being kept [s].
-            settle: time from the start whose equations are left out [s].
             recursion: what solves the regressions: "SquareRootLeastSquares", all at once, or "KalmanFilter",
                 filterpy's, one after the other; they find the same.
             position_noise: standard deviation of the measured position, which a `JointState` has to know [rad]; without
@@ -75,11 +71,10 @@ class OnlineEstimator:
                 parameter.
         """
         walk = np.asarray(random_walk, dtype=float)
-        for what, values in (("random_walk", walk), ("settle", np.asarray(settle))):
-            if not ((values >= 0) & (values < np.inf)).all():
-                raise ValueError(f"{what} cannot be {values}: give zero or a positive number")
-        if not 0 < rate < np.inf or (reset_every is not None and not reset_every > 0):
-            raise ValueError(f"rate ({rate:g}) and reset_every ({reset_every}) have to be positive")
+        if not ((walk >= 0) & (walk < np.inf)).all():
+            raise ValueError(f"random_walk cannot be {walk}: give zero or a positive number")
+        if not 0 < rate < np.inf:
+            raise ValueError(f"the rate cannot be {rate:g} Hz: give a positive number")
         columns = [column for term in terms for column in term.columns]
         self.names = tuple(column.name for column in columns)
         self.units = {column.name: column.unit for column in columns}
@@ -100,12 +95,11 @@ class OnlineEstimator:
         self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
         self._clusters = Clusters(shape, parameters, period, forgetting)
         self._wandering = Wandering(shape, period) if walk.any() else None
-        self._walk, self._settle = walk, settle
+        self._walk = walk
         self._joint: JointFilters | None = None
         if joint is not None:
             noise = of_steps(COUNTS) if position_noise is None else position_noise
             self._joint = JointFilters(joint, terms, period, batch, noise, forgetting, walk)
-        self._reset_every = None if reset_every is None else max(1, round(reset_every * rate))
         self.delay = self._stream.delay  # [samples]
 
     def reset(self, which: Mask | None = None) -> None:
@@ -117,14 +111,6 @@ class OnlineEstimator:
         for part in (self._squares, self._clusters, self._wandering, self._joint):
             if part is not None:
                 part.reset(mask)
-
-    def reset_covariance(self, which: Mask | None = None) -> None:
-        """Let P of those pendulums (B,) start anew, the estimates being kept."""
-        mask = np.ones(self.batch, dtype=bool) if which is None else which
-        self._squares.reset_covariance(mask)
-        self._clusters.reset(mask)
-        if self._joint is not None:
-            self._joint.reset(mask)
 
     def take(self, time: Array, position: Array, torque: Array) -> Estimates:
         """Take in a sample of every pendulum.
@@ -138,46 +124,24 @@ class OnlineEstimator:
         they do after a gap in time.
         """
         taken = self._stream.take(time, position, torque)
-        index, usable = taken.place, taken.usable
-        if self._settle:
-            usable = usable & (index >= self._settle * self.rate)[:, None]
+        usable = taken.usable
         squares = self._squares
-        if self._reset_every is not None:
-            due = (index > 0) & (index % self._reset_every == 0)
-            if due.any():
-                self.reset_covariance(due)
         squares.take(taken.phi, taken.y, usable)
         if self._wandering is not None:
             if self._wandering.take(squares.error, usable):
                 self._wander(self._wandering)
         elif self._clusters.take(taken.equations, usable):
             self._clusters.close(squares.theta, squares.P)
-        now = self._regressions(index, taken.time, usable, taken.regressor)
+        now = self._regressions(taken.place, taken.time, usable, taken.regressor)
         if self._joint is not None:
-            self._joint.interrupt(taken.anew)
-            self._joint.take(time, position, torque, now, len(self.schemes) - 1)
-        return self._beside(now)
-
-    def standing(self) -> Estimates:
-        """What is known now, without a further sample."""
-        none = np.zeros(self.batch)
-        usable = np.zeros((self.batch, self._squares.theta.shape[1]), dtype=bool)
-        now = self._regressions(np.full(self.batch, -1), none, usable, np.zeros((self.batch, len(self.names))))
+            self._joint.take(time, position, torque, taken.anew, now, len(self.schemes) - 1)
         return self._beside(now)
 
     def after_reset(self, then: Estimates, ended: Mask) -> Estimates:
         """What is known once those pendulums (B,) have been reset, `then` being the estimates before."""
-        anew = self.standing()
-        return Estimates(
-            np.where(ended, anew.index, then.index),
-            np.where(ended, anew.time, then.time),
-            anew.theta,
-            anew.error,
-            then.usable & ~ended[:, None],
-            np.where(ended[:, None], 0.0, then.regressor),
-            anew.spread,
-            anew.judge,
-        )
+        none = ended[:, None]
+        index, time = np.where(ended, -1, then.index), np.where(ended, 0.0, then.time)
+        return self._beside(self._regressions(index, time, then.usable & ~none, np.where(none, 0.0, then.regressor)))
 
     def _beside(self, now: Estimates) -> Estimates:
         """The regressions with the joint state, that starts from the last of them."""

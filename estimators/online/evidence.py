@@ -1,26 +1,30 @@
-"""When a gain in prediction is no accident: bets on it, whose wealth is the evidence.
+"""When a gain in prediction is no accident: evidence of challengers, and the one threshold of an alarm.
 
-A bettor stakes a share of its wealth on a challenger's predicting better than the model in the next block of time. If
-it does not on average, whatever came before, the wealth W is a fair or a losing game's, W <- W (1 + s g / c) with g the
-gain of the block and c no less than what can be lost. By Ville's inequality such wealth exceeds A once in A games at
-most, and nothing about the shape of the gains is assumed. To see what sets in later, one unit joins with every block,
+What a block of time tells for a challenger is a factor e that is one at most on average while the model holds, whatever
+came before. Factors multiply to wealth; what has fallen below one is made up to it, so that what sets in later is found
+as soon,
 
-    M <- (M + 1) (1 + s g / c),
+    M <- max(M, 1) e.
 
-and then M reaches A after A blocks on average, at least. So the threshold follows from the alarms per hour that are
-accepted, and is the only one there is. Several shares s are played at once; the mean over them, and over challengers,
-is again such a game.
+M, and the mean over challengers of it, reaches A after A blocks on average, at least: so the threshold follows from the
+alarms per hour that are accepted. The factor is of one of two kinds:
 
-Source: Ville 1939; Shafer and Vovk, Game-Theoretic Foundations for Probability and Finance, 2019; Shin, Ramdas and
-Rinaldo, E-detectors, New England Journal of Statistics in Data Science, 2023; Choe and Ramdas, Comparing sequential
-forecasters, Operations Research, 2023.
+- a bet, 1 + s g / c: a share s of the wealth is staked on the gain g of a block, of which no more than c can be lost.
+  Nothing about the shape of the gains is assumed. Several shares are played at once, the mean over which is again such
+  a game.
+- a likelihood ratio, exp(z - 1/2), of a gain z in standard deviations of what it is while nothing changes: M is then
+  the CUSUM for a shift by one of them. It takes gains to be no wilder than normal, and needs a third of the blocks.
+
+Source: Lorden, Annals of Mathematical Statistics 42(6), 1971, for the CUSUM; Shafer and Vovk, Game-Theoretic
+Foundations for Probability and Finance, 2019; Shin, Ramdas and Rinaldo, E-detectors, New England Journal of Statistics
+in Data Science, 2023; Choe and Ramdas, Comparing sequential forecasters, Operations Research, 2023.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from pendulum_env._typing import Array, Mask
+from pendulum_env._typing import Array
 
 HOUR = 3600.0
 SHARES = np.array([0.05, 0.2, 0.8])  # of the wealth, that are staked
@@ -30,7 +34,7 @@ MARGIN = 1.5  # times the largest loss so far, the unit
 
 
 def threshold_of(alarms_per_hour: float, block: float) -> float:
-    """Log evidence of an alarm [nat], where blocks last that long [s].
+    """Log wealth of an alarm [nat], where blocks last that long [s].
 
     Raises:
         ValueError: if alarms would be as frequent as blocks, or there are none.
@@ -42,33 +46,38 @@ def threshold_of(alarms_per_hour: float, block: float) -> float:
     return float(np.log(HOUR / block / alarms_per_hour))
 
 
-class Bets:
-    """Bets on K challengers of each of B models.
+class Evidence:
+    """Wealth of K challengers, each in S games at once."""
 
-    Attributes:
-        evidence: log M of each challenger (B, K) [nat].
-    """
+    def __init__(self, challengers: int, games: int = 1) -> None:
+        """Take K and S."""
+        self._wealth = np.zeros((challengers, games))  # log M
 
-    def __init__(self, batch: int, challengers: int) -> None:
-        """Take B and K."""
-        self._wealth = np.full((batch, challengers, len(SHARES)), -np.inf)  # log M
-        self._unit = np.full((batch, challengers), UNIT)
-        self.evidence = np.full((batch, challengers), -np.inf)
-
-    def reset(self, which: Mask) -> None:
-        """Those of the B begin anew."""
-        self._wealth[which], self.evidence[which], self._unit[which] = -np.inf, -np.inf, UNIT
-
-    def take(self, gain: Array, due: Mask) -> None:
-        """A block has ended for those of the B that are due (B,): what each challenger gained in it (B, K) [nat]."""
-        won = np.clip(gain / self._unit, -1.0, MOST)
-        grown = np.logaddexp(self._wealth, 0.0) + np.log1p(SHARES * won[..., None])
-        which = due[:, None]
-        self._wealth = np.where(which[..., None], grown, self._wealth)
-        self._unit = np.where(which, np.maximum(self._unit, -MARGIN * gain), self._unit)
-        self.evidence = np.logaddexp.reduce(self._wealth, axis=2) - np.log(len(SHARES))
+    def add(self, factor: Array | float, which: int | slice = slice(None)) -> None:
+        """Take in the log factors of a block, of some of the challengers (K, S) [nat]."""
+        self._wealth[which] = np.maximum(self._wealth[which], 0.0) + factor
 
     @property
-    def joint(self) -> Array:
-        """Log evidence that some challenger predicts better (B,) [nat]."""
-        return np.asarray(np.logaddexp.reduce(self.evidence, axis=1) - np.log(max(1, self.evidence.shape[1])))
+    def each(self) -> Array:
+        """Log wealth of each challenger (K,) [nat]."""
+        return np.asarray(np.logaddexp.reduce(self._wealth, axis=1) - np.log(self._wealth.shape[1]))
+
+    @property
+    def joint(self) -> float:
+        """Log of the mean wealth, for some challenger [nat]."""
+        return float(np.logaddexp.reduce(self.each) - np.log(max(1, len(self._wealth))))
+
+
+class Bets(Evidence):
+    """Evidence by bets on gains."""
+
+    def __init__(self, challengers: int) -> None:
+        """Take K."""
+        super().__init__(challengers, len(SHARES))
+        self._unit = np.full(challengers, UNIT)
+
+    def take(self, gain: Array) -> None:
+        """A block has ended: what each challenger gained in it (K,) [nat]."""
+        won = np.clip(gain / self._unit, -1.0, MOST)
+        self.add(np.log1p(SHARES * won[:, None]))
+        self._unit = np.maximum(self._unit, -MARGIN * gain)

@@ -99,19 +99,16 @@ class JointFilters:
         self.filters = [None if anew else one for one, anew in zip(self.filters, which, strict=True)]
         self._surprise.reset(which)
 
-    def interrupt(self, which: Mask) -> None:
-        """Those of the B go on elsewhere: parameters are kept, position and velocity are not."""
-        for one, lost in zip(self.filters, which, strict=True):
-            if one is not None and lost:
-                one.lost = True
-
     @property
     def running(self) -> Mask:
         """Which have started (B,)."""
         return np.array([one is not None for one in self.filters])
 
-    def take(self, time: Array, position: Array, torque: Array, lent: Estimates, lender: int) -> None:
-        """Take in a sample of every pendulum, and start where the regression `lender` knows enough."""
+    def take(self, time: Array, position: Array, torque: Array, anew: Mask, lent: Estimates, lender: int) -> None:
+        """Take in a sample of every pendulum, and start where the regression `lender` knows enough.
+
+        Those that begin anew (B,), as after a gap, keep their parameters, but not position and velocity.
+        """
         self.theta, self.P, self.error = self.theta.copy(), self.P.copy(), np.zeros((self._batch, 1))
         new = np.zeros((self._batch, 1))
         for b, one in enumerate(self.filters):
@@ -119,8 +116,8 @@ class JointFilters:
                 if lent.usable[b, lender]:
                     self.filters[b] = self._started(lent, b, lender)
                 continue
+            one.lost = one.lost or bool(anew[b])
             if not np.isfinite(position[b] + torque[b]):
-                one.lost = True
                 continue
             try:
                 self.error[b, 0], new[b, 0] = one.take(time[b], position[b], torque[b])
@@ -141,27 +138,26 @@ class JointFilters:
 
     def beside(self, now: Estimates, shown: Sequence[int], lender: int) -> Estimates:
         """Estimates of the schemes `shown`, and of this one after them."""
-        running, shown = self.running, list(shown)
-        noise = np.maximum(self._surprise.noise, 1.0)[:, :, None]
-        joined = functools.partial(_joined, now, shown, lender, running[:, None, None])
-        theta = np.where(running[:, None], self.theta, now.theta[:, lender])
+        running, noise = self.running, np.maximum(self._surprise.noise, 1.0)
+
+        def beside(lent: Array, own: Array) -> Array:
+            """Of the regressions, and after them its own (B, ...), or lent until it runs."""
+            runs = running.reshape(-1, *[1] * (own.ndim - 1))
+            return np.concatenate([lent[:, list(shown)], np.where(runs, own, lent[:, lender])[:, None]], axis=1)
+
         return replace(
             now,
-            theta=np.concatenate([now.theta[:, shown], theta[:, None]], axis=1),
-            error=np.concatenate([now.error[:, shown], self.error], axis=1),
-            usable=np.concatenate([now.usable[:, shown], running[:, None]], axis=1),
-            spread=functools.partial(joined, self.P, "P"),
-            judge=functools.partial(joined, noise * self.P, "covariance"),
+            theta=beside(now.theta, self.theta),
+            error=np.concatenate([now.error[:, list(shown)], self.error], axis=1),
+            usable=np.concatenate([now.usable[:, list(shown)], running[:, None]], axis=1),
+            spread=functools.partial(np.asarray, beside(now.P, self.P)),
+            judge=functools.partial(_known, beside(now.covariance, noise[..., None] * self.P)),
         )
 
 
-def _joined(
-    now: Estimates, shown: list[int], lender: int, running: Mask, own: Array, name: str, _: Array | None = None
-) -> Array:
-    """P or covariances of regressions, and after them the joint state's own (B, P, P), or lent until it runs."""
-    lent = getattr(now, name)
-    last = np.where(running, own, lent[:, lender])
-    return np.concatenate([lent[:, shown], last[:, None]], axis=1)
+def _known(covariance: Array, P: Array) -> Array:
+    """A covariance that is known already."""
+    return covariance
 
 
 class _Filter:

@@ -43,10 +43,6 @@ class KalmanLeastSquares:
         """Those of the B start anew."""
         self.theta = np.where(which[:, None, None], 0.0, self.theta)
         self.error, self.squares, self.count = np.where(which[:, None], 0.0, [self.error, self.squares, self.count])
-        self.reset_covariance(which)
-
-    def reset_covariance(self, which: Mask) -> None:
-        """Those of the B keep their estimates and forget how sure they are."""
         self.P = np.where(which[:, None, None, None], self.prior * np.eye(self.P.shape[-1]), self.P)
 
     def spread(self) -> Callable[[], Array]:

@@ -67,10 +67,6 @@ class SquareRootLeastSquares:
         lanes = np.broadcast_to(which[:, None], self._batch).ravel()
         self._machine.reset(lanes)
         self._told()
-        self.reset_covariance(which)
-
-    def reset_covariance(self, which: Mask) -> None:
-        """Those of the B keep their estimates and forget how sure they are."""
         root = self.root
         root[which] = np.sqrt(self.prior) * np.eye(root.shape[-1])
         self.root = root

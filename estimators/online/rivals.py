@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.online.binning import MARGIN, Bin
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.least_squares import LEAST_SLOPE, RIDGE
 from estimators.regression.recursive import PRIOR
@@ -27,7 +28,6 @@ from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.physics.term import one, zero
 
 TIME, POSITION, VELOCITY, TORQUE = range(4)  # series of a bin
-MARGIN = 3  # instants of a bin beyond its rows: two before the first and one after the last
 MEMORY = 3000  # bins, over which the scale of errors is learnt
 WEAKEST = -12.0  # log weight, relative to the best variant, of one that may still come back
 NUDGE = 1e-3  # [N m], for slopes by the torque
@@ -63,8 +63,10 @@ class Bins:
     y: Array
     period: float
 
-    def __getitem__(self, which: slice) -> Bins:
-        return Bins(self.series[:, which], self.y[which], self.period)
+    @classmethod
+    def of(cls, bins: Sequence[Bin], period: float) -> Bins:
+        """Several beside each other, of samples so far apart [s]."""
+        return cls(np.stack([one.series for one in bins], axis=1), np.array([one.y for one in bins]), period)
 
     @property
     def middle(self) -> Samples:

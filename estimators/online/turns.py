@@ -2,11 +2,9 @@
 
 Where a joint sticks or turns, rows are left out, as nobody knows within a sample in which direction friction acts. A
 model does: it moves, sticks and turns by its own step. It is moved on through a fifth of a second around each turn,
-from the position and velocity at the start that fit what was measured best (Gauss-Newton). What it misses is told as
-an angle and as the constant torque that would make as much of a difference. As large as usual is noise of the encoder
-in the one, noise of the torque in the other, even if the inertia has changed or the motion is another.
-
-Source: Bock, Randwertproblemmethoden zur Parameteridentifizierung, 1987, for the fit of the state at the start.
+from the position and velocity at the start that fit what was measured best. What it misses is told as an angle and as
+the constant torque that would make as much of a difference. As large as usual is noise of the encoder in the one, noise
+of the torque in the other, even if the inertia has changed or the motion is another.
 """
 
 from __future__ import annotations
@@ -21,19 +19,11 @@ from pendulum_env.physics import Term
 from pendulum_env.physics.simulation import Balance, prepared, simulate
 
 HALF = 0.1  # [s], before and after a turn
-SHARES = np.array([1.0, 0.3, 0.0])  # of a step of the state at the start, that are tried
-ROUNDS = 4
 NUDGE = np.array([1e-5, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives
 DIFFERENCE, SMALLEST = 1e-3, 1e-3  # relative change of a parameter for derivatives, and least size of one
 FITS = 3  # of parameters, with weights that follow from the fit before
 LARGEST = 1e3  # times the least torque that matters, that no error is more than
 FINEST = 1e-20  # [(rad/(N m))^2], so that nothing by nothing is a number
-KEPT = 24  # turns
-FEWEST = 3  # turns, before anything is usual
-PRIOR, SCATTER = 4, 1.0  # turns' worth, and standard deviation of the log of a mean square before any is known
-MEMORY = 300  # turns, of what is usual
-MOST = 4.0  # standard deviations that a turn counts for
-LEARNT = 2.0  # standard deviations that are learnt from one
 
 
 @dataclass(frozen=True)
@@ -94,25 +84,6 @@ class Missed:
         return replace(self, error=self.error + self.by_parameter @ delta)
 
 
-class Passage:
-    """A model on its way through S turns, one simulation after the other.
-
-    Attributes:
-        turns: that were measured.
-        theta: parameters, one column for each turn (P, S).
-    """
-
-    def __init__(self, turns: Turns, theta: Array) -> None:
-        """Take the turns and theta, (P,) for all or (P, S)."""
-        count = len(turns.time)
-        self.turns, self.theta = turns, np.broadcast_to(theta.reshape(len(theta), -1), (len(theta), count))
-        self.state: Array = np.array([turns.position[0], turns.velocity])  # at the start (2, S)
-        self.step: Array = np.zeros((2, count))  # of the state, to be tried
-        self.error: Array = np.zeros(0)  # (S, N + 1, 1)
-        self.frames: Array = np.zeros(0)  # of what other states at the start would do (S, N + 1, 2)
-        self.rounds = 0
-
-
 class Mover:
     """Moves a model through turns.
 
@@ -132,109 +103,37 @@ class Mover:
         return Mover, (self._terms, self._period)  # a program cannot be pickled
 
     def missed(self, turns: Turns, theta: Array) -> Missed:
-        """What the model with parameters theta, (P,) or (P, S), misses turns by."""
-        passage, found = Passage(turns, theta), None
-        while found is None:
-            found = self.go_on(passage)
-        return found
+        """What the model with parameters theta (P,) misses S turns by, in one simulation.
 
-    def go_on(self, passage: Passage) -> Missed | None:
-        """One more simulation; what is missed, once that is known."""
-        if passage.rounds == ROUNDS:
-            return self._compared(passage)
-        turns, state = passage.turns, passage.state
-        nudges = np.column_stack([np.zeros(2), np.diag(NUDGE)])  # (2, 3)
-        shares = SHARES if passage.rounds else SHARES[:1]
-        tried = state[:, None] + shares[:, None] * passage.step[:, None]  # (2, shares, S)
-        paths = self._move(passage, (tried[:, :, None] + nudges[:, None, :, None]).reshape(2, -1))
-        errors = paths.reshape(len(paths), len(shares), 3, -1) - turns.position[:, None, None]
-        best = np.argmin(np.sum(errors[:, :, 0] ** 2, axis=0), axis=0)
-        each = np.arange(len(best))
-        nearby = errors[:, best, :, each]  # (S, N + 1, 3)
-        error = nearby[..., :1]
-        frames, triangle = np.linalg.qr((nearby[..., 1:] - error) / NUDGE)
-        step = -np.linalg.solve(triangle + 1e-12 * np.eye(2), np.swapaxes(frames, 1, 2) @ error)[..., 0].T
-        passage.state, passage.step = np.asarray(tried[:, best, each]), np.asarray(step)
-        passage.error, passage.frames, passage.rounds = error, frames, passage.rounds + 1
-        return None
-
-    def _compared(self, passage: Passage) -> Missed:
-        """Errors from the states that were found, and their derivatives."""
-        turns, theta, error, frames = passage.turns, passage.theta, passage.error, passage.frames
-        count, variants = len(turns.time), len(theta) + 1
-        nudge = DIFFERENCE * np.maximum(np.abs(theta), SMALLEST)  # (P, S)
-        push = DIFFERENCE * np.maximum(np.sqrt(np.mean(turns.torque**2, axis=0)), SMALLEST)
-        thetas = np.repeat(theta[:, None], variants, axis=1)  # (P, P + 1, S)
-        thetas[np.arange(len(theta)), np.arange(len(theta))] += nudge
-        torque = np.repeat(turns.torque[:, None], variants, axis=1)
-        torque[:, -1] += push
-        states = np.repeat(passage.state[:, None], variants, axis=1).reshape(2, -1)
-        paths = self._move(passage, states, thetas.reshape(len(theta), -1), torque.reshape(len(torque), -1))
-        nearby = np.transpose(paths.reshape(-1, variants, count) - turns.position[:, None], (2, 0, 1))
-        slopes = (nearby - error) / np.vstack([nudge, push]).T[:, None]
-        both = np.concatenate([error, slopes], axis=2)
-        both = both - frames @ (np.swapaxes(frames, 1, 2) @ both)
-        return Missed(both[..., 0], both[..., 1:-1], both[..., -1])
-
-    def _move(self, passage: Passage, states: Array, theta: Array | None = None, torque: Array | None = None) -> Array:
-        """Positions (N + 1, V S) of V variants of all turns, from states (2, V S)."""
-        turns = passage.turns
-        times = states.shape[1] // len(turns.time)
-        return simulate(
+        Less what another state at the start would explain: a smoothed one is so close that what it does is linear.
+        """
+        count, size = len(turns.time), len(theta)
+        push = np.maximum(np.sqrt(np.mean(turns.torque**2, axis=0)), SMALLEST)  # (S,)
+        nudge = np.concatenate([NUDGE, DIFFERENCE * np.maximum(np.abs(theta), SMALLEST)])
+        nudges = np.column_stack([np.zeros(2 + size), np.diag(nudge), np.zeros(2 + size)])  # (2 + P, V)
+        state = np.array([turns.position[0], turns.velocity])  # (2, S)
+        start = (state[:, None] + nudges[:2, :, None]).reshape(2, -1)  # (2, V S)
+        torque = np.repeat(turns.torque[:, None], size + 4, axis=1)
+        torque[:, -1] += DIFFERENCE * push
+        path = simulate(
             self._terms,
-            np.tile(passage.theta, times) if theta is None else theta,
+            np.repeat(theta[:, None] + nudges[2:], count, axis=1),
             self._period,
-            np.tile(turns.torque, times) if torque is None else torque,
-            states[0],
-            states[1],
-            np.tile(turns.time, times),
-            before=np.tile(turns.before, times),
+            torque.reshape(len(torque), -1),
+            start[0],
+            start[1],
+            np.tile(turns.time, size + 4),
+            before=np.tile(turns.before, size + 4),
             program=self._program,
-        ).position
-
-
-class Past:
-    """The last turns of one pendulum, and how large errors of them are while the model holds."""
-
-    def __init__(self) -> None:
-        """Nothing is known yet."""
-        self._turns: list[Turns] = []
-        self._learnt, self._mean, self._squares = 0, np.zeros(2), np.zeros(2)
-
-    def keep(self, turn: Turns) -> None:
-        """One more."""
-        self._turns = [*self._turns[1 - KEPT :], turn]
-
-    def since(self, time: float) -> Turns | None:
-        """Those that began after some time [s], as far as they are kept; None if there are none."""
-        found = [turn for turn in self._turns if turn.time[0] > time]
-        return Turns.joined(found) if found else None
-
-    def learn(self, size: Array) -> None:
-        """One more size (2,) is usual."""
-        bound = LEARNT * self._scatter if self._learnt >= FEWEST else np.inf
-        step = np.clip(size - self._mean, -bound, bound)
-        self._learnt = min(self._learnt + 1, MEMORY)
-        share = 1.0 / self._learnt
-        self._mean = self._mean + share * step
-        kept = 1.0 if self._learnt < MEMORY else 1.0 - share
-        self._squares = kept * (self._squares + (1.0 - share) * step**2)
-
-    @property
-    def _scatter(self) -> Array:
-        return np.asarray(np.sqrt((PRIOR * SCATTER**2 + self._squares) / (PRIOR + self._learnt - 1)))
-
-    @property
-    def usual(self) -> float:
-        """Mean square of errors [rad^2]."""
-        return float(np.exp(self._mean[0]))
-
-    def surprise(self, *sizes: Array) -> float:
-        """By how many standard errors the mean of sizes (2,) is larger than usual, both in rad and in N m."""
-        if self._learnt < FEWEST:
-            return 0.0
-        new = np.clip((np.array(sizes) - self._mean) / self._scatter, -MOST, MOST)
-        return float(np.min(np.mean(new, axis=0)) / np.sqrt(1 / len(new) + 1 / self._learnt))
+        ).position.reshape(-1, size + 4, count)
+        paths = np.transpose(path, (2, 0, 1))  # (S, N + 1, V)
+        steps = np.column_stack([np.tile(nudge, (count, 1)), DIFFERENCE * push])
+        error = paths[..., :1] - turns.position.T[..., None]
+        slopes = (paths[..., 1:] - paths[..., :1]) / steps[:, None]  # by state, parameters and torque
+        frames, _ = np.linalg.qr(slopes[..., :2])
+        left = np.concatenate([error, slopes[..., 2:]], axis=2)
+        left = left - frames @ (np.swapaxes(frames, 1, 2) @ left)
+        return Missed(left[..., 0], left[..., 1:-1], left[..., -1])
 
 
 class TurnFinder:

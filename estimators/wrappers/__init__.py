@@ -1,10 +1,8 @@
 """Gymnasium wrappers that learn while the environment runs."""
 
 from estimators.wrappers.diagnose_online import DiagnoseOnline, DiagnoseOnlineVector
-from estimators.wrappers.estimate_parameters import EstimateParameters
-from estimators.wrappers.estimate_parameters_vector import EstimateParametersVector
-from estimators.wrappers.information_reward import InformationReward
-from estimators.wrappers.information_reward_vector import InformationRewardVector
+from estimators.wrappers.estimate_parameters import EstimateParameters, EstimateParametersVector
+from estimators.wrappers.information_reward import InformationReward, InformationRewardVector
 from estimators.wrappers.watch_model import WatchModel, WatchModelVector
 
 __all__ = [

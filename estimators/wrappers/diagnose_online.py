@@ -1,4 +1,4 @@
-"""A wrapper that says which effect a model lacks, while the environment runs."""
+"""Wrappers that say which effect a model lacks, while the environment runs."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from estimators.arguments import chosen_terms
-from estimators.online.diagnosers import Diagnosers
-from estimators.online.diagnosis import Diagnoser, OnlineDiagnosis, hindrance
-from estimators.wrappers.options import AnyEnv, SampleClock, rate_of, smoothing_of
-from estimators.wrappers.vector import MeasuringVector
+from estimators.online.diagnosis import Diagnoser, hindrance
+from estimators.wrappers.measuring import Measuring, MeasuringVector
+from estimators.wrappers.options import AnyEnv, rate_of, smoothing_of
 from pendulum_env.physics import Term
 from pendulum_env.physics.library import effect
 
 
-class DiagnoseOnline(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+class DiagnoseOnline(Measuring):
     """Compare the model with the same model and each effect of the library, from the measurement in `info`.
 
     Adds `diagnosis` to `info`, an `estimators.online.OnlineDiagnosis`, which changes once per second of motion: what
@@ -61,26 +60,13 @@ class DiagnoseOnline(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
             ValueError: if a name is unknown, a number out of its range, a term of the model depends on the past, or no
                 candidate can be followed; when running, if samples do not come at the rate.
         """
-        options: dict[str, Any] = {"rate": rate, "add_from": add_from, "alarms_per_hour": alarms_per_hour}
-        gym.utils.RecordConstructorArgs.__init__(self, terms=terms, candidates=candidates, **options)
-        gym.Wrapper.__init__(self, env)
         if add_from is not None and not 0.5 <= add_from < 1:
             raise ValueError(f"add_from ({add_from:g}) is a probability: give 0.5 or more, below 1")
-        self.diagnoser = Diagnoser(**_of(env, terms, candidates, rate, alarms_per_hour))
-        self._add_from, self._clock = add_from, SampleClock(self.diagnoser.rate)
-        self._seen: OnlineDiagnosis | None = None
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment and begin with the model as it was given."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        self.diagnoser.reset()
-        self._clock.restart()
-        return observation, self._tell(info)
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment and let every model predict its measurement."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        return observation, reward, terminated, truncated, self._tell(info)
+        options: dict[str, Any] = {"candidates": candidates, "rate": rate, "alarms_per_hour": alarms_per_hour}
+        diagnoser = diagnoser_of(env, 1, terms, **options)
+        super().__init__(env, diagnoser, terms=terms, add_from=add_from, **options)
+        (self.diagnoser,) = diagnoser.each
+        self._add_from, self._seen = add_from, self.diagnoser.said
 
     def add(self, effect: str) -> Term:
         """Take an effect into the running model, with the shape that predicted best so far, and return it.
@@ -98,58 +84,45 @@ class DiagnoseOnline(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         """
         self.diagnoser.undo()
 
-    def _tell(self, info: dict[str, Any]) -> dict[str, Any]:
-        if "fault" not in info:  # with one, nothing was measured
-            time, position, torque = self._clock.measured(info)
-            said = self.diagnoser.take(float(time), float(position), float(torque))
-            if said is not self._seen:
-                self._seen = said
-                self._add_surest(said)
+    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+        said, before = self.diagnoser.said, self._seen
+        self._seen = said
+        if self._add_from is not None and said is not before and said.kind == "missing":
+            (first,) = (one for one in said.ranking if one.effect == said.group[0])
+            if first.probability >= self._add_from:
+                self.add(first.effect)
         info["diagnosis"] = self.diagnoser.said
-        return info
-
-    def _add_surest(self, said: OnlineDiagnosis) -> None:
-        if self._add_from is None or said.kind != "missing":
-            return
-        if sum(one.probability for one in said.ranking if one.effect in said.group[:1]) >= self._add_from:
-            self.add(said.group[0])
+        return observation
 
 
 class DiagnoseOnlineVector(MeasuringVector):
     """`DiagnoseOnline` for a vector environment: `info` has a diagnosis for each; a reset pendulum starts anew.
 
-    `diagnosers.each` holds one `Diagnoser` per pendulum, with `add` and `undo`.
+    `diagnoser.each` holds one monitor a pendulum, with `add` and `undo`.
     """
 
     def __init__(
-        self,
-        env: VectorEnv[Any, Any, Any],
-        terms: Sequence[str | Term] | None = None,
-        *,
-        candidates: str | Sequence[str] | None = None,
-        rate: float | None = None,
-        alarms_per_hour: float = 1.0,
+        self, env: VectorEnv[Any, Any, Any], terms: Sequence[str | Term] | None = None, **options: Any
     ) -> None:
-        """Wrap a vector environment; the arguments are those of `DiagnoseOnline`."""
-        super().__init__(env)
-        self.diagnosers = Diagnosers(batch=env.num_envs, **_of(env, terms, candidates, rate, alarms_per_hour))
+        """Wrap a vector environment; the arguments are those of `DiagnoseOnline`, but for `add_from`."""
+        self.diagnoser = diagnoser_of(env, env.num_envs, terms, **options)
+        super().__init__(env, self.diagnoser)
 
-    def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-        anew, sample = self._measured(info)
-        self.diagnosers.reset(anew)
-        info["diagnosis"] = self.diagnosers.take(*sample)
-        info["_diagnosis"] = np.ones(self.num_envs, dtype=bool)
-        return observation, info
+    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+        info["diagnosis"], info["_diagnosis"] = self.diagnoser.said, np.ones(self.num_envs, dtype=bool)
+        return observation
 
 
-def _of(
+def diagnoser_of(
     env: AnyEnv,
-    terms: Sequence[str | Term] | None,
-    candidates: str | Sequence[str] | None,
-    rate: float | None,
-    alarms_per_hour: float,
-) -> dict[str, Any]:
-    """What a diagnoser of an environment needs.
+    batch: int,
+    terms: Sequence[str | Term] | None = None,
+    *,
+    candidates: str | Sequence[str] | None = None,
+    rate: float | None = None,
+    alarms_per_hour: float = 1.0,
+) -> Diagnoser:
+    """Diagnoser for an environment.
 
     Raises:
         ValueError: if a name is unknown, or none of the candidates can be followed online.
@@ -160,10 +133,11 @@ def _of(
     if library is not None and all(map(hindrance, library.values())):
         why = ", ".join(f"{id} {hindrance(one)}" for id, one in library.items())
         raise ValueError(f"candidates leave no effect to try{': ' * bool(why)}{why}; name others, or None for all")
-    return {
-        "rate": rate,
-        "terms": chosen_terms(terms),
-        "library": library,
-        "smoothing": smoothing_of(env, rate),
-        "alarms_per_hour": alarms_per_hour,
-    }
+    return Diagnoser(
+        rate,
+        chosen_terms(terms),
+        batch=batch,
+        library=library,
+        smoothing=smoothing_of(env, rate),
+        alarms_per_hour=alarms_per_hour,
+    )

@@ -1,24 +1,27 @@
-"""Six regressor models that run along with an environment."""
+"""Six regressor models that run along with an environment, or with many."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import VectorEnv
+from gymnasium.vector.utils import batch_space
 
 from estimators.online import Estimates, JointState, OnlineEstimator, SchemeEstimate, SchemeEstimates
 from estimators.schemes.six import Scheme
-from estimators.wrappers.options import Names, SampleClock, make
-from pendulum_env._typing import Array
+from estimators.wrappers.measuring import Measuring, MeasuringVector, measured
+from estimators.wrappers.options import Names, make
+from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Term
 
 BOUND = 1e6  # of what is put into an observation
 
 
-class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+class EstimateParameters(Measuring):
     """Estimate the parameters online, by recursive least squares, from the measurement in `info`.
 
     Adds to `info`:
@@ -60,59 +63,90 @@ class EstimateParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             in_observation: whether theta and the standard errors of all schemes are appended to a Box observation.
             options: of `estimators.online.OnlineEstimator`: `forgetting` (factor for every equation, 1 forgets none),
-                `random_walk` (by which parameters may wander, as a share of their value [1/sqrt(s)]), `reset_every`
-                (time after which P starts anew [s]), `settle` (time that is left out at the start [s]), `prior` (P(0)
+                `random_walk` (by which parameters may wander, as a share of their value [1/sqrt(s)]), `prior` (P(0)
                 on the diagonal), `smoothing`, and `recursion` ("KalmanFilter" for filterpy's in the place of ours).
 
         Raises:
             ValueError: if a name is unknown or an option is out of its range; when running, if samples do not come at
                 the rate.
         """
-        gym.utils.RecordConstructorArgs.__init__(
-            self, schemes=schemes, terms=terms, rate=rate, in_observation=in_observation, **options
+        estimator = make(env, schemes, terms, rate, 1, options)
+        super().__init__(
+            env, estimator, schemes=schemes, terms=terms, rate=rate, in_observation=in_observation, **options
         )
-        gym.Wrapper.__init__(self, env)
-        self.estimator = make(env, schemes, terms, rate, 1, options)
-        self._ids = tuple(scheme.id for scheme in self.estimator.schemes)
-        self._drawn = env.render_mode is not None
-        self._in_observation, self._clock = in_observation, SampleClock(self.estimator.rate)
+        self.estimator, self._in_observation = estimator, in_observation
         if in_observation:
-            self.observation_space = widened(env.observation_space, len(self._ids) * len(self.estimator.names))
+            self.observation_space = widened(env.observation_space, estimator)
 
     @property
     def schemes(self) -> tuple[Scheme | JointState, ...]:
         """The schemes that run."""
         return self.estimator.schemes
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment and forget what was estimated."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        self.estimator.reset()
-        self._clock.restart()
-        return self._add(observation, info)
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment and take in its measurement."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        observation, info = self._add(observation, info)
-        return observation, reward, terminated, truncated, info
-
-    def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-        if "fault" not in info:  # with one, nothing was measured
-            self._now = self.estimator.take(*np.array(self._clock.measured(info))[:, None])
-        now = self._now
+    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+        now = self._known
         tell(info, now, self.estimator, 0)
-        if self._drawn:
+        if self.env.render_mode is not None:
             self.env.unwrapped.overlay = functools.partial(self._lines, now)  # type: ignore[attr-defined]
-        if self._in_observation:
-            observation = np.concatenate([observation, told(now)[0]], dtype=np.float32)
-        return observation, info
+        return np.concatenate([observation, told(now)[0]], dtype=np.float32) if self._in_observation else observation
 
     def _lines(self, now: Estimates) -> tuple[str, ...]:
         """What the picture says."""
         names = "  ".join(f"{name[:9]:>9}" for name in self.estimator.names)
-        rows = (f"{id:<21}" + "  ".join(f"{v:9.4f}" for v in now.theta[0, s]) for s, id in enumerate(self._ids))
+        each = enumerate(self.schemes)
+        rows = (f"{one.id:<21}" + "  ".join(f"{v:9.4f}" for v in now.theta[0, s]) for s, one in each)
         return (f"{'':21}{names}", *rows)
+
+
+class EstimateParametersVector(MeasuringVector):
+    """`EstimateParameters` for a vector environment; the entries of `info` have a first axis over its environments.
+
+    A pendulum whose time starts anew has been reset: its estimates start anew with it.
+    """
+
+    def __init__(
+        self,
+        env: VectorEnv[Any, Any, Any],
+        schemes: Names = "all",
+        terms: Sequence[str | Term] | None = None,
+        *,
+        rate: float | None = None,
+        in_observation: bool = False,
+        **options: Any,
+    ) -> None:
+        """Wrap a vector environment; the arguments are those of `EstimateParameters`."""
+        super().__init__(env, make(env, schemes, terms, rate, env.num_envs, options))
+        self._in_observation = in_observation
+        if in_observation:
+            self.single_observation_space = widened(env.single_observation_space, self.estimator)
+            self.observation_space = batch_space(self.single_observation_space, env.num_envs)
+
+    @property
+    def estimator(self) -> OnlineEstimator:
+        """That of all pendulums."""
+        return cast(OnlineEstimator, self._learner)
+
+    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
+        ended: Mask | None = info.get("_final_info")
+        if ended is None:
+            return super()._take(observation, info)
+        # within this step, some have ended and begun again: their last sample still counts
+        final, self._time = info["final_info"], np.asarray(info["time"])
+        last = (np.where(ended, a, b) for a, b in zip(measured(final), measured(info), strict=True))
+        then = self.estimator.take(*last)
+        tell(final, then, self.estimator, slice(None))
+        if self._in_observation:
+            info["final_obs"] = np.concatenate([info["final_obs"], told(then)], axis=1, dtype=np.float32)
+        self.estimator.reset(ended)
+        self._known = self.estimator.after_reset(then, ended)
+        return self._tell(observation, info)
+
+    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+        now = self._known
+        tell(info, now, self.estimator, slice(None))
+        return (
+            np.concatenate([observation, told(now)], axis=1, dtype=np.float32) if self._in_observation else observation
+        )
 
 
 def tell(info: dict[str, Any], now: Estimates, estimator: OnlineEstimator, pendulum: int | slice) -> None:
@@ -131,7 +165,7 @@ def told(now: Estimates) -> Array:
     return np.clip(both, -BOUND, BOUND)
 
 
-def widened(space: gym.Space[Any], parameters: int) -> gym.spaces.Box:
+def widened(space: gym.Space[Any], estimator: OnlineEstimator) -> gym.spaces.Box:
     """Observation space with theta and standard errors appended.
 
     Raises:
@@ -139,5 +173,5 @@ def widened(space: gym.Space[Any], parameters: int) -> gym.spaces.Box:
     """
     if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:
         raise ValueError(f"estimates can be put into a Box of one dimension, not into {space}: flatten it first")
-    more = np.full(2 * parameters, BOUND, dtype=np.float32)
+    more = np.full(2 * len(estimator.schemes) * len(estimator.names), BOUND, dtype=np.float32)
     return gym.spaces.Box(np.concatenate([space.low, -more]), np.concatenate([space.high, more]), dtype=np.float32)

@@ -10,7 +10,6 @@ import numpy as np
 
 from estimators.arguments import chosen_schemes, chosen_terms
 from estimators.online import JointState, OnlineEstimator
-from estimators.online.clock import Clock
 from estimators.schemes.six import SCHEMES, Scheme
 from estimators.signals.differentiation import white_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
@@ -107,31 +106,3 @@ def make(
     if options.get("position_noise") is None:
         options = {**options, "position_noise": position_noise_of(env)}
     return OnlineEstimator(rate, chosen_terms(terms), chosen_online(schemes), batch=batch, **options)
-
-
-def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:
-    """Time, position and torque of a sample.
-
-    Raises:
-        ValueError: if the environment does not measure.
-    """
-    try:
-        return info["time"], info["position"], info["torque"]
-    except KeyError as error:
-        raise ValueError(
-            f"info lacks {error}: the wrapped environment has to carry time, position and torque"
-        ) from None
-
-
-class SampleClock(Clock):
-    """Takes samples from `info`, and refuses those off the rate."""
-
-    def measured(self, info: dict[str, Any]) -> tuple[float, Any, Any]:
-        """Time, position and torque of a sample; the latter two are arrays (n,) of an arm.
-
-        Raises:
-            ValueError: if the environment does not measure, or if more than a tenth of a period is missing or too much.
-        """
-        time, position, torque = measured(info)
-        self.tick(time)
-        return time, position, torque

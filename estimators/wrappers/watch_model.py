@@ -1,4 +1,4 @@
-"""A wrapper that tells whether the model still predicts."""
+"""Wrappers that tell whether the model still predicts."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from gymnasium.vector import VectorEnv
 
 from estimators.arguments import chosen_terms
 from estimators.online.watch import Watch
-from estimators.wrappers.options import AnyEnv, SampleClock, rate_of, smoothing_of
-from estimators.wrappers.vector import MeasuringVector
+from estimators.wrappers.measuring import Measuring, MeasuringVector
+from estimators.wrappers.options import AnyEnv, rate_of, smoothing_of
 from pendulum_env.physics import Model, Term
 
 
-class WatchModel(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+class WatchModel(Measuring):
     """Tell online whether the model still predicts, from the measurement in `info`.
 
     Adds `watch` to `info`, an `estimators.online.Verdict`: its `kind` is "calibrating", then "predicts" until an alarm,
@@ -58,69 +58,41 @@ class WatchModel(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
             ValueError: if a name is unknown, a number is out of its range, both model and terms are given, or a file
                 holds no model; when running, if samples do not come at the rate.
         """
-        options: dict[str, Any] = {"alarms_per_hour": alarms_per_hour, "calibrate": calibrate}
-        gym.utils.RecordConstructorArgs.__init__(self, model=model, terms=terms, rate=rate, **options)
-        gym.Wrapper.__init__(self, env)
-        self.watch = watch_of(env, model, terms, rate, 1, options)
-        self._clock = SampleClock(self.watch.rate)
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment and begin to calibrate."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        self.watch.reset()
-        self._clock.restart()
-        return observation, self._add(info)
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step the environment and compare its measurement with the prediction."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        return observation, reward, terminated, truncated, self._add(info)
+        options: dict[str, Any] = {"terms": terms, "rate": rate, "alarms_per_hour": alarms_per_hour}
+        options["calibrate"] = calibrate
+        self.watch = watch_of(env, 1, model, **options)
+        super().__init__(env, self.watch, model=model, **options)
 
     def accept(self) -> None:
         """The plant is now as it shall be: calibrate anew."""
         self.watch.accept()
 
-    def _add(self, info: dict[str, Any]) -> dict[str, Any]:
-        if "fault" not in info:  # with one, nothing was measured
-            time, position, torque = self._clock.measured(info)
-            self.watch.take(np.array([time]), np.array([position]), np.array([torque]))
-        info["watch"] = self.watch.verdicts[0]
-        return info
+    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+        info["watch"] = self.watch.said[0]
+        return observation
 
 
 class WatchModelVector(MeasuringVector):
     """`WatchModel` for a vector environment: `info` has a verdict for each; a reset pendulum starts anew."""
 
-    def __init__(
-        self,
-        env: VectorEnv[Any, Any, Any],
-        model: Model | str | Path | None = None,
-        *,
-        terms: Sequence[str | Term] | None = None,
-        rate: float | None = None,
-        alarms_per_hour: float = 1.0,
-        calibrate: float = 5.0,
-    ) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], model: Model | str | Path | None = None, **options: Any) -> None:
         """Wrap a vector environment; the arguments are those of `WatchModel`."""
-        super().__init__(env)
-        options = {"alarms_per_hour": alarms_per_hour, "calibrate": calibrate}
-        self.watch = watch_of(env, model, terms, rate, env.num_envs, options)
+        self.watch = watch_of(env, env.num_envs, model, **options)
+        super().__init__(env, self.watch)
 
-    def _add(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-        anew, sample = self._measured(info)
-        self.watch.reset(anew)
-        info["watch"] = tuple(self.watch.take(*sample))
-        info["_watch"] = np.ones(self.num_envs, dtype=bool)
-        return observation, info
+    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+        info["watch"], info["_watch"] = self.watch.said, np.ones(self.num_envs, dtype=bool)
+        return observation
 
 
 def watch_of(
     env: AnyEnv,
-    model: Model | str | Path | None,
-    terms: Sequence[str | Term] | None,
-    rate: float | None,
     batch: int,
-    options: dict[str, Any],
+    model: Model | str | Path | None = None,
+    *,
+    terms: Sequence[str | Term] | None = None,
+    rate: float | None = None,
+    **options: float,
 ) -> Watch:
     """Watch for an environment.
 

@@ -36,6 +36,7 @@ class Follower:
         """Take the samples per second [Hz], and the smoothing of the measurement."""
         self._rate, self._smoothing, self._lock = rate, smoothing, Lock()
         self._diagnoser = Diagnoser(rate, smoothing=smoothing)
+        (self._monitor,) = self._diagnoser.each
         self.course: list[tuple[float, float]] = []
         self.events: list[Event] = []
         self._time, self._torque = 0.0, 0.0  # the latest ones
@@ -43,22 +44,21 @@ class Follower:
 
     def _renew(self) -> None:
         """Watch the running model as it is from now on."""
-        self._watch = Watch(self._rate, self._diagnoser.terms, smoothing=self._smoothing)
+        self._watch = Watch(self._rate, self._monitor.terms, smoothing=self._smoothing)
         self._kind, self._missing = "calibrating", False
 
     @property
     def said(self) -> OnlineDiagnosis:
         """Which effect is missing."""
-        return self._diagnoser.said
+        return self._monitor.said
 
     def take(self, rows: Sequence[Row]) -> None:
         """Take in what was measured since the last time."""
         with self._lock:
             for time, position, torque in rows:
-                before = self._diagnoser.said
-                said = self._diagnoser.take(time, position, self._torque)
-                sample = (np.array([value]) for value in (time, position, self._torque))
-                (verdict,) = self._watch.take(*sample)
+                sample = [np.array([value]) for value in (time, position, self._torque)]
+                before = self._monitor.said
+                (said,), (verdict,) = self._diagnoser.take(*sample), self._watch.take(*sample)
                 self._time, self._torque = time, torque
                 if said is not before:
                     self._tell(said)
@@ -90,7 +90,7 @@ class Follower:
             ValueError: if there is none of that id, or it cannot be added.
         """
         with self._lock:
-            self._diagnoser.add(effect)
+            self._monitor.add(effect)
             self._note(f"added: {name(effect)}", False)
             self._renew()
 
@@ -101,7 +101,7 @@ class Follower:
             ValueError: if nothing was.
         """
         with self._lock:
-            last = self._diagnoser.said.added[-1:]
-            self._diagnoser.undo()
+            last = self._monitor.said.added[-1:]
+            self._monitor.undo()
             self._note(f"taken out: {name(last[0])}", False)
             self._renew()

@@ -12,7 +12,7 @@ from gymnasium.vector import VectorWrapper
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import diagnose
-from estimators.online import Diagnoser, Diagnosers
+from estimators.online import Diagnoser
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, DiagnoseOnlineVector, EstimateParameters
 from pendulum_env.physics import BASE
@@ -56,8 +56,8 @@ def run(one, recording, first=0.0, last=np.inf):
     torque = np.r_[0.0, recording.torque[:-1]]  # over the period that ends with the sample
     for t, q, tau in zip(recording.time, recording.position, torque, strict=True):
         if first <= t < last:
-            one.take(float(t), float(q), float(tau))
-    return one.said
+            one.take(*(np.full(1, value) for value in (t, q, tau)))
+    return one.said[0]
 
 
 @pytest.mark.parametrize("hidden", slow.but(["cogging"], HIDDEN))
@@ -67,7 +67,7 @@ def test_what_is_hidden_comes_first_and_once_added_the_model_predicts_as_the_tru
     said = run(found, recording, last=10.0)
     assert said.kind == "missing" and hidden in said.group and said.none < 0.01
     before = said.error
-    found.add(hidden)
+    found.each[0].add(hidden)
     after, ideal = run(found, recording, first=10.0), run(true, recording)
     assert after.added == (hidden,) and after.kind == "nothing"
     assert after.error < 0.9 * before
@@ -96,19 +96,20 @@ def test_what_is_said_online_is_what_diagnose_says_of_the_recording(hidden):
 
 
 def test_undo_brings_the_model_back():
-    recording, one = recorded("cogging"), diagnoser(library=FEW)
+    recording, whole = recorded("cogging"), diagnoser(library=FEW)
+    (one,) = whole.each
     with pytest.raises(ValueError, match="no effect was added"):
         one.undo()
     with pytest.raises(ValueError, match="has not been tried yet"):
         one.add("cogging")
-    first = run(one, recording, last=10.0)
+    first = run(whole, recording, last=10.0)
     one.add("cogging")
     with pytest.raises(ValueError, match="in the model already"):
         one.add("cogging")
     with pytest.raises(ValueError, match="did you mean cogging"):
         one.add("coging")
     one.undo()
-    again = run(one, recording, first=10.0, last=17.0)
+    again = run(whole, recording, first=10.0, last=17.0)
     assert again.terms == first.terms == BASE
     assert again.group[0] == first.group[0] == "cogging"
 
@@ -150,7 +151,7 @@ def test_what_cannot_be_followed_is_refused():
 def test_many_are_diagnosed_like_one_and_a_reset_one_begins_anew():
     runs = [recorded("cogging"), recorded("")]
     smoothing = Smoothing.of_encoder(COUNTS, RATE)
-    many = Diagnosers(RATE, 2, smoothing=smoothing, library=FEW)
+    many = Diagnoser(RATE, batch=2, smoothing=smoothing, library=FEW)
     torque = np.array([np.r_[0.0, one.torque[:-1]] for one in runs])
     position = np.array([one.position for one in runs])
     until = round(9 * RATE)

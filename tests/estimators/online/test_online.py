@@ -357,24 +357,6 @@ def test_a_payload_picked_up_in_mid_run_is_tracked(memory):
         assert (np.median(np.abs(stays.theta[:, s, :2] - after[:2]) / after[:2], axis=0) > 0.05).all()
 
 
-@pytest.mark.slow
-def test_covariance_can_start_anew_and_estimates_stay(paper_run):
-    recording = paper_run.recording
-    estimates = run(OnlineEstimator(recording.rate, reset_every=4.0), recording)
-    trace = np.array([np.trace(now.P[0, 0]) for now in estimates])
-    jumps = np.flatnonzero(trace[1:] > 100 * trace[:-1])
-    assert len(jumps) == 2
-    before, after = estimates[jumps[0]], estimates[jumps[0] + 1]
-    np.testing.assert_allclose(before.theta[0, 0], after.theta[0, 0], rtol=0.05)
-
-
-def test_settling_leaves_out_the_beginning(paper_run):
-    beginning = paper_run.recording.slice(0, 2500)
-    estimates = run(OnlineEstimator(beginning.rate, settle=1.0), beginning)
-    started = [k for k, now in enumerate(estimates) if now.usable.any()]
-    assert estimates[started[0]].index[0] >= 1.0 * paper_run.recording.rate
-
-
 def test_stick_teaches_nothing(sticky):
     recording = sticky.recording
     estimates = run(OnlineEstimator(recording.rate, schemes=SCHEMES[:1]), recording)

@@ -5,12 +5,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.online.cusum import Cusum
-from estimators.online.turns import FEWEST, HALF, LARGEST, MOST, Mover, Past, TurnFinder, Turns
+from estimators.online.turns import HALF, LARGEST, Mover, TurnFinder, Turns
 from pendulum_env.physics import BASE
 from pendulum_env.physics import simulate as pendulum
 from pendulum_env.physics.library import effect
@@ -118,51 +115,6 @@ def test_a_joint_that_sticks_throughout_hides_any_torque():
         np.testing.assert_allclose(sizes(turns)[0, 1], 2 * np.log(torque), atol=0.01)
 
 
-@given(st.lists(st.floats(-20, 5), min_size=FEWEST, max_size=40), st.floats(-30, 30), st.floats(-20, 20))
-def test_what_is_usual_has_no_unit(told, unit, new):
-    """Sizes are logs: in another unit, all are larger by the same; and what is larger surprises more."""
-    pasts = Past(), Past()
-    for size in told:
-        for past, shift in zip(pasts, (0.0, unit), strict=True):
-            past.learn(np.full(2, size + shift))
-    asked = np.full(2, new)
-    one, other = pasts[0].surprise(asked), pasts[1].surprise(asked + unit)
-    assert one == pytest.approx(other, abs=1e-6)
-    assert pasts[0].surprise(asked + 1.0) >= one and abs(one) <= MOST
-
-
-def test_few_turns_know_little():
-    past = Past()
-    for _ in range(FEWEST - 1):
-        past.learn(np.zeros(2))
-    assert past.surprise(np.full(2, 100.0)) == 0.0
-    past.learn(np.zeros(2))
-    first = past.surprise(np.full(2, 1.5))
-    for _ in range(30):
-        past.learn(np.zeros(2))
-    assert 0.0 < first < past.surprise(np.full(2, 1.5))
-
-
-def test_what_is_usual_surprises_by_a_standard_error_however_many_are_asked():
-    """The mean of sizes as those learnt is off by as much as both means are uncertain."""
-    rng, told = np.random.default_rng(0), []
-    for _ in range(400):
-        past = Past()
-        for size in rng.normal(size=(12, 2)):
-            past.learn(np.full(2, size[0]))
-        told.append([past.surprise(*np.repeat(rng.normal(size=(n, 1)), 2, axis=1)) for n in (1, 24)])
-    np.testing.assert_allclose(np.std(told, axis=0), 1.0, atol=0.2)
-
-
-def test_a_turn_is_larger_than_usual_only_if_it_is_both_in_rad_and_in_newton_metres():
-    past = Past()
-    for size in np.random.default_rng(0).normal(size=30):
-        past.learn(np.array([size, size]))
-    for one in ([9.0, 0.0], [0.0, 9.0]):
-        assert past.surprise(np.array(one)) < 1.0
-    assert past.surprise(np.array([9.0, 9.0])) > 0.95 * MOST
-
-
 OTHERS = [effect("dead_time")(0.013), effect("torque_offset")(), effect("friction_drift")(10.0)]
 
 
@@ -184,17 +136,3 @@ def test_what_cannot_be_moved_through_a_turn_is_left_alone():
     assert not Mover((*BASE, effect("actuator_lag")(0.05)), 1e-3).ready  # it is not known what it held before
     assert not Mover((*BASE, Table()), 1e-3).ready
     assert not Mover(BASE, 0.2).ready
-
-
-@given(st.lists(st.tuples(st.floats(-3, 3), st.booleans()), min_size=1, max_size=30))
-def test_a_cusum_is_the_largest_sum_up_to_now(gains):
-    cusum = Cusum(1, 2)
-    for moment, (gain, due) in enumerate(gains, 1):
-        known = np.full((1, 2), float(moment)), np.full((1, 2, 2), float(moment))
-        cusum.add(np.array([gain]), np.array([due]), np.array([moment]), *known)
-    taken = [gain if due else 0.0 for gain, due in gains]
-    largest = max(0.0, *(sum(taken[k:]) for k in range(len(taken))))
-    assert cusum.value[0] == pytest.approx(largest, abs=1e-9)
-    if cusum.value[0] > 0:
-        assert sum(taken[cusum.since[0] :]) == pytest.approx(cusum.value[0], abs=1e-9)
-        assert (cusum.theta == cusum.since[0]).all() and (cusum.root == cusum.since[0]).all()  # what was known then

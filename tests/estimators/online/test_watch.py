@@ -12,9 +12,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from benchmarks.excitation import OPEN_LOOP
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from benchmarks.watching import CHANGE, changing, watched
 from estimators.online import Verdict, Watch
+from estimators.signals.measurements import Smoothing
 from estimators.wrappers import EstimateParameters, WatchModel, WatchModelVector
 from pendulum_env.physics import BASE, Model
 from pendulum_env.registration import PENDULUM
@@ -177,3 +179,24 @@ def test_a_gap_is_no_alarm():
         if not (5.0 < t < 5.5 or 8.0 < t < 8.01):
             (verdict,) = watch.take(np.full(1, t), np.full(1, q), np.full(1, tau))
     assert verdict.kind == "predicts"
+
+
+@pytest.mark.slow
+def test_a_changed_value_becomes_the_models_and_the_next_change_is_told_too():
+    """A payload is picked up, and put down again thirteen seconds later."""
+    seconds, start, told = 13.0, (0.0, 0.0), []
+    watch = Watch(RATE, smoothing=Smoothing.of_encoder(COUNTS, RATE))
+    count = round(seconds * RATE)
+    command = OPEN_LOOP["two_tone"](np.random.default_rng(0), np.arange(3 * count + 1) / RATE, 1.0)
+    held = 0.0
+    for part, plant in enumerate((BEFORE, HEAVIER, BEFORE)):
+        experiment = Experiment(RATE, seconds + 1 / RATE, seed=part, counts=COUNTS, torque_noise=0.05, start=start)
+        (run,) = simulate([(plant, experiment)], [command[part * count : (part + 1) * count + 1]])
+        start = float(run.exact_position[-1]), float(run.velocity[-1])
+        for k in range(count):
+            sample = part * seconds + k / RATE, run.position[k], held
+            (verdict,), held = watch.take(*(np.full(1, value) for value in sample)), run.torque[k]
+        told.append((verdict.kind, verdict.alarms, *(change for change, _ in verdict.changes.values())))
+    assert [one[:2] for one in told] == [("predicts", 0), ("value", 1), ("value", 2)]
+    np.testing.assert_allclose(np.sort(told[1][2:]), [0.03, 0.5], rtol=0.05)
+    np.testing.assert_allclose(np.sort(told[2][2:]), [-0.5, -0.03], rtol=0.05)

@@ -1,0 +1,46 @@
+"""How large errors of a model usually are, and by how much others are larger."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pendulum_env._typing import Array
+
+FEWEST = 3  # errors, before anything is usual
+PRIOR, SCATTER = 4, 1.0  # errors' worth, and standard deviation of the log of a mean square before any is known
+MEMORY = 300  # errors, of what is usual
+MOST = 4.0  # standard deviations that an error counts for
+LEARNT = 2.0  # standard deviations that are learnt from one
+
+
+class Usual:
+    """What log mean squares of errors are, while a model holds: of a block of rows, or of a turn, in Q units each.
+
+    Attributes:
+        mean: of the logs (Q,).
+    """
+
+    def __init__(self, units: int = 1) -> None:
+        """Take Q; nothing is known yet."""
+        self._learnt, self.mean, self._squares = 0, np.zeros(units), np.zeros(units)
+
+    def learn(self, size: Array) -> None:
+        """One more size (Q,) is usual."""
+        bound = LEARNT * self._scatter if self._learnt >= FEWEST else np.inf
+        step = np.clip(size - self.mean, -bound, bound)
+        self._learnt = min(self._learnt + 1, MEMORY)
+        share = 1.0 / self._learnt
+        self.mean = self.mean + share * step
+        kept = 1.0 if self._learnt < MEMORY else 1.0 - share
+        self._squares = kept * (self._squares + (1.0 - share) * step**2)
+
+    @property
+    def _scatter(self) -> Array:
+        return np.asarray(np.sqrt((PRIOR * SCATTER**2 + self._squares) / (PRIOR + self._learnt - 1)))
+
+    def surprise(self, sizes: Array) -> float:
+        """By how many standard errors the mean of N sizes (N, Q) is larger than usual, in each of the units."""
+        if self._learnt < FEWEST:
+            return 0.0
+        new = np.clip((sizes - self.mean) / self._scatter, -MOST, MOST)
+        return float(np.min(np.mean(new, axis=0)) / np.sqrt(1 / len(new) + 1 / self._learnt))

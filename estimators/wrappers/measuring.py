@@ -1,0 +1,120 @@
+"""What the wrappers that learn from the measurement in `info` have in common, of one pendulum or of B."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import VectorEnv, VectorWrapper
+
+from estimators.online.clock import Clock
+from pendulum_env._typing import Array, Mask
+
+
+class Learner(Protocol):
+    """What takes in a sample of each of B pendulums: an estimator, a watch or a diagnoser."""
+
+    rate: float  # [Hz]
+
+    def reset(self, which: Mask | None = None) -> None:
+        """Those pendulums (B,) start anew with the next sample; all without an argument."""
+
+    def take(self, time: Array, position: Array, torque: Array) -> Any:
+        """Take in a sample (B,); returns what is known then."""
+
+
+def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:
+    """Time, position and torque of a sample.
+
+    Raises:
+        ValueError: if the environment does not measure.
+    """
+    try:
+        return info["time"], info["position"], info["torque"]
+    except KeyError as error:
+        raise ValueError(
+            f"info lacks {error}: the wrapped environment has to carry time, position and torque"
+        ) from None
+
+
+class Measuring(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """A wrapper whose learner takes in the measurement of every reset and every step."""
+
+    def __init__(self, env: gym.Env[Any, Any], learner: Learner, **arguments: Any) -> None:
+        """Wrap an environment; the arguments are those that build the wrapper again."""
+        gym.utils.RecordConstructorArgs.__init__(self, **arguments)
+        gym.Wrapper.__init__(self, env)
+        self._learner, self._clock = learner, Clock(learner.rate)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment and begin anew."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._learner.reset()
+        self._clock.restart()
+        return self._take(observation, info), info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step the environment and take in its measurement."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return self._take(observation, info), reward, terminated, truncated, info
+
+    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
+        if "fault" not in info:  # with one, nothing was measured
+            sample = measured(info)
+            self._clock.tick(sample[0])
+            self._known = self._learner.take(*np.array(sample, dtype=float)[:, None])
+        return self._tell(observation, info)
+
+    @abstractmethod
+    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+        """Put what is known into an info, and return the observation."""
+
+
+class MeasuringVector(VectorWrapper):
+    """`Measuring` for a vector environment: a pendulum whose time starts anew has been reset."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], learner: Learner) -> None:
+        """Wrap a vector environment."""
+        super().__init__(env)
+        self._learner = learner
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the environments and begin anew."""
+        observation, info = self.env.reset(
+            seed=seed,  # type: ignore[arg-type]  # Gymnasium's own wrappers pass lists
+            options=options,
+        )
+        self._time = np.full(self.num_envs, np.inf)  # of the last sample [s]
+        return self._take(observation, info), info
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Step the environments and take in their measurements."""
+        observation, reward, terminated, truncated, info = self.env.step(actions)
+        return self._take(observation, info), reward, terminated, truncated, info
+
+    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
+        sample = self._measured(info)
+        self._learner.reset(sample[0] <= self._time)
+        self._time = np.where(np.isfinite(sample[0]), sample[0], self._time)
+        self._known = self._learner.take(*sample)
+        return self._tell(observation, info)
+
+    @staticmethod
+    def _measured(info: dict[str, Any]) -> tuple[Array, Array, Array]:
+        """Time, position and torque, (B,) each; not a number where Gymnasium's masks say that there is none.
+
+        Raises:
+            ValueError: if the environment does not measure.
+        """
+        time, position, torque = (np.array(values, dtype=float) for values in measured(info))
+        for name, values in (("time", time), ("position", position), ("torque", torque)):
+            values[~np.asarray(info.get(f"_{name}", True)) & np.ones(values.shape, dtype=bool)] = np.nan
+        return time, position, torque
+
+    @abstractmethod
+    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
+        """Put what is known into an info, and return the observation."""
