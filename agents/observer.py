@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from agents.knowledge import FEATURES, NOMINAL, SLOW, Knowledge, recall
 from pendulum_env._typing import Array
 from pendulum_env.interface import MAX_TORQUE, check_positive
+from pendulum_env.mistake import Mistake
 
 EPISODE = 10.0  # [s], the usual length of one
 TICK = 0.02  # [s], over which a torque is held: decisions at 50 Hz
@@ -97,15 +98,16 @@ class Observer:
         """Take the constraint, the length of an episode [s], the samples per second [Hz], and limits if there are any.
 
         Raises:
-            ValueError: if a number is out of its range, or ticks are not a whole number of samples, two or more.
+            ValueError: if a limit is not positive.
+            Mistake: if the episode is too short, or ticks are not a whole number of samples, two or more.
         """
         limits = {"max_speed": max_speed, "max_turns": max_turns}
         check_positive("a design", **{name: limit for name, limit in limits.items() if limit is not None})
         if not TICK <= seconds < np.inf:
-            raise ValueError(f"an episode cannot last {seconds:g} s: give {TICK:g} s or more")
+            raise Mistake(f"an episode cannot last {seconds:g} s: give {TICK:g} s or more")
         self.held = round(TICK * rate)
         if self.held < 2 or abs(self.held - TICK * rate) > 1e-6:
-            raise ValueError(f"torque is chosen every {TICK:g} s, so {rate:g} Hz will not do: give a multiple of 50 Hz")
+            raise Mistake(f"torque is chosen every {TICK:g} s, so {rate:g} Hz will not do: give a multiple of 50 Hz")
         self.constraint, self.rate, self.ticks = constraint, rate, round(seconds / TICK)
         self.inputs = INPUTS + (max_turns is not None)
         self._max_speed = np.inf if max_speed is None else max_speed

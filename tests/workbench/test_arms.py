@@ -232,7 +232,7 @@ def test_a_diagnosis_names_what_is_missing_where_a_joint_slides(capsys, lift):
         (("identify", "run.csv", "--joints", "torso,sholder"), "unknown joint 'sholder': did you mean shoulder"),
         (("identify", "run.csv", "--joints", "torso,,elbow"), "names of joints with commas"),
         (("identify", "wrong.toml"), "unknown joint 'sholder': did you mean shoulder"),
-        (("identify", "empty.toml"), "joints is 'torso': write the names of those that move"),
+        (("identify", "empty.toml"), "'joints' is 'torso': it has to be a list"),
         (("identify", "study.toml", "--joints", "torso"), "told in two ways"),
         (("record", "-o", "x.csv", *MOVING), "joint 'torso' does not turn in a vertical plane"),
         (("add", "model.json", "cogging@torso", "run.csv"), "cogging is of joints that turn: it cannot be at 'torso'"),

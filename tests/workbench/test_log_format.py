@@ -118,7 +118,7 @@ def test_what_needs_no_word_leaves_none_and_an_older_file_is_read(bench, tmp_pat
     ("format", "reason"),
     [
         ("clock", "'log_format' of the model is 'clock': it has to be a table"),
-        ({"columns": {"time": 3}}, "log_format: time is 3: write the name of a column in quotes"),
+        ({"columns": {"time": 3}}, "log_format: 'columns.time' is 3: it has to be a text"),
         ({"drive": {"preset": "x"}}, "log_format: "),
     ],
 )

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.selection.data import Evidence
-from estimators.simulation.free_running import fly, fly_all
+from estimators.simulation.free_running import fly_all
 from estimators.weak_form.windows import trace_all
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
@@ -26,7 +26,7 @@ def test_recordings_fly_together_as_they_fly_alone():
     models = [(lagging, THETA), (lagging, 1.1 * THETA)]
     for flight, paths in zip(flights, fly_all(flights, models), strict=True):
         for k, (terms, theta) in enumerate(models):
-            np.testing.assert_allclose(paths[:, k], fly(flight, terms, theta), atol=1e-9)
+            np.testing.assert_allclose(paths[:, k], fly_all([flight], [(terms, theta)])[0][:, 0], atol=1e-9)
 
 
 @pytest.mark.slow
