@@ -31,7 +31,7 @@ from estimators.selection.candidates import Screen
 from estimators.selection.data import Evidence, fit_terms
 from estimators.selection.motion import HOP
 from estimators.simulation import output_error
-from estimators.simulation.free_running import take_off
+from estimators.simulation.free_running import choose_segments
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal
@@ -133,12 +133,12 @@ class Steps:
 def linearise(study: Study, run: SimulatedRecording) -> Steps:
     """Differences of the independent simulation, started anew at every sample."""
     q, v, u = run.exact_position, run.velocity, run.command
-    nudges = (1e-6, 1e-5, 1e-4)  # [rad], [rad/s], [N m]
+    perturbations = (1e-6, 1e-5, 1e-4)  # [rad], [rad/s], [N m]
     plain = _steps(study.plant, run, q, v, u)
     parts = [
-        (_steps(study.plant, run, q + nudges[0], v, u) - plain) / nudges[0],
-        (_steps(study.plant, run, q, v + nudges[1], u) - plain) / nudges[1],
-        (_steps(study.plant, run, q, v, u + nudges[2]) - plain) / nudges[2],
+        (_steps(study.plant, run, q + perturbations[0], v, u) - plain) / perturbations[0],
+        (_steps(study.plant, run, q, v + perturbations[1], u) - plain) / perturbations[1],
+        (_steps(study.plant, run, q, v, u + perturbations[2]) - plain) / perturbations[2],
     ]
     for name in study.names:
         plant, amount = study.changed(name, 1e-4)
@@ -193,17 +193,17 @@ def fit_windows(evidence: Evidence, hidden: Sequence[str]) -> Model:
     return fit_terms(evidence, terms)[0]
 
 
-def fit_flights(evidence: Evidence, start: Model) -> Model:
-    """The same terms, refined by the innovations of short flights."""
-    flights = [take_off(windows, HOP) for windows in evidence.data.windows]
-    return output_error.likeliest(flights, output_error.Point(start.terms, start.theta))
+def fit_segments(evidence: Evidence, start: Model) -> Model:
+    """The same terms, refined by the innovations of short segments."""
+    segments = [choose_segments(windows, HOP) for windows in evidence.data.windows]
+    return output_error.likeliest(segments, output_error.Point(start.terms, start.theta))
 
 
 def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:
     """Both estimates of one realisation."""
     evidence = Evidence.of([realisation(study, run, seed)])
     windows = fit_windows(evidence, tuple(study.plant.effects))
-    return windows, fit_flights(evidence, windows)
+    return windows, fit_segments(evidence, windows)
 
 
 def tell_bound(study: Study, realisations: int, workers: int, terminal: Terminal) -> None:
@@ -223,7 +223,7 @@ def tell_bound(study: Study, realisations: int, workers: int, terminal: Terminal
             cells += [f"{ratio:.2f}", f"{np.mean(np.abs(error) < INTERVAL * std):.0%}"]
         rows.append((name, f"{truth[name]:.4g}", f"{smallest:.2g}", *cells))
     terminal.heading(f"{study.name}: {len(found)} realisations of {study.experiment.seconds:g} s")
-    heads = ("bound", "windows / bound", "within 95 %", "flights / bound", "within 95 %")
+    heads = ("bound", "windows / bound", "within 95 %", "segments / bound", "within 95 %")
     terminal.table(("parameter", "truth", *heads), rows)
 
 

@@ -140,9 +140,9 @@ class Comparison:
 
 def distance(name: str, evidence: Evidence, model: Model) -> Distance:
     """Errors of a model with inertia on a body of evidence, as it is."""
-    steady = [growth(flights, model.terms, model.theta) < GROWS for flights in evidence.flights]
-    kept = tuple(select(*pair) for pair in zip(evidence.flights, steady, strict=True) if pair[1].any())
-    errors = (replace(evidence, flights=kept) if kept else evidence).errors(model)
+    steady = [growth(segments, model.terms, model.theta) < GROWS for segments in evidence.segments]
+    kept = tuple(select(*pair) for pair in zip(evidence.segments, steady, strict=True) if pair[1].any())
+    errors = (replace(evidence, segments=kept) if kept else evidence).errors(model)
     unstable = 1.0 - float(np.mean(np.concatenate(steady)))
     scatter = evidence.data.noise(abs(model.estimates["inertia"].value))
     return Distance(name, errors, noise_floor(scatter, [errors]), unstable)
@@ -152,7 +152,7 @@ def joined(parts: Sequence[Evidence]) -> Evidence:
     """Evidence of several recordings, with what is watched in each."""
     data = dataset([window for part in parts for window in part.data.windows])
     watched = {id: [x for part in parts for x in part.data.watched[id]] for id in parts[0].data.watched}
-    return Evidence(replace(data, watched=watched), tuple(flight for part in parts for flight in part.flights))
+    return Evidence(replace(data, watched=watched), tuple(segment for part in parts for segment in part.segments))
 
 
 def compare(model: Model, recordings: Recordings) -> Comparison:
@@ -196,7 +196,7 @@ def _evidence(recording: Recording, model: Model) -> Evidence:
         return evidence.watching(model)
     count, inertia = len(model.theta), abs(model.estimates["inertia"].value)
     covariance = model.assumed_covariance[:count, :count]
-    return replace(evidence, data=evidence.data.with_knocks(model.terms, model.theta, covariance, inertia))
+    return replace(evidence, data=evidence.data.with_impacts(model.terms, model.theta, covariance, inertia))
 
 
 def in_units_of(model: Model, recordings: Sequence[Recording]) -> tuple[Recording, ...]:

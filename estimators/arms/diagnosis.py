@@ -19,7 +19,7 @@ from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import explaining
 from estimators.selection.search import select
-from estimators.weak_form.dataset import TRIFLE
+from estimators.weak_form.dataset import NEGLIGIBLE
 from estimators.weak_form.links import prepare_arm
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
@@ -205,11 +205,11 @@ def diagnose_arm(
     candidates, groups = judge(found, found.terms)
     left, _ = models.left.structures(found.terms)
     data = models.train.data
-    trifles = {at: max(TRIFLE * float(np.std(data.part(at).torque())), data.least()) for at in data.joints}
+    negligible = {at: max(NEGLIGIBLE * float(np.std(data.part(at).torque())), data.least()) for at in data.joints}
     unexplained = {
         joint: own.shared if own.sure > models.criterion.sure else own.all
         for joint, own in left.items()
-        if not models.criterion.is_noise(own, max(models.left.noise_of(models.train, joint), trifles[joint]))
+        if not models.criterion.is_noise(own, max(models.left.noise_of(models.train, joint), negligible[joint]))
     }
     last = found.steps[-1].model
     lacking, model = of_arm(found.steps[0].model), of_arm(last.biased() if unexplained else last)

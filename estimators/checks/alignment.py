@@ -29,7 +29,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 
-TRIFLE = 0.02  # of a sample: neither smoothing nor a clock is as exact as that
+NEGLIGIBLE = 0.02  # of a sample: neither smoothing nor a clock is as exact as that
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ def _found(fits: ChannelFits) -> tuple[Alignment, Law]:
     fits = fits.sharpest()
     none, delay, late = fits.fit([np.zeros(2)]), fits.delayed, fits.delayed.channel.delay
     lag = fits.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
-    if not delay.stands(none) or abs(late) < TRIFLE * fits.period:  # what is filtered is late as well
+    if not delay.stands(none) or abs(late) < NEGLIGIBLE * fits.period:  # what is filtered is late as well
         # what is not borne out is no more exact than that: it must not speak against what other recordings tell
         spread = max(delay.std[0], abs(late) / SURE), max(lag.std[1], abs(lag.channel.lag) / SURE)
         return Alignment(none.channel, *spread), none

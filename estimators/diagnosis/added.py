@@ -77,7 +77,7 @@ class Addition:
         """Held-out error that is left, in noise floors."""
         error = self.after.errors["holdout"]
         if self.is_in_loop:  # where what is left counts as noise up to some times the encoder's
-            return error.in_loop / (Criterion().astray * self.noise_floor)
+            return error.in_loop / (Criterion().misfit * self.noise_floor)
         return error.torque_rms / self.noise_floor
 
     @property

@@ -16,9 +16,9 @@ from estimators.diagnosis.setting import Setting
 from estimators.in_loop.diagnosis import add_in_loop
 from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, no_progress
-from estimators.selection.data import Evidence, Step, noise_floor, with_knocks
+from estimators.selection.data import Evidence, Step, noise_floor, with_impacts
 from estimators.selection.models import Models
-from estimators.selection.motion import sharpen
+from estimators.selection.motion import refit
 from estimators.selection.moves import best, is_hidden, loosened, settle
 from estimators.selection.search import Selection
 from pendulum_env.physics import BASE, Model, Term
@@ -28,7 +28,7 @@ from pendulum_env.physics.library import addition
 def fit(train: Evidence, holdout: Evidence, terms: Sequence[Term] = BASE) -> Step:
     """Fit a model's terms to what `gather` returns, as `diagnose` and `add` do: the model and its errors on both."""
     models = Models(train, holdout)
-    return sharpen(Selection(models, [models.report(None, settle(models, tuple(terms)))])).steps[-1]
+    return refit(Selection(models, [models.report(None, settle(models, tuple(terms)))])).steps[-1]
 
 
 def add(
@@ -71,20 +71,20 @@ def add(
     progress("reading the motion", 0.0)
     calibrated = Calibrated.of(recordings, holdout)
     recordings, holdout = calibrated.recordings, calibrated.holdout
-    evidence = with_knocks(gather(recordings, holdout), model.terms)
+    evidence = with_impacts(gather(recordings, holdout), model.terms)
     models = Models(*evidence, progress, {kind.id: kind}, base=tuple(model.terms))
     progress("fitting without it", 0.1)
     before = models.report(None, settle(models, models.base))
-    (shown,) = sharpen(Selection(models, [before]), model).steps
+    (shown,) = refit(Selection(models, [before]), model).steps
     progress(f"searching {id}", 0.3)
     trial = best(models, before.model.terms, kind)
     progress(f"fitting with {id}", 0.8)
     terms = settle(models, loosened(models, trial.terms)) if trial else (*before.model.terms, kind())
-    progress("sharpening", 0.9)
+    progress("refitting", 0.9)
     longer = Model.build(
         (*shown.model.terms, terms[-1]), np.append(shown.model.theta, np.zeros(len(terms[-1].columns)))
     )
-    *_, after = sharpen(Selection(models, [before, models.report(id, terms)]), longer).steps
+    *_, after = refit(Selection(models, [before, models.report(id, terms)]), longer).steps
     against = objection(after, shown, models.train.motions)
     if against is None and trial is not None and not is_hidden(terms[-1]):  # motion tells of these
         against = None if models.is_sure(terms, before.model.terms) else CHANCE

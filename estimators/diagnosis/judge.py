@@ -88,7 +88,7 @@ def _judge_selected(found: Selection, final: Terms, before: Step, after: Step) -
     alike = [id for id, probability in odds.items() if id != term.id and probability > models.criterion.rival]
     share = models.criterion.certain * known
     total = sum(odds[id] for id in (term.id, *alike))
-    if models.train.flights or before.errors["holdout"].is_in_loop:
+    if models.train.segments or before.errors["holdout"].is_in_loop:
         less, more = (step.errors["holdout"].at(term.at) for step in (after, before))
         ratio, reason = less / more, _falls(before, after)
     else:  # no simulation follows: windows tell it of the final model, as they tell the score

@@ -103,7 +103,7 @@ class Diagnosis:
         table: what would keep a function that explains what is left, and that no effect is; None if there is none.
         inseparable: groups that no torque would tell apart, whatever it was.
         window_share: length of the windows used, relative to the length that the noise asks for.
-        knocks_beside: terms of the model beside which turns that miss torque are among these; None where they are not.
+        impacts_beside: terms of the model beside which turns that miss torque are among these; None where they are not.
         disagreements: recordings that show another plant than the others; fitted ones among them are set apart.
         alignments: time between torque and motion in each recording, fitted ones first; torque that was logged late or
             filtered was corrected by it.
@@ -123,7 +123,7 @@ class Diagnosis:
     table: str | None = None
     inseparable: tuple[tuple[str, ...], ...] = ()
     window_share: float = 1.0
-    knocks_beside: tuple[Term, ...] | None = None
+    impacts_beside: tuple[Term, ...] | None = None
     disagreements: tuple[Disagreement, ...] = ()
     alignments: tuple[Alignment, ...] = ()
     detectable: tuple[Detectable, ...] = ()

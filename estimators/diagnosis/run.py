@@ -26,9 +26,9 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.progress import Progress, forward, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence, fit_terms, noise_floor, with_knocks
+from estimators.selection.data import Evidence, fit_terms, noise_floor, with_impacts
 from estimators.selection.models import Models, held_out_cost
-from estimators.selection.motion import is_astray, refine, relink, sharpen
+from estimators.selection.motion import is_misfit, refine, refit, reselect_transmission
 from estimators.selection.moves import explaining, ids, settle
 from estimators.selection.search import Selection, select
 from estimators.signals.measurements import measure_segments
@@ -282,8 +282,8 @@ def _examine(
     if wrong is not None:
         return _mislogged(models, setting.base, wrong)
     rough, window_share, beside = _looked_closer(models, recordings, holdout, evidence, setting)
-    setting.progress("sharpening", 0.93)
-    found = relink(sharpen(rough))
+    setting.progress("refitting", 0.93)
+    found = reselect_transmission(refit(rough))
     models, steps = found.models, found.steps
     if followed is not None:
         steps = [models.with_errors(None, followed), *steps[1:]]
@@ -330,7 +330,7 @@ def _examine(
         table=table,
         inseparable=tuple((aim.instead, aim.effect) for aim in hopeless if aim.instead),
         window_share=window_share,
-        knocks_beside=beside,
+        impacts_beside=beside,
     )
 
 
@@ -341,21 +341,21 @@ def _looked_closer(
     evidence: tuple[Evidence, Evidence],
     setting: Setting,
 ) -> tuple[Selection, float, tuple[Term, ...] | None]:
-    """What was found, the share of the windows' length, and the terms beside which knocks were looked at.
+    """What was found, the share of the windows' length, and the terms beside which impacts were looked at.
 
     What happens near turns shows in windows that come closer to them, if through more noise, and in those near turns
     that miss more torque than dry friction can be.
     """
     rough, window_share, beside = refine(select(models)), 1.0, None
-    if rough.models.left.are_noise(rough.terms)[0] and is_astray(rough.models, rough.steps[-1]):
+    if rough.models.left.are_noise(rough.terms)[0] and is_misfit(rough.models, rough.steps[-1]):
         nearer = gather(recordings, holdout, CLOSER)
         found = refine(select(setting.models(nearer)))
         if len(found.steps) > 1 and held_out_cost(found.steps[-1]) < held_out_cost(rough.steps[-1]):
             rough, window_share, evidence = found, CLOSER, nearer
     terms = rough.terms
-    knocked = with_knocks(evidence, terms)
-    if knocked is not evidence:
-        found = refine(select(setting.models(knocked)))
+    impacts = with_impacts(evidence, terms)
+    if impacts is not evidence:
+        found = refine(select(setting.models(impacts)))
         before = found.models.with_errors(None, rough.steps[-1].model)
         if len(found.steps) > 1 and found.models.is_confirmed(found.steps[-1], before):
             rough, beside = found, terms
@@ -414,7 +414,7 @@ def unexplained(found: Selection) -> list[Region]:
     if not models.left.is_noise(models.holdout, unseen):
         beyond = stand_out(models.holdout.samples, unseen, models.left.noise_of(models.holdout))
         return _held_out(models, beyond or _nowhere(models, models.holdout, unseen))
-    if not is_astray(models, last):
+    if not is_misfit(models, last):
         return []
     error = last.errors["train"].position_rms
     text = (
@@ -433,7 +433,7 @@ def _held_out(models: Models, regions: Sequence[Region]) -> list[Region]:
 def _nowhere(models: Models, part: Evidence, left: Array) -> list[Region]:
     """What is said of a residual (R,) that stands out nowhere: nothing, unless it is too much for noise."""
     size, floor = float(np.sqrt(np.mean(left**2))), models.left.noise_of(part)
-    if size <= models.criterion.astray * floor:
+    if size <= models.criterion.misfit * floor:
         return []
     fast = float(np.abs(part.samples.velocity).max())
     text = (

@@ -31,7 +31,7 @@ class InLoop:
     windows: Evidence
     guide: InLoop | None = None
 
-    flights = ()
+    segments = ()
     in_loop = True
 
     @cached_property

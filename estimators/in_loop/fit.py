@@ -165,5 +165,5 @@ def _around(near: Linear, typical: Array) -> list[Array]:
     rows = near.weights[:, None] * near.slopes * size[:count]
     directions = np.vstack([np.eye(count), np.linalg.eigh(rows.T @ rows)[1].T[: count // 2]])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
-    nudges = [sign * share * own for own in directions for share in POLL for sign in (1, -1)]
-    return [values + np.pad(nudge * size[:count], (0, len(values) - count)) for nudge in nudges]
+    perturbations = [sign * share * own for own in directions for share in POLL for sign in (1, -1)]
+    return [values + np.pad(perturbation * size[:count], (0, len(values) - count)) for perturbation in perturbations]

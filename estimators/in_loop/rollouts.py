@@ -153,7 +153,7 @@ class Rollouts:
         return np.clip(np.nan_to_num(told, nan=np.inf) - self.position[:, None], -FARTHEST, FARTHEST)
 
     # what the one engine asks of data of any kind
-    knocks: ClassVar[int] = 0
+    impacts: ClassVar[int] = 0
     given: ClassVar[Mapping[str, Given]] = {}
     watched: ClassVar[Mapping[str, Sequence[Samples]]] = {}
 

@@ -30,7 +30,7 @@ from pendulum_env.physics.term import one, zero
 TIME, POSITION, VELOCITY, TORQUE = range(4)  # series of a bin
 MEMORY = 3000  # bins, over which the scale of errors is learnt
 WEAKEST = -12.0  # log weight, relative to the best variant, of one that may still come back
-NUDGE = 1e-3  # [N m], for slopes by the torque
+PERTURBATION = 1e-3  # [N m], for slopes by the torque
 TURNS = 20  # of the fixed point for a scale
 
 
@@ -95,7 +95,7 @@ class Bins:
         value = self._impulse(column, x)
         if not of_torque:
             return value, 0.0
-        return value, (self._impulse(column, replace(x, torque=x.torque + NUDGE)) - value) / NUDGE
+        return value, (self._impulse(column, replace(x, torque=x.torque + PERTURBATION)) - value) / PERTURBATION
 
     def _impulse(self, column: Column, x: Samples) -> Array:
         """The impulse view of a column (`schemes.six`), averaged over the bins (R, V)."""

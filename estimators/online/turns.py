@@ -19,7 +19,7 @@ from pendulum_env.physics import Term
 from pendulum_env.physics.simulation import Balance, prepared, simulate
 
 HALF = 0.1  # [s], before and after a turn
-NUDGE = np.array([1e-5, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives
+PERTURBATION = np.array([1e-5, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives
 DIFFERENCE, SMALLEST = 1e-3, 1e-3  # relative change of a parameter for derivatives, and least size of one
 FITS = 3  # of parameters, with weights that follow from the fit before
 LARGEST = 1e3  # times the least torque that matters, that no error is more than
@@ -76,7 +76,7 @@ class Missed:
         delta = np.zeros(len(std))
         for _ in range(FITS):
             error = self.error + self.by_parameter @ delta
-            weight = 1.0 / np.sqrt(usual + np.mean(error**2, axis=1))  # one that went astray counts little
+            weight = 1.0 / np.sqrt(usual + np.mean(error**2, axis=1))  # one that ran away counts little
             rows = (weight[:, None, None] * self.by_parameter).reshape(-1, len(std)) * std
             miss = (weight[:, None] * self.error).ravel()
             both = np.vstack([rows, np.eye(len(std))]), np.concatenate([-miss, np.zeros(len(std))])
@@ -109,15 +109,15 @@ class Mover:
         """
         count, size = len(turns.time), len(theta)
         push = np.maximum(np.sqrt(np.mean(turns.torque**2, axis=0)), SMALLEST)  # (S,)
-        nudge = np.concatenate([NUDGE, DIFFERENCE * np.maximum(np.abs(theta), SMALLEST)])
-        nudges = np.column_stack([np.zeros(2 + size), np.diag(nudge), np.zeros(2 + size)])  # (2 + P, V)
+        perturbation = np.concatenate([PERTURBATION, DIFFERENCE * np.maximum(np.abs(theta), SMALLEST)])
+        perturbations = np.column_stack([np.zeros(2 + size), np.diag(perturbation), np.zeros(2 + size)])  # (2 + P, V)
         state = np.array([turns.position[0], turns.velocity])  # (2, S)
-        start = (state[:, None] + nudges[:2, :, None]).reshape(2, -1)  # (2, V S)
+        start = (state[:, None] + perturbations[:2, :, None]).reshape(2, -1)  # (2, V S)
         torque = np.repeat(turns.torque[:, None], size + 4, axis=1)
         torque[:, -1] += DIFFERENCE * push
         path = simulate(
             self._terms,
-            np.repeat(theta[:, None] + nudges[2:], count, axis=1),
+            np.repeat(theta[:, None] + perturbations[2:], count, axis=1),
             self._period,
             torque.reshape(len(torque), -1),
             start[0],
@@ -127,7 +127,7 @@ class Mover:
             program=self._program,
         ).position.reshape(-1, size + 4, count)
         paths = np.transpose(path, (2, 0, 1))  # (S, N + 1, V)
-        steps = np.column_stack([np.tile(nudge, (count, 1)), DIFFERENCE * push])
+        steps = np.column_stack([np.tile(perturbation, (count, 1)), DIFFERENCE * push])
         error = paths[..., :1] - turns.position.T[..., None]
         slopes = (paths[..., 1:] - paths[..., :1]) / steps[:, None]  # by state, parameters and torque
         frames, _ = np.linalg.qr(slopes[..., :2])

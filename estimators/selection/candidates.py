@@ -28,7 +28,7 @@ KEPT = 8  # sets of terms whose normal equations are kept
 STARTS = 2  # variants of the grid from which a search over shape parameters starts
 FOLLOWS = 3  # turns in which a shape parameter is set to the parameter that it follows
 
-NUDGE = 1e-6  # of the largest torque, for slopes by it
+PERTURBATION = 1e-6  # of the largest torque, for slopes by it
 PUSHES = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # of it, either way, for bent laws of it
 
 
@@ -72,8 +72,8 @@ class Screen:
         plain, kind, torque = self.data.columns(variants), variants[0], self.data.torque()
         if not depends_on_torque(kind):
             return [Columns(own, fixed, np.zeros_like(own)) for own, fixed in plain]
-        pairs = zip(plain, self._nudged.columns(variants), strict=True)
-        slopes = [(more - own) / nudge_of(torque) for (own, _), (more, _) in pairs]
+        pairs = zip(plain, self._perturbed.columns(variants), strict=True)
+        slopes = [(more - own) / perturbation_of(torque) for (own, _), (more, _) in pairs]
         parts = [Columns(own, fixed, slope) for (own, fixed), slope in zip(plain, slopes, strict=True)]
         if not kind.fixed:
             return parts
@@ -91,8 +91,8 @@ class Screen:
         ]
 
     @cached_property
-    def _nudged(self) -> Dataset:
-        return self.data.with_more_torque(nudge_of(self.data.torque()))
+    def _perturbed(self) -> Dataset:
+        return self.data.with_more_torque(perturbation_of(self.data.torque()))
 
     def rates(self, terms: Sequence[Term]) -> Array:
         """Time derivatives of the linear columns of some terms (R, P)."""
@@ -317,11 +317,11 @@ class Screen:
         must not make it look likelier.
         """
         filters = [term for term in terms if term.fixed and term.has_state()]
-        return [(self.data.where(term.at), self._muffled(term)) for term in filters]
+        return [(self.data.where(term.at), self._absorbed(term)) for term in filters]
 
     @kept
-    def _muffled(self, term: Term) -> float:
-        return self.data.part(term.at).muffled(term)
+    def _absorbed(self, term: Term) -> float:
+        return self.data.part(term.at).absorbed(term)
 
     def _hidden_in_all(self, terms: Sequence[Term], w: Array) -> float:
         """The same, mean over all equations as they are weighted (R,) [(N m)^2]."""
@@ -352,7 +352,7 @@ class Screen:
 
         Those with the fewest come first. Empty where the data offer no variant to try.
         """
-        if effect.rugged:
+        if effect.multimodal:
             return self._searched_one_by_one(terms, effect)
         return best_of_forms(self.ranked(terms, effect), effect, self.refine)
 
@@ -374,13 +374,13 @@ class Screen:
         return effect.looked_at(x, self.residual(terms)[here])
 
     def _searched_one_by_one(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
-        """The best of the searches from each value of the shape parameter that the error is rugged over."""
+        """The best of the searches from each value of the shape parameter that the error is multimodal over."""
         variants = self.grid(terms, effect)
         if not variants:
             return []
         residuals = self._residuals(terms)
-        places = {variant.shape[effect.rugged] for variant in variants}
-        niches = [[v for v in variants if v.shape[effect.rugged] == place] for place in sorted(places)]
+        places = {variant.shape[effect.multimodal] for variant in variants}
+        niches = [[v for v in variants if v.shape[effect.multimodal] == place] for place in sorted(places)]
         found = [self.trial((*terms, cross_entropy(niche, residuals))) for niche in niches]
         best = min(found, key=lambda trial: trial.fitted_rms)
         refined = self.trial((*terms, gauss_newton(best.terms[-1], residuals)))
@@ -390,7 +390,7 @@ class Screen:
         """Search the continuous shape parameters of one term of a trial from where they are."""
         place = next(i for i, term in enumerate(trial.terms) if term.id == id)
         term = trial.terms[place]
-        if term.rugged:
+        if term.multimodal:
             return trial
         others = (*trial.terms[:place], *trial.terms[place + 1 :])
         following = [shape for shape in term.shapes if shape.follows]
@@ -448,9 +448,9 @@ class Screen:
         return residuals
 
 
-def nudge_of(torque: Array) -> float:
+def perturbation_of(torque: Array) -> float:
     """Push of the torque [N m], for slopes by it."""
-    return NUDGE * _largest(torque)
+    return PERTURBATION * _largest(torque)
 
 
 def pushes_of(torque: Array) -> Array:

@@ -19,7 +19,7 @@ class Criterion:
         noise: times the noise floor: residuals that neighbouring windows share to that size are structure,
         sure: if they surely share them, by so many standard errors.
         rival: probability from which an effect counts as possible in the place of another.
-        astray: times what noise gives, from which a free-running simulation goes astray, and a torque error is more.
+        misfit: times what noise gives, from which a free-running simulation runs away, and a torque error is more.
         certain: hit rate of the surest verdicts: then what is wrong is no rival, but something else.
         most: effects in one model.
         beam: first effects from which a search starts where the most promising one leads to no end.
@@ -32,15 +32,15 @@ class Criterion:
     noise: float = 0.5
     sure: float = 5.0
     rival: float = 0.05
-    astray: float = 2.5
+    misfit: float = 2.5
     certain: float = 0.98
     most: int = 6
     beam: int = 3
 
     def shows(self, left: Structure, floor: float) -> bool:
         """Whether what is left is more than white noise: neighbouring windows surely share it, or it is too much."""
-        return left.sure >= self.sure or left.all > self.astray * floor
+        return left.sure >= self.sure or left.all > self.misfit * floor
 
     def is_noise(self, left: Structure, floor: float) -> bool:
         """Whether what is left may as well be noise: white, or of a size that matters to nobody."""
-        return not self.shows(left, floor) or max(left.shared / self.noise, left.all / self.astray) < floor
+        return not self.shows(left, floor) or max(left.shared / self.noise, left.all / self.misfit) < floor

@@ -1,4 +1,4 @@
-"""One body of evidence: recordings as windowed equations for fitting and as flights for simulation."""
+"""One body of evidence: recordings as windowed equations for fitting and as segments for simulation."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.regression.least_squares import Fit
 from estimators.selection.candidates import Screen
-from estimators.simulation.free_running import Flights, deviation, position_rms, take_off
+from estimators.simulation.free_running import Segments, choose_segments, deviation, position_rms
 from estimators.simulation.link_segments import has_link, hidden_state, link_of, watch
 from estimators.weak_form.dataset import Dataset, prepare
 from estimators.weak_form.windows import WHOLE, Part
@@ -20,7 +20,7 @@ from pendulum_env.physics import BASE, Model, Samples, Term
 from pendulum_env.physics.term import loads
 from pendulum_env.recording import Recording
 
-REPEATED = 2  # knocks, below which that may be an accident
+REPEATED = 2  # impacts, below which that may be an accident
 PLACES = (1e-3, 10.0)  # [s], distances that an instant is moved by to see who notices
 
 
@@ -105,7 +105,7 @@ class Evidence:
     """Recordings, ready to be compared with models."""
 
     data: Dataset
-    flights: tuple[Flights, ...]
+    segments: tuple[Segments, ...]
 
     in_loop: ClassVar[bool] = False  # whether the controller is simulated along, and a link with it
 
@@ -115,7 +115,7 @@ class Evidence:
     ) -> Evidence:
         """Prepare recordings, or a part of each; raises IdentificationError if they hold too little motion."""
         data = prepare(recordings, half_widths, part)
-        return cls(data, tuple(take_off(w) for w in data.windows))
+        return cls(data, tuple(choose_segments(w) for w in data.windows))
 
     @cached_property
     def screen(self) -> Screen:
@@ -156,11 +156,11 @@ class Evidence:
             return self
         term = link_of(model.terms)
         watched = [watch(windows, model) for windows in self.data.windows]
-        flights = [
-            replace(flight, hidden={term.id: hidden_state(flight, x, term)})
-            for flight, x in zip(self.flights, watched, strict=True)
+        segments = [
+            replace(segment, hidden={term.id: hidden_state(segment, x, term)})
+            for segment, x in zip(self.segments, watched, strict=True)
         ]
-        return replace(self, data=replace(self.data, watched={term.id: watched}), flights=tuple(flights))
+        return replace(self, data=replace(self.data, watched={term.id: watched}), segments=tuple(segments))
 
     def residual(self, terms: Sequence[Term], theta: Array) -> Array:
         """Measured minus predicted torque in every window (R,) [N m]."""
@@ -170,9 +170,9 @@ class Evidence:
         """Errors of a model, in torque and in free-running position."""
         residual = self.residual(model.terms, model.theta)
         torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
-        if self.flights:
-            position = position_rms(self.flights, model.terms, model.theta)
-            fit = _fit(position, deviation(self.flights))
+        if self.segments:
+            position = position_rms(self.segments, model.terms, model.theta)
+            fit = _fit(position, deviation(self.segments))
         torque_fit = _fit(torque, float(np.std(self.data.torque())))
         return Errors(torque, position, torque_fit, fit, self.data.errors(residual))
 
@@ -206,8 +206,8 @@ def fit_terms(evidence: Evidence, terms: Sequence[Term]) -> tuple[Model, Fit]:
 
 
 def base_inertia(screen: Screen) -> float:
-    """Inertia of the joint as the base model has it clear of knocks [kg m^2], which tells the noise."""
-    theta = (Screen(screen.data.clear) if screen.data.knocks else screen).solve(BASE)
+    """Inertia of the joint as the base model has it clear of impacts [kg m^2], which tells the noise."""
+    theta = (Screen(screen.data.clear) if screen.data.impacts else screen).solve(BASE)
     return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
 
@@ -220,8 +220,8 @@ def inertias(screen: Screen, base: Sequence[Term]) -> dict[str, float]:
     return dict(zip(screen.data.joints, np.abs(screen.data.given[first.id].inertia @ theta).tolist(), strict=True))
 
 
-def with_knocks(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> tuple[Evidence, Evidence]:
-    """Training and held-out evidence with what turns the joint round and is no friction, see `Dataset.with_knocks`.
+def with_impacts(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> tuple[Evidence, Evidence]:
+    """Training and held-out evidence with what turns the joint round and is no friction, see `Dataset.with_impacts`.
 
     It is the same where nothing does so at least twice: once is an accident, of which nothing can be learnt. Nor is
     there more to see beside a model with a link, whose impacts are the link's.
@@ -231,8 +231,8 @@ def with_knocks(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> t
     fit = fit_terms(evidence[0], terms)[1]
     count = len(fit.theta)
     known = terms, fit.theta, fit.covariance[:count, :count], base_inertia(evidence[0].screen)
-    train, holdout = (replace(part, data=part.data.with_knocks(*known)) for part in evidence)
-    return (train, holdout) if train.data.knocks >= REPEATED else evidence
+    train, holdout = (replace(part, data=part.data.with_impacts(*known)) for part in evidence)
+    return (train, holdout) if train.data.impacts >= REPEATED else evidence
 
 
 def _placement(screen: Screen, term: Term, name: str, own: Array, noise: Array) -> float:

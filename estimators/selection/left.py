@@ -62,7 +62,7 @@ class Left:
     def power(self, terms: Terms) -> tuple[dict[str, Power], dict[str, Power]]:
         """What a model leaves of each joint of the training data, and of those that are held out, as it was fitted."""
         if any(isinstance(term, ByTime) for term in terms):
-            residuals = [part.screen.residual(wandering_in(part, terms)) for part in self.parts]
+            residuals = [part.screen.residual(drifting_in(part, terms)) for part in self.parts]
         else:
             theta = self.screen.solve(terms)
             residuals = [part.screen.equations(terms).error(theta) for part in self.parts]
@@ -175,6 +175,6 @@ class Left:
         return self.explained(after, before) > self.criterion.share
 
 
-def wandering_in(part: Evidence, terms: Sequence[Term]) -> Terms:
+def drifting_in(part: Evidence, terms: Sequence[Term]) -> Terms:
     """The terms with what wanders in time as it may do so in some data."""
     return tuple(next(iter(type(t).grid(part.samples, np.empty(0)))) if isinstance(t, ByTime) else t for t in terms)

@@ -15,7 +15,7 @@ from estimators.kept import kept
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, Step, fit_terms
-from estimators.selection.left import Left, Terms, wandering_in
+from estimators.selection.left import Left, Terms, drifting_in
 from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, predicted
 from estimators.simulation import output_error
 from estimators.simulation.link_segments import has_link
@@ -105,7 +105,7 @@ class Models:
         """
         parts = []
         for part, where in zip(self.parts, self._finer, strict=True):
-            here = wandering_in(part, terms)
+            here = drifting_in(part, terms)
             parts.append(cross_validated(part.screen.balance(here), where, part.screen.hidden_noise(here)))
         return np.concatenate(parts)
 
@@ -159,11 +159,11 @@ class Models:
 
         Where much is left unexplained, those that leave the least torque may follow the motion badly.
         """
-        if has_transmission(step.model.terms) or not self.train.flights:
+        if has_transmission(step.model.terms) or not self.train.segments:
             return step  # a simulation that starts from a link that was not watched is soon lost
         if step.model.terms not in self._in_motion:
-            point = output_error.fit(self.train.flights, step.model.terms, step.model.theta)
-            refined = output_error.model(self.train.flights, point)
+            point = output_error.fit(self.train.segments, step.model.terms, step.model.theta)
+            refined = output_error.model(self.train.segments, point)
             self._in_motion[step.model.terms] = self.with_errors(step.added, refined)
         return replace(self._in_motion[step.model.terms], added=step.added)
 
@@ -182,16 +182,16 @@ class Models:
         new, old = self.step(None, after), self.step(None, before)
         return self.is_confirmed(new, old) or self.is_confirmed(self.in_motion(new), self.in_motion(old))
 
-    def flight_gain(self, after: Model, before: Model) -> tuple[Gain, float]:
-        """What one model gains over another in flights, fitted and held out, and the share of squared error it takes.
+    def simulation_gain(self, after: Model, before: Model) -> tuple[Gain, float]:
+        """What one model gains over another in segments, fitted and held out, and the share of squared error it takes.
 
-        The score is the one of the windows: errors of a flight predict alike at every sample, so that what is gained is
+        The score is the one of the windows: errors of a segment predict alike at every sample, so that the gain is
         the logarithm of their sizes, to which noise is added: errors below it say nothing.
         """
-        parts = (self.train.flights, self.holdout.flights)
+        parts = (self.train.segments, self.holdout.segments)
         points = [output_error.Point(model.terms, model.theta) for model in (after, before)]
         new, old = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in points)
-        counts = [sum(len(flight.first) for flight in part) for part in parts]
+        counts = [sum(len(segment.first) for segment in part) for part in parts]
         owner = np.repeat(np.arange(2), counts)
         noise = np.array([output_error.noise(part, points[1]) ** 2 for part in parts])[owner]
         gain = Bootstrap(owner, np.random.default_rng(0)).gain(-0.5 * np.log(new + noise), -0.5 * np.log(old + noise))

@@ -15,27 +15,27 @@ from estimators.selection.models import Models, has_transmission, held_out_cost
 from estimators.selection.moves import best, has_bristles
 from estimators.selection.search import Selection
 from estimators.simulation import multiple_shooting, output_error
-from estimators.simulation.free_running import Flights, position_noise, take_off
+from estimators.simulation.free_running import Segments, choose_segments, position_noise
 from estimators.simulation.link_segments import has_link
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, Term
 
-HOP = 0.5  # [s], length of flights that are short enough for errors to grow as a linear model says
+HOP = 0.5  # [s], length of segments that are short enough for errors to grow as a linear model says
 FEWEST = 2  # of these for each parameter
-IN_FLIGHT = 6  # starts from which effects are fitted to the flights, of those that promise most
+SIMULATED = 6  # starts from which effects are fitted to the segments, of those that promise most
 FINEST = 1e-3  # share of the motion, below which no initial state or integration is worth chasing
 
 
 def refine(found: Selection) -> Selection:
     """The steps with all that motion tells: the last model refined, and effects that windows do not show."""
     models, steps = found.models, found.steps
-    if is_astray(models, steps[-1]) or any(has_bristles(term) for term in steps[-1].model.terms):
-        models.progress("fitting the flights", 0.9)
+    if is_misfit(models, steps[-1]) or any(has_bristles(term) for term in steps[-1].model.terms):
+        models.progress("fitting the segments", 0.9)
         *others, last = steps
         flown = better(last, models.in_motion(last))
         steps = [*others, flown if not others or models.is_confirmed(flown, others[-1]) else last]
     if found.table is None and models.left.fits(steps[-1].model.terms):
-        steps = grow_in_flight(models, steps)
+        steps = grow_by_simulation(models, steps)
     return replace(found, steps=steps)
 
 
@@ -44,25 +44,25 @@ def better(one: Step, other: Step) -> Step:
     return min(one, other, key=held_out_cost)
 
 
-def is_astray(models: Models, step: Step) -> bool:
+def is_misfit(models: Models, step: Step) -> bool:
     """Whether free-running simulation errs by much more than noise makes it, from whatever state it starts.
 
     A velocity that is badly known at the start is no fault of the model.
     """
     if has_transmission(step.model.terms):
         return False  # its impacts are too sharp to follow as closely, and other effects would only paper over that
-    if not models.train.flights:
+    if not models.train.segments:
         return False
-    flights, point = models.train.flights, _point(step.model)
-    motion = np.concatenate([flight.position.ravel() for flight in flights])
-    least, astray = FINEST * float(np.std(motion)), models.criterion.astray
-    if step.errors["train"].position_rms <= astray * max(least, position_noise(flights, point.terms, point.theta)):
+    segments, point = models.train.segments, _point(step.model)
+    motion = np.concatenate([segment.position.ravel() for segment in segments])
+    least, misfit = FINEST * float(np.std(motion)), models.criterion.misfit
+    if step.errors["train"].position_rms <= misfit * max(least, position_noise(segments, point.terms, point.theta)):
         return False
-    noise = max(least, output_error.noise(flights, point))
-    return output_error.rms(flights, point, output_error.evenly(flights)) > astray * noise
+    noise = max(least, output_error.noise(segments, point))
+    return output_error.rms(segments, point, output_error.evenly(segments)) > misfit * noise
 
 
-def sharpen(selection: Selection, start: Model | None = None) -> Selection:
+def refit(selection: Selection, start: Model | None = None) -> Selection:
     """The steps with the last model fitted to all there is to know, where held-out data bear that out.
 
     Windows lose what happens near reversals, and much of what a coarse encoder tells. What a link does is watched.
@@ -88,17 +88,17 @@ def sharpen(selection: Selection, start: Model | None = None) -> Selection:
 def _likeliest(models: Models, last: Step) -> Step:
     """The model at its largest likelihood, if that is known better, and held-out innovations are no larger for it."""
     start = _point(last.model)
-    flights, checks = (_hops(part) for part in (models.train, models.holdout))
-    if sum(len(flight.first) for flight in flights) < FEWEST * len(start.values):
+    segments, checks = (_hops(part) for part in (models.train, models.holdout))
+    if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
-    found = models.with_errors(last.added, output_error.likeliest(flights, start))
+    found = models.with_errors(last.added, output_error.likeliest(segments, start))
     filters, evenly = output_error.innovations(checks, start), output_error.evenly(checks)
     old, new = (output_error.rms(checks, point, evenly, filters) for point in (start, _point(found.model)))
     return found if new <= old and _is_surer(found, last) else last
 
 
-def _hops(part: Evidence) -> list[Flights]:
-    return [take_off(w, HOP) for w in part.data.windows]
+def _hops(part: Evidence) -> list[Segments]:
+    return [choose_segments(w, HOP) for w in part.data.windows]
 
 
 def _is_surer(one: Step, other: Step) -> bool:
@@ -117,7 +117,7 @@ def _with_link(models: Models, last: Step, start: Model) -> Step:
     return min(last, *no_worse, key=held_out_cost) if no_worse else last
 
 
-def relink(selection: Selection) -> Selection:
+def reselect_transmission(selection: Selection) -> Selection:
     """The steps, or those to another transmission alone where the one in the model does not fit and that does better.
 
     A link that is carried along the measured motion is soon lost behind a wide play, so that an elastic transmission,
@@ -139,51 +139,51 @@ def relink(selection: Selection) -> Selection:
     return replace(selection, steps=[first, found])
 
 
-def grow_in_flight(models: Models, steps: list[Step]) -> list[Step]:
+def grow_by_simulation(models: Models, steps: list[Step]) -> list[Step]:
     """Add effects that free-running simulation calls for where the torque is too noisy to show them."""
-    while len(steps) <= models.criterion.most and is_astray(models, steps[-1]):
-        found = _best_in_flight(models, steps[-1])
+    while len(steps) <= models.criterion.most and is_misfit(models, steps[-1]):
+        found = _best_simulated(models, steps[-1])
         if found is None:
             break
         steps = [*steps, found]
     return steps
 
 
-def _best_in_flight(models: Models, last: Step) -> Step | None:
-    """The step to the effect with which the flights err least; it has to beat the same terms fitted in the same way."""
-    flights = models.train.flights
+def _best_simulated(models: Models, last: Step) -> Step | None:
+    """The step to the effect with which segments err least; it has to beat the same terms fitted in the same way."""
+    segments = models.train.segments
     before = models.in_motion(last)
     start = _point(before.model)
-    weights = output_error.weigh(flights, start)
+    weights = output_error.weigh(segments, start)
     ranked = []
     for point in _starts(models, last, start):
-        ranked.append((output_error.promise(flights, point, weights), complexity(point.terms[-1]), point))
+        ranked.append((output_error.promise(segments, point, weights), complexity(point.terms[-1]), point))
     ranked.sort(key=lambda entry: entry[:2])
     found, least = None, np.inf
-    for promised, _, point in ranked[:IN_FLIGHT]:
+    for promised, _, point in ranked[:SIMULATED]:
         if promised > least:
             break  # what another has left already is less
-        models.progress(f"fitting the flights with {point.terms[-1].id}", 0.9)
-        point = output_error.fit(flights, point.terms, point.theta)
-        error = output_error.rms(flights, point, weights)
+        models.progress(f"fitting the segments with {point.terms[-1].id}", 0.9)
+        point = output_error.fit(segments, point.terms, point.theta)
+        error = output_error.rms(segments, point, weights)
         if error >= least:
             continue
-        gain, share = models.flight_gain(Model.build(point.terms, point.theta), before.model)
+        gain, share = models.simulation_gain(Model.build(point.terms, point.theta), before.model)
         if gain.chance <= models.criterion.chance and share > models.criterion.share:
-            step = models.with_errors(point.terms[-1].id, output_error.model(flights, point))
+            step = models.with_errors(point.terms[-1].id, output_error.model(segments, point))
             if models.is_confirmed(step, better(before, last)):
                 found, least = step, error
     return found
 
 
 def _starts(models: Models, last: Step, start: Point) -> list[Point]:
-    """Points with one more effect from which flights are fitted."""
+    """Points with one more effect from which segments are fitted."""
     terms = last.model.terms
     points: list[Point] = []
     for kind in models.library.values():
-        if kind.rugged or kind.id in {term.id for term in terms}:
+        if kind.multimodal or kind.id in {term.id for term in terms}:
             continue
-        models.progress(f"flying {kind.id}", len(points) / (2 * len(models.library)))
+        models.progress(f"simulating {kind.id}", len(points) / (2 * len(models.library)))
         trial = best(models, terms, kind)
         variants: list[Term] = [trial.terms[-1]] if trial is not None else []
         if kind.kind == "dissipative" and kind.shapes:  # friction near reversals, which windows hardly see

@@ -41,7 +41,7 @@ def candidates(models: Models, terms: Terms, barred: Iterable[str] = ()) -> list
 
 def promising(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
     """The best variant of an effect; of one that is unlikely to gain or explain much, the best of a coarse grid."""
-    if not effect.rugged:
+    if not effect.multimodal:
         ranked = models.screen.ranked(terms, effect)
         if not ranked:
             return None
@@ -117,10 +117,10 @@ def may_replace(models: Models, rival: Terms, terms: Terms, others: Terms) -> bo
     rival, terms, others = (named(models, one) for one in (rival, terms, others))
     if not models.lowers_errors(rival, others):
         return False
-    if has_transmission(rival) or has_transmission(terms) or not models.train.flights:
-        return True  # flights are soon lost
+    if has_transmission(rival) or has_transmission(terms) or not models.train.segments:
+        return True  # segments are soon lost
     first, second = (models.in_motion(models.step(None, one)).model for one in (terms, rival))
-    gain, share = models.flight_gain(first, second)
+    gain, share = models.simulation_gain(first, second)
     return gain.chance > models.criterion.chance or share <= models.criterion.share
 
 

@@ -278,7 +278,7 @@ def ladder(models: Models, base: Terms, terms: Terms) -> list[Step]:
         return steps
 
     views: list[Callable[[Step], Step]] = [lambda step: step, models.in_motion]
-    for view in views if len(order) and models.train.flights else views[:1]:
+    for view in views if len(order) and models.train.segments else views[:1]:
         for one in orders:
             steps = course(one, view)
             if are_confirmed(models, steps):

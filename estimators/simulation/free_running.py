@@ -20,11 +20,11 @@ from pendulum_env.physics.simulation import LONGEST_STEP, delayed, substeps
 from pendulum_env.physics.term import Memory
 
 SECONDS = 1.0  # length of a window
-NUDGE = 1e-6  # [rad], an error of the initial position that is followed
+PERTURBATION = 1e-6  # [rad], an error of the initial position that is followed
 
 
 @dataclass(frozen=True)
-class Flights:
+class Segments:
     """Windows of one recording that a simulation has to follow: N periods, B windows.
 
     Attributes:
@@ -45,7 +45,7 @@ class Flights:
     hidden: Mapping[str, Memory] = field(default_factory=dict)
 
     def command(self, delay: float) -> Array:
-        """Held command in every flight, (N, B) [N m], `delay` [s] late; zero before a segment began."""
+        """Held command in every segment, (N, B) [N m], `delay` [s] late; zero before the recording began."""
         if delay == 0:
             return self.torque
         recording = self.windows.recording
@@ -55,8 +55,8 @@ class Flights:
         return delayed(self.torque, before, delay * recording.rate)
 
 
-def take_off(windows: Windows, seconds: float = SECONDS) -> Flights:
-    """Cut a recording into flights that start where the velocity is known best, away from reversals."""
+def choose_segments(windows: Windows, seconds: float = SECONDS) -> Segments:
+    """Cut a recording into segments that start where the velocity is known best, away from reversals."""
     recording = windows.recording
     length = periods(windows, seconds)
     clear = distance_transform_cdt(np.r_[False, np.diff(np.sign(windows.samples.velocity)) == 0] & windows.moving)
@@ -68,7 +68,7 @@ def take_off(windows: Windows, seconds: float = SECONDS) -> Flights:
         for nominal in range(earliest, latest + 1, length):
             low, high = max(earliest, nominal - reach // 2), min(latest, nominal + reach)
             first.append(low + int(np.argmax(clear[low : high + 1])))
-    return cut_flights(windows, np.array(first), length)
+    return cut_segments(windows, np.array(first), length)
 
 
 def stretches(windows: Windows) -> list[tuple[int, int]]:
@@ -79,16 +79,16 @@ def stretches(windows: Windows) -> list[tuple[int, int]]:
 
 
 def periods(windows: Windows, seconds: float) -> int:
-    """Periods in a flight of some length [s], or in the usual segment if that is shorter."""
+    """Periods in a segment of some length [s], or in the usual segment if that is shorter."""
     usual = int(np.median([end - begin for begin, end in stretches(windows)])) - 1
     return min(max(1, round(seconds * windows.recording.rate)), usual)
 
 
-def cut_flights(windows: Windows, first: Index, length: int) -> Flights:
-    """Flights of `length` periods from given samples (B,) on, which start from the smoothed motion."""
+def cut_segments(windows: Windows, first: Index, length: int) -> Segments:
+    """Segments of `length` periods from given samples (B,) on, which start from the smoothed motion."""
     recording = windows.recording
     index = first + np.arange(length + 1)[:, None]
-    return Flights(
+    return Segments(
         windows=windows,
         first=first,
         torque=recording.torque[index[:-1]],
@@ -97,53 +97,55 @@ def cut_flights(windows: Windows, first: Index, length: int) -> Flights:
     )
 
 
-def follow(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
-    """Simulated minus measured position in every flight, (N + 1, B) [rad]."""
-    return fly_all([flights], [(terms, theta)])[0][:, 0] - flights.position
+def follow(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
+    """Simulated minus measured position in every segment, (N + 1, B) [rad]."""
+    return simulate_all([segments], [(terms, theta)])[0][:, 0] - segments.position
 
 
 Parametrised = tuple[Sequence[Term], Array]  # terms and their linear parameters (P,)
 
 
-def fly_all(flights: Sequence[Flights], models: Sequence[Parametrised], nudges: Array | None = None) -> list[Array]:
+def simulate_all(
+    segments: Sequence[Segments], models: Sequence[Parametrised], perturbations: Array | None = None
+) -> list[Array]:
     """Simulated positions of V models, for each recording (N + 1, V, B) [rad]; the models' terms are of equal classes.
 
-    Recordings whose flights take as many periods are simulated together: a step of many costs little more.
+    Recordings whose segments take as many periods are simulated together: a step of many costs little more.
 
     Args:
-        flights: of each recording.
+        segments: of each recording.
         models: terms and linear parameters of each model.
-        nudges: added to the initial position [rad] and velocity [rad/s], for each model (V, 2).
+        perturbations: added to the initial position [rad] and velocity [rad/s], for each model (V, 2).
     """
-    nudges = np.zeros((len(models), 2)) if nudges is None else nudges
+    perturbations = np.zeros((len(models), 2)) if perturbations is None else perturbations
     results: dict[int, Array] = {}
-    for together in _in_step(flights):
-        paths = _simulate([flights[k] for k in together], models, nudges)
+    for together in _in_step(segments):
+        paths = _simulate([segments[k] for k in together], models, perturbations)
         results.update(zip(together, paths, strict=True))
-    return [results[k] for k in range(len(flights))]
+    return [results[k] for k in range(len(segments))]
 
 
-def _in_step(flights: Sequence[Flights]) -> list[list[int]]:
-    """Numbers of the recordings whose flights a simulation can step through together."""
+def _in_step(segments: Sequence[Segments]) -> list[list[int]]:
+    """Numbers of the recordings whose segments a simulation can step through together."""
     groups: dict[tuple[int, int], list[int]] = {}
-    for k, flight in enumerate(flights):
-        key = len(flight.torque), substeps(1.0 / flight.windows.recording.rate)
+    for k, segment in enumerate(segments):
+        key = len(segment.torque), substeps(1.0 / segment.windows.recording.rate)
         groups.setdefault(key, []).append(k)
     return list(groups.values())
 
 
-def _simulate(flights: Sequence[Flights], models: Sequence[Parametrised], nudges: Array) -> list[Array]:
-    """Simulated positions of V models in flights of as many periods, as `fly_all` gives them."""
-    counts = [len(flight.first) for flight in flights]
-    nudged = np.repeat(nudges.T, sum(counts), axis=1)  # (2, V B)
-    position = np.tile(np.concatenate([flight.position[0] for flight in flights]), len(models)) + nudged[0]
-    velocity = np.tile(np.concatenate([flight.velocity for flight in flights]), len(models)) + nudged[1]
-    path = simulated(flights, models, position, velocity).position
+def _simulate(segments: Sequence[Segments], models: Sequence[Parametrised], perturbations: Array) -> list[Array]:
+    """Simulated positions of V models in segments of as many periods, as `simulate_all` gives them."""
+    counts = [len(segment.first) for segment in segments]
+    perturbed = np.repeat(perturbations.T, sum(counts), axis=1)  # (2, V B)
+    position = np.tile(np.concatenate([segment.position[0] for segment in segments]), len(models)) + perturbed[0]
+    velocity = np.tile(np.concatenate([segment.velocity for segment in segments]), len(models)) + perturbed[1]
+    path = simulated(segments, models, position, velocity).position
     return np.split(path.reshape(len(path), len(models), -1), np.cumsum(counts)[:-1], axis=2)
 
 
 def simulated(
-    flights: Sequence[Flights],
+    segments: Sequence[Segments],
     models: Sequence[Parametrised],
     position: Array,
     velocity: Array,
@@ -151,42 +153,42 @@ def simulated(
     longest_step: float = LONGEST_STEP,
     observe: Callable[[Samples], None] | None = None,
 ) -> Trajectory:
-    """Flights of as many periods under V models, all in a row (V B,), from given states.
+    """Segments of as many periods under V models, all in a row (V B,), from given states.
 
     Args:
-        flights: of each recording.
+        segments: of each recording.
         models: terms and linear parameters of each model.
         position, velocity: at the start [rad], [rad/s].
-        hidden: state variables at the start of some terms, by id; of others the flights tell, or the measured motion.
+        hidden: state variables at the start of some terms, by id; of others the segments tell, or the measured motion.
         longest_step: of the integrator [s].
         observe: as in `simulate`.
     """
     memory = dict(hidden or {})
     for variants in zip(*(own for own, _ in models), strict=True):
         if variants[0].id not in memory:
-            memory.update(start_memory(flights, variants))
+            memory.update(start_memory(segments, variants))
 
     def each(series: Sequence[Array]) -> Array:
-        """One value a flight (B,) of each recording for every model, (V B,)."""
+        """One value a segment (B,) of each recording for every model, (V B,)."""
         return np.tile(np.concatenate(series), len(models))
 
-    terms, theta = _stacked(models, sum(len(flight.first) for flight in flights))
+    terms, theta = _stacked(models, sum(len(segment.first) for segment in segments))
     delays = [sum(term.delay for term in own) for own, _ in models]
     return simulate(
         terms,
         theta,
-        each([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in flights]),
-        np.concatenate([flight.command(delay) for delay in delays for flight in flights], axis=1),
+        each([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in segments]),
+        np.concatenate([segment.command(delay) for delay in delays for segment in segments], axis=1),
         position,
         velocity,
-        each([flight.windows.recording.time[flight.first] for flight in flights]),
+        each([segment.windows.recording.time[segment.first] for segment in segments]),
         memory=memory,
         longest_step=longest_step,
         observe=observe,
         load=KnownLoad(
             *(
-                each([np.full(len(f.first), part) for f, part in zip(flights, of_each, strict=True)])
-                for of_each in zip(*(f.windows.samples.load for f in flights), strict=True)
+                each([np.full(len(f.first), part) for f, part in zip(segments, of_each, strict=True)])
+                for of_each in zip(*(f.windows.samples.load for f in segments), strict=True)
             )
         ),
     )
@@ -195,7 +197,7 @@ def simulated(
 def _stacked(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Array]:
     """Terms and theta (P, V count) that simulate `count` pendulums of each of V models, all of them in a row.
 
-    Terms that delay the command are left out: `Flights.command` does that.
+    Terms that delay the command are left out: `Segments.command` does that.
     """
     terms = []
     for variants in zip(*(own for own, _ in models), strict=True):
@@ -205,70 +207,70 @@ def _stacked(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Ar
     return terms, np.repeat(np.column_stack([theta for _, theta in models]), count, axis=1)
 
 
-def start_memory(flights: Sequence[Flights], variants: Sequence[Term]) -> dict[str, Memory]:
-    """State at the start of every flight of V variants of a term: as given, or as the measured motion has left it."""
+def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict[str, Memory]:
+    """State at the start of every segment of V variants of a term: as given, or as the measured motion has left it."""
     id = variants[0].id
-    if all(id in flight.hidden for flight in flights):
-        known = [np.concatenate(series) for series in zip(*(flight.hidden[id] for flight in flights), strict=True)]
+    if all(id in segment.hidden for segment in segments):
+        known = [np.concatenate(series) for series in zip(*(segment.hidden[id] for segment in segments), strict=True)]
         return {id: tuple(np.tile(series, len(variants)) for series in known)}
     distinct = list(dict.fromkeys(variants))
-    traced = trace_all([flight.windows for flight in flights], distinct)
+    traced = trace_all([segment.windows for segment in segments], distinct)
     traces = [dict(zip(distinct, own, strict=True)) for own in traced]
     states = {}
     for id in traces[0][distinct[0]].memory:
         rows = [
-            [series[flight.first] for series in trace[variant].memory[id]]
+            [series[segment.first] for series in trace[variant].memory[id]]
             for variant in variants
-            for flight, trace in zip(flights, traces, strict=True)
+            for segment, trace in zip(segments, traces, strict=True)
         ]
         states[id] = tuple(np.concatenate(variable) for variable in zip(*rows, strict=True))
     return states
 
 
-def position_noise(flights: Sequence[Flights], terms: Sequence[Term], theta: Array) -> float:
+def position_noise(segments: Sequence[Segments], terms: Sequence[Term], theta: Array) -> float:
     """Root mean square position error that the noise of the torque channel and of the initial state gives [rad]."""
     rng = np.random.default_rng(0)
-    shaken = [
+    perturbed = [
         replace(
-            flight,
-            torque=flight.torque + flight.windows.raw_torque_noise * rng.standard_normal(flight.torque.shape),
-            velocity=flight.velocity + flight.windows.velocity_noise * rng.standard_normal(flight.velocity.shape),
+            segment,
+            torque=segment.torque + segment.windows.raw_torque_noise * rng.standard_normal(segment.torque.shape),
+            velocity=segment.velocity + segment.windows.velocity_noise * rng.standard_normal(segment.velocity.shape),
         )
-        for flight in flights
+        for segment in segments
     ]
     model = [(terms, theta)]
-    pairs = zip(fly_all(shaken, model), fly_all(flights, model), strict=True)
+    pairs = zip(simulate_all(perturbed, model), simulate_all(segments, model), strict=True)
     return float(np.sqrt(np.mean(np.concatenate([(one - other)[1:].ravel() for one, other in pairs]) ** 2)))
 
 
-def position_rms(flights: Sequence[Flights], terms: Sequence[Term], theta: Array) -> float:
-    """Root mean square of the position error over all flights [rad]."""
-    paths = fly_all(flights, [(terms, theta)])
-    errors = [(path[:, 0] - flight.position)[1:].ravel() for path, flight in zip(paths, flights, strict=True)]
+def position_rms(segments: Sequence[Segments], terms: Sequence[Term], theta: Array) -> float:
+    """Root mean square of the position error over all segments [rad]."""
+    paths = simulate_all(segments, [(terms, theta)])
+    errors = [(path[:, 0] - segment.position)[1:].ravel() for path, segment in zip(paths, segments, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
-def deviation(flights: Sequence[Flights]) -> float:
+def deviation(segments: Sequence[Segments]) -> float:
     """Root mean square deviation of the measured position from its mean, window by window [rad]."""
-    return float(np.sqrt(np.mean(np.concatenate([flight.position.var(axis=0) for flight in flights]))))
+    return float(np.sqrt(np.mean(np.concatenate([segment.position.var(axis=0) for segment in segments]))))
 
 
-def growth(flights: Flights, terms: Sequence[Term], theta: Array) -> Array:
-    """By how much a small error of the initial position grows at most in each flight (B,), as the model has it.
+def growth(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
+    """By how much a small error of the initial position grows at most in each segment (B,), as the model has it.
 
     Where the arm is balanced upright it grows without end, and the error of a free run says nothing of the model.
     """
-    paths = fly_all([flights], [(terms, theta)] * 2, np.array([[0.0, 0.0], [NUDGE, 0.0]]))[0]
-    return np.asarray(np.abs(paths[:, 1] - paths[:, 0]).max(axis=0) / NUDGE)
+    paths = simulate_all([segments], [(terms, theta)] * 2, np.array([[0.0, 0.0], [PERTURBATION, 0.0]]))[0]
+    return np.asarray(np.abs(paths[:, 1] - paths[:, 0]).max(axis=0) / PERTURBATION)
 
 
-def select(flights: Flights, which: Mask) -> Flights:
-    """Some of the flights, as `which` (B,) says."""
+def select(segments: Segments, which: Mask) -> Segments:
+    """Some of the segments, as `which` (B,) says."""
     return replace(
-        flights,
-        first=flights.first[which],
-        torque=flights.torque[:, which],
-        position=flights.position[:, which],
-        velocity=flights.velocity[which],
-        hidden={id: tuple(value[..., which] for value in memory) for id, memory in flights.hidden.items()},
+        segments,
+        first=segments.first[which],
+        torque=segments.torque[:, which],
+        position=segments.position[:, which],
+        velocity=segments.velocity[which],
+        hidden={id: tuple(value[..., which] for value in memory) for id, memory in segments.hidden.items()},
     )

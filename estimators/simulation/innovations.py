@@ -1,7 +1,7 @@
-"""Errors of flights as innovations: what a filter that knows the noise did not expect of them.
+"""Errors of segments as innovations: what a filter that knows the noise did not expect of them.
 
 The torque that acts differs from the recorded one by noise, and motion adds that up: the errors of a simulation grow
-along a flight and are alike from sample to sample. Taken as they are, late samples drown what early ones tell. A Kalman
+along a segment and are alike from sample to sample. Taken as they are, late samples drown early ones. A Kalman
 filter of the error of position and velocity, linearised along the measured motion, leaves what is new in each sample:
 errors of equal size that have nothing to do with each other, of which least squares makes all that can be made.
 
@@ -17,20 +17,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.signals.differentiation import white_noise
-from estimators.simulation.free_running import Flights
+from estimators.simulation.free_running import Segments
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.simulation import Balance
 
 INTEGRATED = 3e-6  # [rad], that the simulation itself errs by
-NUDGE = np.array([1e-4, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives of the acceleration
+PERTURBATION = np.array([1e-4, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives of the acceleration
 TURNING = 1e4  # times the variance where the joint turns or sticks: within a sample nobody knows when
 STIFFEST = 0.3  # change of the velocity error within a step, beyond which linearisation says nothing
 
 
 @dataclass(frozen=True)
 class Innovations:
-    """Filter of the errors of B flights at N instants.
+    """Filter of the errors of B segments at N instants.
 
     Attributes:
         transition: of the error of position and velocity from the instant before (N, B, 2, 2).
@@ -43,17 +43,17 @@ class Innovations:
     spread: Array
 
     @classmethod
-    def of(cls, flights: Flights, terms: Sequence[Term], theta: Array, every: int) -> Innovations:
+    def of(cls, segments: Segments, terms: Sequence[Term], theta: Array, every: int) -> Innovations:
         """Filter for the error after each `every` samples, of a model with linear parameters theta (P,)."""
-        recording = flights.windows.recording
-        index = flights.first + every * np.arange((len(flights.position) - 1) // every + 1)[:, None]  # (N + 1, B)
+        recording = segments.windows.recording
+        index = segments.first + every * np.arange((len(segments.position) - 1) // every + 1)[:, None]  # (N + 1, B)
         interval = every / recording.rate
-        transition, inertia, turns = _linearised(flights, index, terms, theta, interval)
+        transition, inertia, turns = _linearised(segments, index, terms, theta, interval)
         # torque noise is new in every period: over the interval it moves the velocity as its mean does
-        shaken = (flights.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / every
-        shaken *= np.where(turns, TURNING, 1.0)
+        perturbed = (segments.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / every
+        perturbed *= np.where(turns, TURNING, 1.0)
         moved = interval**2 * (1 / 3 - 1 / (12 * every**2))  # held over each period, not white in between
-        process = shaken[:, :, None, None] * np.array([[moved, interval / 2], [interval / 2, 1.0]])
+        process = perturbed[:, :, None, None] * np.array([[moved, interval / 2], [interval / 2, 1.0]])
         measured = max(white_noise(recording.position), INTEGRATED) ** 2
         gain, spread = np.empty(transition.shape[:3]), np.empty(transition.shape[:2])
         covariance = np.zeros((index.shape[1], 2, 2))  # the state at the start is a matter of the fit
@@ -65,7 +65,7 @@ class Innovations:
         return cls(transition, gain, spread)
 
     def whiten(self, errors: Array) -> Array:
-        """What is new in V errors of each flight (B, N, V), in standard deviations."""
+        """What is new in V errors of each segment (B, N, V), in standard deviations."""
         expected = np.zeros((len(errors), 2, errors.shape[2]))
         new = np.empty_like(errors)
         for k, step in enumerate(self.transition):
@@ -77,17 +77,17 @@ class Innovations:
 
 
 def _linearised(
-    flights: Flights, index: Index, terms: Sequence[Term], theta: Array, interval: float
+    segments: Segments, index: Index, terms: Sequence[Term], theta: Array, interval: float
 ) -> tuple[Array, Array, Mask]:
     """What becomes of an error of position and velocity over each of N intervals, (N, B, 2, 2).
 
     Also the inertia (N + 1, B), and whether the joint turns in an interval or did in the one before (N, B).
     """
-    balance, measured = Balance(terms, theta, bool(flights.windows.samples.load)), flights.windows.samples
+    balance, measured = Balance(terms, theta, bool(segments.windows.samples.load)), segments.windows.samples
     memory = {
         id: tuple(np.asarray(series)[index] for series in states)
         for term in terms
-        for id, states in flights.windows.trace([term])[0].memory.items()
+        for id, states in segments.windows.trace([term])[0].memory.items()
     }
     time, position, velocity, torque = (
         np.asarray(values)[index] for values in (measured.time, measured.position, measured.velocity, measured.torque)
@@ -101,16 +101,16 @@ def _linearised(
     def acceleration(x: Samples) -> Array:
         return (balance.net(x) - balance.dry(x) * direction) / balance.mass(x)
 
-    def slope(name: str, nudge: float) -> Array:
+    def slope(name: str, perturbation: float) -> Array:
         value = getattr(x, name)
-        up, down = (acceleration(replace(x, **{name: value + side})) for side in (nudge, -nudge))
-        values = full((up - down) / (2 * nudge))
+        up, down = (acceleration(replace(x, **{name: value + side})) for side in (perturbation, -perturbation))
+        values = full((up - down) / (2 * perturbation))
         return 0.5 * (values[1:] + values[:-1])
 
     rates = np.zeros((len(index) - 1, index.shape[1], 2, 2))
     rates[:, :, 0, 1] = 1.0
-    rates[:, :, 1, 0] = np.clip(slope("position", NUDGE[0]), -STIFFEST / interval**2, STIFFEST / interval**2)
-    rates[:, :, 1, 1] = np.clip(slope("velocity", NUDGE[1]), -1 / interval, STIFFEST / interval)
+    rates[:, :, 1, 0] = np.clip(slope("position", PERTURBATION[0]), -STIFFEST / interval**2, STIFFEST / interval**2)
+    rates[:, :, 1, 1] = np.clip(slope("velocity", PERTURBATION[1]), -1 / interval, STIFFEST / interval)
     step = rates * interval
     transition = np.eye(2) + step + 0.5 * step @ step
     # Where the joint turns, friction turns too: what is late in turning leaves with less acceleration than it came.

@@ -1,8 +1,8 @@
-"""Short flights from states that are fitted: what the motor does in them tells where the link behind it is.
+"""Short segments from states that are fitted: what the motor does in them tells where the link behind it is.
 
 Nobody measures the link of a loose transmission. Carried along the measured motion from the start of a recording, its
-state is lost after a few bounces, each of which magnifies what the one before was wrong by. Flights of a quarter of a
-second forgive that (Levenberg-Marquardt, with a damping for each flight); starts that got stuck on the wrong side of
+state is lost after a few bounces, each of which magnifies what the one before was wrong by. Segments of a quarter of a
+second forgive that (Levenberg-Marquardt, with a damping for each segment); starts that got stuck on the wrong side of
 the play are tried anew from the other.
 """
 
@@ -13,25 +13,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.simulation.free_running import Flights, cut_flights, periods, simulated, start_memory, stretches
+from estimators.simulation.free_running import Segments, cut_segments, periods, simulated, start_memory, stretches
 from estimators.simulation.output_error import Point, grain_of
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory
 from pendulum_env.physics.term import Memory
 
-HOP = 0.25  # [s], length of a flight
+HOP = 0.25  # [s], length of a segment
 COARSE = 1e-3  # [s], step of the integrator
-NUDGE = np.array([3e-4, 3e-3, 1e-3, 1e-2])  # of position and velocity of motor and link, for derivatives [rad], [rad/s]
+PERTURBATION = np.array(
+    [3e-4, 3e-3, 1e-3, 1e-2]
+)  # of position and velocity of motor and link, for derivatives [rad], [rad/s]
 DAMPING = np.array([0.01, 1.0, 100.0])  # factors on the damping of a state that are tried
 LAUNCHES = 2  # turns for every start, and as many for the best
 
 
 @dataclass(frozen=True)
 class Shots:
-    """Flights of one recording with the states (S, B) that they start from: q, q', then the hidden ones."""
+    """Segments of one recording with the states (S, B) that they start from: q, q', then the hidden ones."""
 
-    flights: Flights
+    segments: Segments
     states: Array
     damping: Array  # (B,)
     step: float = COARSE  # [s], longest of the integrator
@@ -39,21 +41,21 @@ class Shots:
     @property
     def measured(self) -> Array:
         """Positions to compare with (N, B) [rad]."""
-        grain = grain_of(self.flights)
-        return self.flights.position[grain::grain]
+        grain = grain_of(self.segments)
+        return self.segments.position[grain::grain]
 
     def fly(
         self, points: Sequence[Point], states: Array, observe: Callable[[Samples], None] | None = None
     ) -> Trajectory:
-        """Flights of V points from V sets of states (V, S, B), each (N + 1, V B); `observe` as in `simulate`."""
+        """Segments of V points from V sets of states (V, S, B), each (N + 1, V B); `observe` as in `simulate`."""
         q, v, *hidden = (row.ravel() for row in np.swapaxes(states, 0, 1))
         models = [(point.terms, point.theta) for point in points]
         link = {link_of(points[0].terms).id: tuple(hidden)}
-        return simulated([self.flights], models, q, v, link, self.step, observe)
+        return simulated([self.segments], models, q, v, link, self.step, observe)
 
     def errors(self, points: Sequence[Point], states: Array) -> Array:
         """Errors of position of V points from V sets of states (V, S, B), each (V, B, N) [rad]."""
-        grain = grain_of(self.flights)
+        grain = grain_of(self.segments)
         path = self.fly(points, states).position[grain::grain]
         return np.moveaxis(path.reshape(len(path), len(points), -1) - self.measured[:, None], 0, 2)
 
@@ -74,14 +76,16 @@ def link_of(terms: Sequence[Term]) -> Term:
 
 
 def cut(windows: Windows, point: Point, first: Index) -> Shots:
-    """Flights from given samples on, started as the measured motion suggests."""
-    flights, link = cut_flights(windows, first, periods(windows, HOP)), link_of(point.terms)
-    hidden = start_memory([flights], [link])[link.id]
-    return Shots(flights, np.array([flights.position[0], flights.velocity, *hidden]), np.full(len(first), DAMPING[0]))
+    """Segments from given samples on, started as the measured motion suggests."""
+    segments, link = cut_segments(windows, first, periods(windows, HOP)), link_of(point.terms)
+    hidden = start_memory([segments], [link])[link.id]
+    return Shots(
+        segments, np.array([segments.position[0], segments.velocity, *hidden]), np.full(len(first), DAMPING[0])
+    )
 
 
 def tiles(windows: Windows) -> Index:
-    """First samples of flights that follow each other all along a part of a recording."""
+    """First samples of segments that follow each other all along a part of a recording."""
     length = periods(windows, HOP)
     ends = [(begin, end - length - 1) for begin, end in stretches(windows)]
     return np.concatenate([np.unique(np.append(np.arange(b, last, length), last)) for b, last in ends if last >= b])
@@ -89,15 +93,15 @@ def tiles(windows: Windows) -> Index:
 
 def slopes_by_state(shots: Shots, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
     """Errors (V, B, N) of V points from V sets of states (V, S, B), and derivatives by the states (V, B, N, S)."""
-    count, size, flights = states.shape
-    nudged = states[:, None] + np.vstack([np.zeros(size), np.diag(NUDGE)])[None, :, :, None]
-    errors = shots.errors(each(points, size + 1), nudged.reshape(-1, size, flights))
-    errors = errors.reshape(count, size + 1, flights, -1)
-    return errors[:, 0], np.moveaxis((errors[:, 1:] - errors[:, :1]) / NUDGE[:, None, None], 1, 3)
+    count, size, segments = states.shape
+    perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(PERTURBATION)])[None, :, :, None]
+    errors = shots.errors(each(points, size + 1), perturbed.reshape(-1, size, segments))
+    errors = errors.reshape(count, size + 1, segments, -1)
+    return errors[:, 0], np.moveaxis((errors[:, 1:] - errors[:, :1]) / PERTURBATION[:, None, None], 1, 3)
 
 
 def moves(error: Array, slopes: Array, damping: Array) -> Array:
-    """Steps of the states (F, S, B) that lower the errors (B, N) of B flights, for each of F factors on the damping."""
+    """Steps of states (F, S, B) that lower the errors (B, N) of B segments, for each of F factors on the damping."""
     square = np.swapaxes(slopes, 1, 2) @ slopes
     own = np.einsum("bss->bs", square)[:, :, None] * np.eye(slopes.shape[2])
     pull = np.einsum("bns,bn->bs", slopes, error)[:, :, None]
@@ -125,7 +129,7 @@ def settle(
 
 
 def _best(tried: Array, after: Array, states: Array, before: Array, damping: Array) -> tuple[Array, Array, Array]:
-    """The best of F states tried for each flight (V, F, S, B), or the old ones where none is better."""
+    """The best of F states tried for each segment (V, F, S, B), or the old ones where none is better."""
     best = np.argmin(after, axis=1)[:, None]  # (V, 1, B)
     squares = np.take_along_axis(after, best, 1)[:, 0]
     better = squares < before
@@ -139,30 +143,32 @@ def _best(tried: Array, after: Array, states: Array, before: Array, damping: Arr
 
 
 def launch(shots: Shots, point: Point) -> tuple[Shots, Array]:
-    """The flights from the best states there are for a point, and their squared errors (B,).
+    """The segments from the best states there are for a point, and their squared errors (B,).
 
     Tried are the states they have, those that the measured motion suggests, and a link on either side of the play.
     """
-    traced = cut(shots.flights.windows, point, shots.flights.first).states
+    traced = cut(shots.segments.windows, point, shots.segments.first).states
     gap = link_of(point.terms).shape.get("gap", 0.0)
     candidates = [shots.states, traced]
     for side in (-1, 0, 1) if gap else ():
         candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
     start = np.full((len(candidates), traced.shape[1]), DAMPING[0])
     states, damping, squares = settle(shots, [point] * len(candidates), np.array(candidates), start, LAUNCHES)
-    best, flight = np.argmin(squares, axis=0), np.arange(len(start[0]))
-    states, _, squares = settle(shots, [point], states[best, :, flight].T[None], damping[best, flight][None], LAUNCHES)
+    best, segment = np.argmin(squares, axis=0), np.arange(len(start[0]))
+    states, _, squares = settle(
+        shots, [point], states[best, :, segment].T[None], damping[best, segment][None], LAUNCHES
+    )
     return replace(shots, states=states[0], damping=start[0]), squares[0]
 
 
 def watch(windows: Windows, model: Model) -> Samples:
-    """Samples of a recording with the motion of motor and link as flights that follow each other have it."""
+    """Samples of a recording with the motion of motor and link as segments that follow each other have it."""
     point, term = Point(model.terms, model.theta), link_of(model.terms)
     x = windows.trace([term])[0]
     shots, _ = launch(cut(windows, point, tiles(windows)), point)
     seen: list[Memory] = []
     path = shots.fly([point], shots.states[None], lambda state: seen.append(state.memory[term.id]))
-    index = shots.flights.first + np.arange(len(path.position))[:, None]
+    index = shots.segments.first + np.arange(len(path.position))[:, None]
 
     def filled(measured: ArrayLike, simulated: Array) -> Array:
         series = np.array(measured, dtype=float)
@@ -175,8 +181,8 @@ def watch(windows: Windows, model: Model) -> Samples:
     return replace(x, position=q, velocity=v, memory={term.id: link})
 
 
-def hidden_state(flights: Flights, x: Samples, term: Term) -> Memory:
-    """State of a link at the start of flights, as far from the measured motor as it is from the one that is watched."""
-    position, velocity = (series[flights.first] for series in x.memory[term.id])
-    q, v = np.asarray(x.position)[flights.first], np.asarray(x.velocity)[flights.first]
-    return flights.position[0] + position - q, flights.velocity + velocity - v
+def hidden_state(segments: Segments, x: Samples, term: Term) -> Memory:
+    """State of a link at the start of segments, as far from the measured motor as from the one that is watched."""
+    position, velocity = (series[segments.first] for series in x.memory[term.id])
+    q, v = np.asarray(x.position)[segments.first], np.asarray(x.velocity)[segments.first]
+    return segments.position[0] + position - q, segments.velocity + velocity - v

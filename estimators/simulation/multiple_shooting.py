@@ -1,4 +1,4 @@
-"""Multiple shooting: the state at the start of many short flights is fitted along with the parameters (Gauss-Newton).
+"""Multiple shooting: the state at the start of many short segments is fitted along with the parameters (Gauss-Newton).
 
 Source: Bock, Randwertproblemmethoden zur Parameteridentifizierung, 1987; for the elimination of the states, Golub and
 Pereyra, Inverse Problems 19(2), 2003.
@@ -30,8 +30,8 @@ from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model, Term
 
-FEWEST = 2  # flights for each parameter
-MOST = 120  # flights that parameters are fitted to
+FEWEST = 2  # segments for each parameter
+MOST = 120  # segments that parameters are fitted to
 FINE = 0.25e-3  # [s], step of the integrator in the end: contacts set in with a jump of torque
 DIFFERENCE = 1e-2  # relative change of a parameter for derivatives, large enough to move contacts by a step
 SHARES = (1.0, 0.4, 0.1, 0.0)  # of a step of the parameters that are tried,
@@ -40,27 +40,27 @@ TURNS, TRIAL_TURNS, FINE_TURNS = 25, 6, 8
 STIFFER = (1.0, 1.8)  # times the contact's stiffness, from which a fit starts
 CLIMBS, CLIMB = 4, 0.9  # times a stiffer and wider play is tried, and share to which that has to lower the error
 GAIN = 0.01  # share by which a turn has to lower the squared error
-STEEP = 10.0  # times the usual slope, beyond which a flight is about to miss a contact, and counts less
+STEEP = 10.0  # times the usual slope, beyond which a segment is about to miss a contact, and counts less
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """Errors (M,) of all flights in a row and their derivatives by relative changes of the parameters (M, P).
+    """Errors (M,) of all segments in a row and their derivatives by relative changes of the parameters (M, P).
 
-    What other states at the start would explain is taken out of both; flights that go astray or are about to miss a
+    What other states at the start would explain is taken out of both; segments that run away or are about to miss a
     contact are weighted down.
 
     Attributes:
         error: weighted.
         by_parameter: weighted.
-        flight: that each row belongs to (M,).
-        weights: of the flights of each recording (B,).
+        segment: that each row belongs to (M,).
+        weights: of the segments of each recording (B,).
         parts: for each recording errors (B, N), derivatives by the parameters (B, N, P) and by the states (B, N, S).
     """
 
     error: Array
     by_parameter: Array
-    flight: Index
+    segment: Index
     weights: tuple[Array, ...]
     parts: tuple[tuple[Array, Array, Array], ...]
 
@@ -99,7 +99,7 @@ def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array,
 
 
 def fit(every: Sequence[Shots], point: Point, turns: int = TURNS) -> tuple[Point, list[Shots], float]:
-    """Parameters and states that fit the flights of all recordings best, and their squared error."""
+    """Parameters and states that fit the segments of all recordings best, and their squared error."""
     every, stalled, cost = list(every), 0, np.inf
     for _ in range(turns):
         values, slopes = point.values, _linearise(every, point)
@@ -148,11 +148,11 @@ def _follow(
 
 
 def estimate(every: Sequence[Windows], model: Model) -> Model:
-    """The model with parameters fitted by multiple shooting; standard errors from the spread of the flights.
+    """The model with parameters fitted by multiple shooting; standard errors from the spread of the segments.
 
     Args:
         every: recording's windows.
-        model: to start from; one of its terms has a link. It is returned as it is where flights are too few.
+        model: to start from; one of its terms has a link. It is returned as it is where segments are too few.
     """
     point = Point(model.terms, model.theta)
     first = [tiles(windows) for windows in every]
@@ -165,25 +165,25 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
             [launch(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True)], point, turns
         )
 
-    rugged = link_of(model.terms).rugged
-    if rugged:  # a loose contact has its own minimum for many a stiffness, and the windows prefer a soft one
+    multimodal = link_of(model.terms).multimodal
+    if multimodal:  # a loose contact has its own minimum for many a stiffness, and the windows prefer a soft one
 
         def tried(starts: Sequence[Point]) -> tuple[Point, float]:
             found = [fitted(start, 3 * thinned, TRIAL_TURNS) for start in starts]
             best, _, cost = min(found, key=lambda one: one[2])
             return best, cost
 
-        point, cost = tried([changed(start, {rugged: f}) for start in (point, hung(point)) for f in STIFFER])
+        point, cost = tried([changed(start, {multimodal: f}) for start in (point, hung(point)) for f in STIFFER])
         for _ in range(CLIMBS):
-            other, lower = tried([changed(point, {rugged: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
+            other, lower = tried([changed(point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
             if lower > cost * CLIMB:
                 break
             point, cost = other, lower
     point, shots, _ = fitted(point, thinned)
-    if rugged:
+    if multimodal:
         point, shots, _ = fit([replace(one, step=FINE) for one in shots], point, FINE_TURNS)
     slopes = _linearise(shots, point)
-    return named(point, robust_covariance(slopes.by_parameter, slopes.error, slopes.flight))
+    return named(point, robust_covariance(slopes.by_parameter, slopes.error, slopes.segment))
 
 
 def changed(point: Point, factors: Mapping[str, float]) -> Point:

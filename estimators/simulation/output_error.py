@@ -1,8 +1,8 @@
-"""Output error: parameters refined by what they do to motion, over many short flights at once.
+"""Output error: parameters refined by what they do to motion, over many short segments at once.
 
-Equations clear of stick say nothing of what happens in and around it. A simulation does: here all flights and all
+Equations clear of stick say nothing of what happens in and around it. A simulation does: here all segments and all
 perturbed parameters are simulated as one batch, and the parameters are moved until the simulated positions fit the
-measured ones (Gauss-Newton). The state at the start of each flight is free: its two sensitivities are projected out.
+measured ones (Gauss-Newton). The state at the start of each segment is free: its two sensitivities are projected out.
 
 With filters, errors count as innovations: then the fit is that of largest likelihood, if only noise is left to explain.
 
@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.regression.least_squares import is_converged, robust_covariance
-from estimators.simulation.free_running import Flights, fly_all
+from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
 from estimators.weak_form.shapes import continuous, moved
 from pendulum_env._typing import Array
@@ -63,29 +63,29 @@ class Point:
         return float(values[names.index(name)]) if name in names else 0.0
 
 
-NUDGE = np.array([1e-4, 1e-3])  # of the initial position [rad] and velocity [rad/s], for their sensitivities
-Filters = Sequence[Innovations]  # of each recording's flights; none where errors count as they are
+PERTURBATION = np.array([1e-4, 1e-3])  # of the initial position [rad] and velocity [rad/s], for their sensitivities
+Filters = Sequence[Innovations]  # of each recording's segments; none where errors count as they are
 
 
-def residuals(flights: Sequence[Flights], points: Sequence[Point], filters: Filters = ()) -> list[Array]:
+def residuals(segments: Sequence[Segments], points: Sequence[Point], filters: Filters = ()) -> list[Array]:
     """Position errors of V points, for each recording (B, N, V), free of what another initial state would explain.
 
-    The part of each flight's error that its two initial-state sensitivities can explain is taken out. Filters turn the
+    The part of each segment's error that its two initial-state sensitivities can explain is taken out. Filters turn the
     errors [rad] into innovations, in standard deviations.
     """
     everyone = [(point.terms, point.theta) for point in (*points, points[0], points[0])]
-    nudges = np.zeros((len(everyone), 2))
-    nudges[-2:] = np.diag(NUDGE)
-    paths = fly_all(flights, everyone, nudges)
+    perturbations = np.zeros((len(everyone), 2))
+    perturbations[-2:] = np.diag(PERTURBATION)
+    paths = simulate_all(segments, everyone, perturbations)
     each: Sequence[Innovations | None] = filters or [None] * len(paths)
-    return [_errors(*parts) for parts in zip(flights, paths, each, strict=True)]
+    return [_errors(*parts) for parts in zip(segments, paths, each, strict=True)]
 
 
-def _errors(flights: Flights, path: Array, filter: Innovations | None) -> Array:
-    """Errors (B, N, V) of simulated positions (N + 1, V + 2, B), the last two of them from nudged initial states."""
-    grain = grain_of(flights)
-    path, measured = path[grain::grain], flights.position[grain::grain]
-    sensitivity = np.moveaxis((path[:, -2:] - path[:, :1]) / NUDGE[:, None], 2, 0)  # (B, N, 2)
+def _errors(segments: Segments, path: Array, filter: Innovations | None) -> Array:
+    """Errors (B, N, V) of simulated positions (N + 1, V + 2, B), the last two of them from perturbed initial states."""
+    grain = grain_of(segments)
+    path, measured = path[grain::grain], segments.position[grain::grain]
+    sensitivity = np.moveaxis((path[:, -2:] - path[:, :1]) / PERTURBATION[:, None], 2, 0)  # (B, N, 2)
     error = np.moveaxis(path[:, :-2] - measured[:, None], 2, 0)  # (B, N, V)
     if filter is not None:
         sensitivity, error = np.split(filter.whiten(np.concatenate([sensitivity, error], axis=2)), [2], axis=2)
@@ -93,62 +93,62 @@ def _errors(flights: Flights, path: Array, filter: Innovations | None) -> Array:
     return np.asarray(error - frames @ (np.swapaxes(frames, 1, 2) @ error))
 
 
-def grain_of(flights: Flights) -> int:
+def grain_of(segments: Segments) -> int:
     """Samples from one compared position to the next."""
-    return max(1, round(GRAIN * flights.windows.recording.rate))
+    return max(1, round(GRAIN * segments.windows.recording.rate))
 
 
-def innovations(flights: Sequence[Flights], point: Point) -> list[Innovations]:
+def innovations(segments: Sequence[Segments], point: Point) -> list[Innovations]:
     """Filters of the errors around a point."""
-    return [Innovations.of(flight, point.terms, point.theta, grain_of(flight)) for flight in flights]
+    return [Innovations.of(segment, point.terms, point.theta, grain_of(segment)) for segment in segments]
 
 
-def weigh(flights: Sequence[Flights], point: Point) -> list[Array]:
-    """Weight of each flight, (B, 1, 1) a recording, from its error at a point."""
-    return _weights(residuals(flights, [point]))
+def weigh(segments: Sequence[Segments], point: Point) -> list[Array]:
+    """Weight of each segment, (B, 1, 1) a recording, from its error at a point."""
+    return _weights(residuals(segments, [point]))
 
 
 def _weights(base: Sequence[Array]) -> list[Array]:
-    """Weight of each flight, (B, 1, 1) a recording: flights that go astray at the top of the swing count less."""
+    """Weight of each segment, (B, 1, 1) a recording: segments that run away at the top of the swing count less."""
     return [own[:, None, None] for own in trust([np.sqrt(np.mean(part[:, :, :1] ** 2, axis=(1, 2))) for part in base])]
 
 
 def trust(sizes: Sequence[Array]) -> list[Array]:
-    """Weight of each flight, (B,) a recording, from its root mean square error: far beyond the usual one, little."""
+    """Weight of each segment, (B,) a recording, from its root mean square error: far beyond the usual one, little."""
     usual = 3 * float(np.median(np.concatenate(sizes))) + 1e-12
     return [1 / (1 + (size / usual) ** 2) for size in sizes]
 
 
 def _stacked(
-    flights: Sequence[Flights], points: Sequence[Point], weights: Sequence[Array], filters: Filters = ()
+    segments: Sequence[Segments], points: Sequence[Point], weights: Sequence[Array], filters: Filters = ()
 ) -> tuple[Array, Array]:
-    """Weighted errors (M, V) of V points, and the flight that each row belongs to (M,)."""
-    parts = residuals(flights, points, filters)
+    """Weighted errors (M, V) of V points, and the segment that each row belongs to (M,)."""
+    parts = residuals(segments, points, filters)
     flat = [(np.sqrt(w) * part).reshape(-1, len(points)) for part, w in zip(parts, weights, strict=True)]
     counts = np.concatenate([np.full(len(part), part.shape[1]) for part in parts])
     return np.concatenate(flat), np.repeat(np.arange(len(counts)), counts)
 
 
 def _slopes(
-    flights: Sequence[Flights], point: Point, weights: Sequence[Array], filters: Filters = ()
+    segments: Sequence[Segments], point: Point, weights: Sequence[Array], filters: Filters = ()
 ) -> tuple[Array, Array, Array]:
-    """Weighted errors (M,), their derivatives by relative changes of the parameters (M, P + S), and flights (M,)."""
+    """Weighted errors (M,), their derivatives by relative changes of the parameters (M, P + S), and segments (M,)."""
     values = point.values
     size = np.maximum(np.abs(values), SMALLEST)
     nearby = [point.at(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
-    errors, which = _stacked(flights, [point, *nearby], weights, filters)
+    errors, which = _stacked(segments, [point, *nearby], weights, filters)
     return errors[:, 0], (errors[:, 1:] - errors[:, :1]) / DIFFERENCE, which
 
 
 def fit(
-    flights: Sequence[Flights], terms: Sequence[Term], theta: Array, turns: int = TURNS, filters: Filters = ()
+    segments: Sequence[Segments], terms: Sequence[Term], theta: Array, turns: int = TURNS, filters: Filters = ()
 ) -> Point:
-    """Move the linear parameters theta (P,) and the continuous shape parameters until the flights fit best."""
+    """Move the linear parameters theta (P,) and the continuous shape parameters until the segments fit best."""
     point = Point(tuple(terms), np.asarray(theta, dtype=float))
-    weights = _weights(residuals(flights, [point], filters))
+    weights = _weights(residuals(segments, [point], filters))
     for _ in range(turns):
         values = point.values
-        error, slopes, _ = _slopes(flights, point, weights, filters)
+        error, slopes, _ = _slopes(segments, point, weights, filters)
         damping = np.diag(1e-3 * np.linalg.norm(slopes, axis=0) + 1e-12)
         target = np.concatenate([-error, np.zeros(len(values))])
         size = np.maximum(np.abs(values), SMALLEST)
@@ -157,7 +157,7 @@ def fit(
         if is_converged(error, slopes @ step):
             break
         tried = [point.at(values + share * step * size) for share in SHARES]
-        costs = np.sum(_stacked(flights, tried, weights, filters)[0] ** 2, axis=0)
+        costs = np.sum(_stacked(segments, tried, weights, filters)[0] ** 2, axis=0)
         best = int(np.argmin(costs))
         if not costs[best] < float(error @ error):
             break
@@ -165,72 +165,72 @@ def fit(
     return point
 
 
-def likeliest(flights: Sequence[Flights], start: Point) -> Model:
+def likeliest(segments: Sequence[Segments], start: Point) -> Model:
     """The model of largest likelihood near a point, if noise is all that it leaves to explain.
 
-    Flights should be about half a second long: errors of longer ones grow in other ways than a linear model says.
+    Segments should be about half a second long: errors of longer ones grow in other ways than a linear model says.
     """
-    filters = innovations(flights, start)
-    return model(flights, fit(flights, start.terms, start.theta, filters=filters), filters)
+    filters = innovations(segments, start)
+    return model(segments, fit(segments, start.terms, start.theta, filters=filters), filters)
 
 
 def rms(
-    flights: Sequence[Flights], point: Point, weights: Sequence[Array] | None = None, filters: Filters = ()
+    segments: Sequence[Segments], point: Point, weights: Sequence[Array] | None = None, filters: Filters = ()
 ) -> float:
-    """Weighted root mean square error of the flights, the state at their start being free [rad], or innovation."""
-    parts = residuals(flights, [point], filters)
+    """Weighted root mean square error of the segments, the state at their start being free [rad], or innovation."""
+    parts = residuals(segments, [point], filters)
     weights = _weights(parts) if weights is None else weights
     total = sum(float((weight * part**2).sum()) for part, weight in zip(parts, weights, strict=True))
-    return float(np.sqrt(total / _count(flights, weights)))
+    return float(np.sqrt(total / _count(segments, weights)))
 
 
-def _count(flights: Sequence[Flights], weights: Sequence[Array]) -> float:
+def _count(segments: Sequence[Segments], weights: Sequence[Array]) -> float:
     """Number of errors that are compared, as they are weighted."""
-    compared = (len(flight.position[grain_of(flight) :: grain_of(flight)]) for flight in flights)
+    compared = (len(segment.position[grain_of(segment) :: grain_of(segment)]) for segment in segments)
     return sum(count * float(weight.sum()) for count, weight in zip(compared, weights, strict=True))
 
 
-def noise(flights: Sequence[Flights], point: Point) -> float:
+def noise(segments: Sequence[Segments], point: Point) -> float:
     """Root mean square error that the noise of the torque channel alone gives, the state at the start being free [rad].
 
     The simulated motion stands for the measured one.
     """
     rng = np.random.default_rng(0)
-    paths = fly_all(flights, [(point.terms, point.theta)])
-    shaken = [
+    paths = simulate_all(segments, [(point.terms, point.theta)])
+    perturbed = [
         replace(
-            flight,
-            torque=flight.torque + flight.windows.raw_torque_noise * rng.standard_normal(flight.torque.shape),
+            segment,
+            torque=segment.torque + segment.windows.raw_torque_noise * rng.standard_normal(segment.torque.shape),
             position=path[:, 0],
         )
-        for flight, path in zip(flights, paths, strict=True)
+        for segment, path in zip(segments, paths, strict=True)
     ]
-    return rms(shaken, point, evenly(flights))
+    return rms(perturbed, point, evenly(segments))
 
 
-def evenly(flights: Sequence[Flights]) -> list[Array]:
-    """Weights by which every flight counts the same, as `weigh` has them."""
-    return [np.ones((len(flight.first), 1, 1)) for flight in flights]
+def evenly(segments: Sequence[Segments]) -> list[Array]:
+    """Weights by which every segment counts the same, as `weigh` has them."""
+    return [np.ones((len(segment.first), 1, 1)) for segment in segments]
 
 
-def sizes(flights: Sequence[Flights], point: Point) -> Array:
-    """Root mean square error of each flight, of all recordings in a row [rad]."""
-    parts = residuals(flights, [point])
+def sizes(segments: Sequence[Segments], point: Point) -> Array:
+    """Root mean square error of each segment, of all recordings in a row [rad]."""
+    parts = residuals(segments, [point])
     return np.concatenate([np.sqrt(np.mean(part**2, axis=(1, 2))) for part in parts]) + 1e-12
 
 
-def promise(flights: Sequence[Flights], point: Point, weights: Sequence[Array]) -> float:
+def promise(segments: Sequence[Segments], point: Point, weights: Sequence[Array]) -> float:
     """Weighted root mean square error that a linear fit of all parameters around a point would leave [rad]."""
-    error, slopes, _ = _slopes(flights, point, weights)
+    error, slopes, _ = _slopes(segments, point, weights)
     size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
     step = np.linalg.lstsq(slopes / size, -error, rcond=1e-6)[0]
-    return float(np.linalg.norm(error + slopes / size @ step) / np.sqrt(_count(flights, weights)))
+    return float(np.linalg.norm(error + slopes / size @ step) / np.sqrt(_count(segments, weights)))
 
 
-def model(flights: Sequence[Flights], point: Point, filters: Filters = ()) -> Model:
-    """Model at a point, with standard errors from the spread of the flights (jackknife's sandwich)."""
-    weights = _weights(residuals(flights, [point], filters))
-    error, slopes, which = _slopes(flights, point, weights, filters)
+def model(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Model:
+    """Model at a point, with standard errors from the spread of the segments (jackknife's sandwich)."""
+    weights = _weights(residuals(segments, [point], filters))
+    error, slopes, which = _slopes(segments, point, weights, filters)
     return named(point, robust_covariance(slopes, error, which.astype(int)))
 
 

@@ -20,7 +20,7 @@ from pendulum_env.recording import Recording
 
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
 LEAST_NOISE = 5e-4  # of the torque
-TRIFLE = 0.01  # share of the torque; encoder noise below it hides nothing worth finding
+NEGLIGIBLE = 0.01  # share of the torque; encoder noise below it hides nothing worth finding
 LEAST_WINDOWS = 10  # below which errors mean nothing
 FEWEST = 100  # windows that a length has to leave clear of stick,
 CLEAR = 0.3  # or share of the recording
@@ -209,11 +209,11 @@ class Dataset:
 
         return replace(self, windows=tuple(pushed(w) for w in self.windows))
 
-    def with_knocks(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> Dataset:
+    def with_impacts(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> Dataset:
         """The data with those windows near turns that miss more torque than dry friction can be.
 
         Nobody knows the friction of a joint that turns round, but it lies between what it is in motion one way and the
-        other, unless it is far larger at rest. What misses surely more than the difference is a knock: a stop is met
+        other, unless it is far larger at rest. What misses surely more than the difference is an impact: a stop is met
         nowhere but where the joint turns.
 
         Args:
@@ -227,12 +227,12 @@ class Dataset:
         noise = np.repeat([w.noise(inertia) for w in self.windows], counts)
         doubt = np.hypot(noise, _deviations(equations.phi, covariance))
         friction = np.concatenate([_most_friction(w, terms, theta, covariance) for w in turned.windows])
-        knocked = np.abs(equations.y - equations.phi @ theta) > 2 * friction + SURELY * doubt
-        parts = zip(self.windows, np.split(knocked, np.cumsum(counts)[:-1]), strict=True)
+        impacts = np.abs(equations.y - equations.phi @ theta) > 2 * friction + SURELY * doubt
+        parts = zip(self.windows, np.split(impacts, np.cumsum(counts)[:-1]), strict=True)
         return dataset([replace(w, centers=np.sort(np.r_[w.centers, w.turning[own]])) for w, own in parts])
 
     @property
-    def knocks(self) -> int:
+    def impacts(self) -> int:
         """Turns with a window that misses more torque than dry friction can be."""
         turns = [np.split(w.turning, np.flatnonzero(np.diff(w.turning) > len(w.kernel) // 2) + 1) for w in self.windows]
         return sum(
@@ -241,7 +241,7 @@ class Dataset:
 
     @property
     def clear(self) -> Dataset:
-        """The data without knocks."""
+        """The data without impacts."""
         return dataset([replace(w, centers=w.centers[~np.isin(w.centers, w.turning)]) for w in self.windows])
 
     def torque(self) -> Array:
@@ -258,10 +258,10 @@ class Dataset:
         phi = np.column_stack([linear for linear, _ in parts])
         return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
 
-    def muffled(self, term: Term) -> float:
+    def absorbed(self, term: Term) -> float:
         """Variance of torque noise that the term takes out, mean over the equations [(N m)^2]."""
         counts = [len(w.centers) for w in self.windows]
-        parts = [count * w.muffled(term) for count, w in zip(counts, self.windows, strict=True) if count]
+        parts = [count * w.absorbed(term) for count, w in zip(counts, self.windows, strict=True) if count]
         return sum(parts) / max(1, sum(counts))
 
     def errors(self, residual: Array) -> dict[str, float]:
@@ -366,7 +366,7 @@ def choose_half_width(recording: Recording) -> float:
             inertia = carried + abs(float(np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]))
             real = calibrate(w).torque_noise / max(w.torque_noise, 1e-300)
             break
-    enough = TRIFLE * float(np.std(recording.torque))
+    enough = NEGLIGIBLE * float(np.std(recording.torque))
     covered = [len(w.centers) * width for w, width in zip(cuts, widths, strict=True)]  # [s], clear of stick
     enough_windows = [
         len(w.centers) >= FEWEST or time >= CLEAR * recording.duration for w, time in zip(cuts, covered, strict=True)

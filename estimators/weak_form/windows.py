@@ -205,7 +205,7 @@ class Windows:
         """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,)."""
         return self.rows.columns(variants, self.trace(variants))
 
-    def muffled(self, term: Term) -> float:
+    def absorbed(self, term: Term) -> float:
         """Variance of white torque noise that the term's fixed columns take out of the windows [(N m)^2]."""
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
         held = noise.copy()

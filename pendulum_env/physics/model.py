@@ -189,10 +189,10 @@ class Model:
             place = [*range(first, first + len(term.columns)), *(names.index(term.full(s.name)) for s in term.free)]
             first += len(term.columns)
             own = values[place]
-            nudges = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
-            moved = [_derived(term, own + nudge) for nudge in nudges]
+            perturbations = np.diag(1e-6 * np.maximum(np.abs(own), 1e-9))
+            moved = [_derived(term, own + perturbation) for perturbation in perturbations]
             for name, (value, unit) in _derived(term, own).items():
-                slope = np.array([other[name][0] - value for other in moved]) / nudges.diagonal()
+                slope = np.array([other[name][0] - value for other in moved]) / perturbations.diagonal()
                 std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
                 is_biased = any(self.estimates[names[k]].is_biased for k in place)
                 told[term.full(name)] = Estimate(

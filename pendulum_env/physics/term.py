@@ -186,7 +186,7 @@ class Term:
     is_smooth: ClassVar[bool] = False  # whether it helps to follow any smooth torque, beside which the rest is noise
     is_of_speed: ClassVar[bool] = False  # whether it is friction that viscous and dry friction can stand in for
     omitted: ClassVar[str] = "it is left out"  # what that means where a simulator does not know it
-    rugged: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
+    multimodal: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
     forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]
 

@@ -159,7 +159,7 @@ class Backlash(Transmission):
     )
     resembles = ("joint_flexibility", "presliding", "stribeck")
     forgets = 2.0
-    rugged = "resonance"
+    multimodal = "resonance"
     shapes = (
         Shape("gap", "rad", 1e-4, 0.5),
         Shape("resonance", "rad/s", 10.0, 5e3),

@@ -67,7 +67,7 @@ def test_fit_in_percent_is_relative_to_what_there_was_to_explain():
     torque = evidence.data.torque()
     expected = 100 * (1 - errors.torque_rms / np.std(torque))
     assert errors.torque_fit == pytest.approx(expected) and 99 < errors.torque_fit < 100
-    assert errors.position_fit == pytest.approx(100 * (1 - errors.position_rms / deviation(evidence.flights)))
+    assert errors.position_fit == pytest.approx(100 * (1 - errors.position_rms / deviation(evidence.segments)))
     worse = evidence.errors(paper_plant({"gravity": 1.0}))
     assert worse.torque_fit < errors.torque_fit and worse.position_fit < errors.position_fit
 
@@ -83,20 +83,20 @@ def test_correlations_are_those_of_repeated_fits():
 
 def test_growth_of_an_error_upright_is_that_of_the_linear_equation():
     run = record(None, excitation("paper", 1, 6.0), 6.0, 500.0, rng=1)
-    (flights,) = Evidence.of([run]).flights
-    count = len(flights.position) - 1
+    (segments,) = Evidence.of([run]).segments
+    count = len(segments.position) - 1
     upright = replace(
-        flights,
-        position=np.full_like(flights.position, np.pi),
-        velocity=np.zeros_like(flights.velocity),
-        torque=np.zeros_like(flights.torque),
+        segments,
+        position=np.full_like(segments.position, np.pi),
+        velocity=np.zeros_like(segments.velocity),
+        torque=np.zeros_like(segments.torque),
     )
     theta = np.array([0.0895, 2.01, 0.0, 0.0])
     expected = np.cosh(np.sqrt(2.01 / 0.0895) * count / run.rate)
     np.testing.assert_allclose(growth(upright, BASE, theta), expected, rtol=1e-3)
-    hanging = replace(upright, position=np.zeros_like(flights.position))
+    hanging = replace(upright, position=np.zeros_like(segments.position))
     assert (growth(hanging, BASE, theta) < 1.01).all()
-    some = np.arange(len(flights.first)) % 2 == 0
+    some = np.arange(len(segments.first)) % 2 == 0
     np.testing.assert_array_equal(growth(select(upright, some), BASE, theta), growth(upright, BASE, theta)[some])
 
 

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Diagnosis, compare, identify
 from estimators.selection.data import Evidence, fit_terms
-from estimators.simulation.free_running import take_off
+from estimators.simulation.free_running import choose_segments
 from estimators.simulation.link_segments import tiles
 from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE
@@ -70,9 +70,9 @@ def test_no_window_and_no_simulated_stretch_reaches_across_a_gap(gapped):
 
     reach = len(windows.kernel) // 2 + 1
     assert within(windows.centers - reach, windows.centers + reach)
-    flights = take_off(windows)
-    assert within(flights.first, flights.first + len(flights.torque))
-    assert len(flights.first) >= 5
+    segments = choose_segments(windows)
+    assert within(segments.first, segments.first + len(segments.torque))
+    assert len(segments.first) >= 5
     starts = tiles(windows)
     assert within(starts, starts + 100)
 
@@ -121,10 +121,10 @@ def test_lost_rows_gaps_and_a_jittering_clock_change_no_verdict_and_no_parameter
         assert abs(estimate.value - other.value) < 2 * np.hypot(estimate.std, other.std)
 
 
-def test_seconds_that_were_glued_together_are_simulated_in_flights_that_fit_in(whole):
+def test_seconds_that_were_glued_together_are_simulated_in_segments_that_fit_in(whole):
     """Steps of a second with gaps between them, as some benches log them."""
     glued = with_gaps(whole, [(first - 6, first) for first in range(500, len(whole), 500)])
     data = Evidence.of([glued])
     model, _ = fit_terms(data, BASE)
-    assert len(data.flights[0].first) >= 9
+    assert len(data.segments[0].first) >= 9
     assert np.isfinite(data.errors(model).position_rms)

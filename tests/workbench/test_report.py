@@ -228,7 +228,7 @@ def test_one_recording_need_not_be_a_list_and_a_file_is_no_recording(
 def test_what_knocked_the_joint_is_among_the_windows_of_a_report(bouncing):
     found = diagnosed([bouncing])
     case = Case.of([bouncing], [], found)
-    assert found.knocks_beside is not None
+    assert found.impacts_beside is not None
     told, drawn = found.steps[-1].errors["train"], case.training.errors(found.model)
     assert drawn.torque_rms == pytest.approx(told.torque_rms, rel=1e-6)
 

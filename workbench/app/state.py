@@ -92,7 +92,7 @@ class Prepared:
     Attributes:
         train, holdout: fitted and held-out ones in N m, with their torque in time if that is asked for.
         timing: what is found of the time between torque and motion.
-        evidence: what is fitted and what is held out, as windows and flights.
+        evidence: what is fitted and what is held out, as windows and segments.
         base: the base model, fitted.
     """
 
@@ -231,14 +231,14 @@ class State:
         return (*self.started, *self.diagnosis.steps[1:]) if self.diagnosis is not None else ()
 
     @property
-    def astray(self) -> bool:
+    def misfit(self) -> bool:
         """Whether the ladder has an effect that the diagnosis does not call for."""
         return self.diagnosis is not None and not set(self.added) <= set(ids(self.called_for))
 
     @property
     def found(self) -> tuple[str, ...]:
         """Effects that the diagnosis calls for beyond the ladder, as long as the ladder goes with it."""
-        return () if self.astray else tuple(effect for effect in ids(self.called_for) if effect not in self.added)
+        return () if self.misfit else tuple(effect for effect in ids(self.called_for) if effect not in self.added)
 
     def diagnosed(self, found: Diagnosis) -> State:
         """The state with a diagnosis that started from its ladder."""
@@ -282,7 +282,7 @@ class State:
             floor = self.prepared.evidence[0].data.noise(abs(self.model.estimates["inertia"].value))
             advice = tuple(doubt.text for doubt in self.doubts)
             return Diagnosis(self.ladder, (), (), self._left(floor), floor, advice)
-        if self.astray:
+        if self.misfit:
             return replace(self.diagnosis, steps=self.ladder, unexplained=self._left(self.diagnosis.noise_floor))
         return replace(self.diagnosis, steps=self.called_for if self.found else self.ladder)
 

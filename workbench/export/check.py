@@ -13,7 +13,7 @@ import numpy as np
 from estimators.in_loop.comparison import likelier
 from estimators.in_loop.rollouts import GRAIN
 from estimators.selection.data import Evidence
-from estimators.simulation.free_running import Flights, fly_all, start_memory
+from estimators.simulation.free_running import Segments, simulate_all, start_memory
 from estimators.simulation.output_error import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
@@ -48,10 +48,10 @@ def check(model: Model, exported: Exported, recordings: Sequence[Recording]) -> 
         InputError: if the extra `export` is not installed.
     """
     refuse_loads(recordings)
-    flights = Evidence.of(recordings).watching(model).flights
-    own = [path[:, 0] for path in fly_all(flights, [(model.terms, model.theta)])]
-    theirs = [_fly(model, exported, flight) for flight in flights]
-    measured = [flight.position for flight in flights]
+    segments = Evidence.of(recordings).watching(model).segments
+    own = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
+    theirs = [_simulated(model, exported, segment) for segment in segments]
+    measured = [segment.position for segment in segments]
     errors = {
         "this project's simulation against the recording": _rms(own, measured),
         "MuJoCo with the exported model against the recording": _rms(theirs, measured),
@@ -139,23 +139,23 @@ def _rms(ones: Sequence[Array], others: Sequence[Array]) -> float:
     )
 
 
-def _fly(model: Model, exported: Exported, flights: Flights) -> Array:
-    """Position in every flight, (N + 1, B) [rad]."""
+def _simulated(model: Model, exported: Exported, segments: Segments) -> Array:
+    """Position in every segment, (N + 1, B) [rad]."""
     mujoco = needed("mujoco")
     world = mujoco.MjModel.from_xml_string(exported.content)
-    rate = flights.windows.recording.rate
+    rate = segments.windows.recording.rate
     count = max(1, math.ceil(1.0 / (rate * world.opt.timestep) - 1e-9))
     world.opt.timestep = 1.0 / (rate * count)
     memory: dict[str, Memory] = {}
     for term in model.terms:
         if term.remembers and not term.delay:
-            memory |= start_memory([flights], [term])
-    path = np.empty_like(flights.position)
+            memory |= start_memory([segments], [term])
+    path = np.empty_like(segments.position)
     for k in range(path.shape[1]):
         data = mujoco.MjData(world)
-        _begin(mujoco, world, data, flights, {id: [part[k] for part in parts] for id, parts in memory.items()}, k)
+        _begin(mujoco, world, data, segments, {id: [part[k] for part in parts] for id, parts in memory.items()}, k)
         path[0, k] = data.qpos[0]
-        for n, torque in enumerate(flights.torque[:, k]):
+        for n, torque in enumerate(segments.torque[:, k]):
             if world.nu:
                 data.ctrl[0] = torque
             else:  # a robot description has no drive
@@ -166,9 +166,11 @@ def _fly(model: Model, exported: Exported, flights: Flights) -> Array:
     return path
 
 
-def _begin(mujoco: Any, world: Any, data: Any, flights: Flights, memory: Mapping[str, Sequence[float]], k: int) -> None:
-    """Put the joint, and what it remembers, to the start of a flight."""
-    data.qpos[0], data.qvel[0] = flights.position[0, k], flights.velocity[k]
+def _begin(
+    mujoco: Any, world: Any, data: Any, segments: Segments, memory: Mapping[str, Sequence[float]], k: int
+) -> None:
+    """Put the joint, and what it remembers, to the start of a segment."""
+    data.qpos[0], data.qvel[0] = segments.position[0, k], segments.velocity[k]
     if world.nq > 1:  # the link's angle is told from the motor's
         position, velocity = memory["joint_flexibility"]
         data.qpos[1], data.qvel[1] = position - data.qpos[0], velocity - data.qvel[0]
@@ -177,7 +179,7 @@ def _begin(mujoco: Any, world: Any, data: Any, flights: Flights, memory: Mapping
     if world.nu and world.actuator_delay[0]:
         samples = int(world.actuator_history[0][0])
         times = (np.arange(samples) - samples) * world.opt.timestep
-        rate, first = flights.windows.recording.rate, flights.first[k]
+        rate, first = segments.windows.recording.rate, segments.first[k]
         index = first + np.floor(times * rate + 1e-9).astype(int)
-        values = np.where(index >= 0, flights.windows.recording.torque[np.maximum(index, 0)], 0.0)
+        values = np.where(index >= 0, segments.windows.recording.torque[np.maximum(index, 0)], 0.0)
         mujoco.mj_initCtrlHistory(world, data, 0, times[:, None], values[:, None])

@@ -13,7 +13,7 @@ from estimators.arms.diagnosis import ArmDiagnosis, gather_arm, parted
 from estimators.arms.identification import JointError
 from estimators.checks.residual import STANDS_OUT, profiles, stand_out
 from estimators.selection.data import Evidence, inertias
-from estimators.weak_form.dataset import TRIFLE
+from estimators.weak_form.dataset import NEGLIGIBLE
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.files import write_whole
@@ -112,13 +112,13 @@ def strips(models: Sequence[Drawn], evidence: Evidence) -> Section:
     for k, joint in enumerate(data.joints):
         part, here = data.part(joint), data.where(joint)
         x, noise = part.samples, part.noise(inertia[joint])
-        trifle = TRIFLE * float(np.std(part.torque()))
+        negligible = NEGLIGIBLE * float(np.std(part.torque()))
         maps = [profiles(x, own[here], noise, SHOWN) for own in residuals]
         regions = [
             [
                 replace(region, text=body.said(joint, region.text))
                 for region in stand_out(x, own[here], noise, SHOWN)
-                if abs(region.residual) > trifle
+                if abs(region.residual) > negligible
             ]
             for own in residuals
         ]
@@ -136,7 +136,7 @@ def strips(models: Sequence[Drawn], evidence: Evidence) -> Section:
         ]
         found.append({"joint": joint, "figures": figures, "regions": told})
     entries = key(curves, standing[0], len(standing) > 1 and standing[-1])
-    content = {"strips": found, "key": entries, "threshold": STANDS_OUT, "trifle": percent(TRIFLE)}
+    content = {"strips": found, "key": entries, "threshold": STANDS_OUT, "negligible": percent(NEGLIGIBLE)}
     return Section("strips", "Where it fails", "Where each joint's torque is not the model's", content)
 
 

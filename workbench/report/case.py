@@ -11,7 +11,7 @@ from estimators.checks.torque_constant import Calibrated
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import agreeing, gather
 from estimators.schemes.identification import Identification
-from estimators.selection.data import Evidence, with_knocks
+from estimators.selection.data import Evidence, with_impacts
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
@@ -66,16 +66,16 @@ class Case:
             return self.gathered
         told = self.diagnosis
         evidence = gather(self.train, () if self.is_split else self.holdout, told.window_share)
-        return evidence if told.knocks_beside is None else with_knocks(evidence, told.knocks_beside)
+        return evidence if told.impacts_beside is None else with_impacts(evidence, told.impacts_beside)
 
     @cached_property
     def training(self) -> Evidence:
-        """Windows and flights of the fitted recordings."""
+        """Windows and segments of the fitted recordings."""
         return self._evidence[0]
 
     @cached_property
     def testing(self) -> Evidence:
-        """Windows and flights of the held-out recordings."""
+        """Windows and segments of the held-out recordings."""
         return self._evidence[1]
 
     @property

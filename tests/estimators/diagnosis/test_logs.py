@@ -8,7 +8,7 @@ import pytest
 from estimators import IdentificationError, align, identify
 from estimators.arguments import chosen_recordings
 from estimators.diagnosis.run import gather
-from estimators.selection.data import with_knocks
+from estimators.selection.data import with_impacts
 from estimators.selection.models import Models
 from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, Term, effect
@@ -107,12 +107,12 @@ def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt(monkeypatch):
     struck = recording("struck")
     struck = replace(struck, torque=struck.torque - BLOW)
     evidence = gather([struck])
-    assert with_knocks(evidence, BASE) is evidence
+    assert with_impacts(evidence, BASE) is evidence
     found = diagnosed([struck])
     assert found.selected == ()
     assert found.unexplained
     monkeypatch.setattr("estimators.selection.data.REPEATED", 1)
-    assert with_knocks(evidence, BASE)[0].data.knocks == 1  # it was seen
+    assert with_impacts(evidence, BASE)[0].data.impacts == 1  # it was seen
 
 
 @pytest.mark.slow

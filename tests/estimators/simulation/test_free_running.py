@@ -1,11 +1,11 @@
-"""Flights: what a simulation does in many of them at once is what it does in each."""
+"""Segments: what a simulation does in many of them at once is what it does in each."""
 
 import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.selection.data import Evidence
-from estimators.simulation.free_running import fly_all
+from estimators.simulation.free_running import simulate_all
 from estimators.weak_form.windows import trace_all
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
@@ -21,19 +21,19 @@ def evidence(*rates: float) -> Evidence:
 
 
 def test_recordings_fly_together_as_they_fly_alone():
-    flights = evidence(250.0, 249.7, 400.0).flights
+    segments = evidence(250.0, 249.7, 400.0).segments
     lagging = (*BASE, effect("actuator_lag")(time_constant=0.02), effect("dead_time")(dead_time=0.007))
     models = [(lagging, THETA), (lagging, 1.1 * THETA)]
-    for flight, paths in zip(flights, fly_all(flights, models), strict=True):
+    for segment, paths in zip(segments, simulate_all(segments, models), strict=True):
         for k, (terms, theta) in enumerate(models):
-            np.testing.assert_allclose(paths[:, k], fly_all([flight], [(terms, theta)])[0][:, 0], atol=1e-9)
+            np.testing.assert_allclose(paths[:, k], simulate_all([segment], [(terms, theta)])[0][:, 0], atol=1e-9)
 
 
 @pytest.mark.slow
-def test_initial_states_are_nudged_where_that_is_asked_for():
-    flights = evidence(250.0, 249.7, 400.0).flights
-    nudges = np.array([[0.0, 0.0], [1e-3, 0.0]])
-    for path in fly_all(flights, [(BASE, THETA)] * 2, nudges):
+def test_initial_states_are_perturbed_where_that_is_asked_for():
+    segments = evidence(250.0, 249.7, 400.0).segments
+    perturbations = np.array([[0.0, 0.0], [1e-3, 0.0]])
+    for path in simulate_all(segments, [(BASE, THETA)] * 2, perturbations):
         np.testing.assert_allclose(path[0, 1] - path[0, 0], 1e-3, atol=1e-12)
 
 

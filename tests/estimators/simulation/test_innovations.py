@@ -1,4 +1,4 @@
-"""Errors of flights as innovations, on recordings of a simulator that shares no model code."""
+"""Errors of segments as innovations, on recordings of a simulator that shares no model code."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.selection.data import Evidence, fit_terms
 from estimators.simulation import output_error
-from estimators.simulation.free_running import take_off
+from estimators.simulation.free_running import choose_segments
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
@@ -24,9 +24,9 @@ def recorded(seeds: range, counts: int = 1_024_000) -> list[Evidence]:
 @pytest.mark.parametrize("counts", [8192, 1_024_000])
 def test_at_the_true_parameters_innovations_are_as_large_as_expected_and_unrelated(counts: int):
     (evidence,) = recorded(range(5, 6), counts)
-    flights = [take_off(windows, 0.5) for windows in evidence.data.windows]
-    (new,) = output_error.residuals(flights, [AT], output_error.innovations(flights, AT))
-    (plain,) = output_error.residuals(flights, [AT])
+    segments = [choose_segments(windows, 0.5) for windows in evidence.data.windows]
+    (new,) = output_error.residuals(segments, [AT], output_error.innovations(segments, AT))
+    (plain,) = output_error.residuals(segments, [AT])
     new, plain = new[:, :, 0], plain[:, :, 0]
     assert np.median(np.sqrt(np.mean(new**2, axis=1))) == pytest.approx(1.0, abs=0.25)
 
@@ -42,8 +42,8 @@ def gain(seeds: range, counts: int = 1_024_000) -> float:
     errors = []
     for evidence in recorded(seeds, counts):
         start, _ = fit_terms(evidence, BASE)
-        flights = [take_off(windows, 0.5) for windows in evidence.data.windows]
-        found = output_error.likeliest(flights, Point(BASE, start.theta))
+        segments = [choose_segments(windows, 0.5) for windows in evidence.data.windows]
+        found = output_error.likeliest(segments, Point(BASE, start.theta))
         errors.append(np.abs(np.array([start.theta, found.theta]) / AT.theta - 1))
     windows, innovations = np.sqrt(np.mean(np.square(errors), axis=0))
     return float(np.exp(np.mean(np.log(innovations / windows))))

@@ -1,4 +1,4 @@
-"""Output error over flights, on recordings of a simulator that shares no model code."""
+"""Output error over segments, on recordings of a simulator that shares no model code."""
 
 from dataclasses import replace
 
@@ -24,14 +24,14 @@ def recorded(effects: dict[str, dict[str, float]], **experiment: float) -> Evide
 def test_a_wrong_start_leads_to_the_true_parameters():
     evidence = recorded({}, counts=1_024_000, torque_noise=0.02)
     start = np.array(list(TRUTH.values())) * [1.1, 0.9, 1.2, 0.85]
-    point = output_error.fit(evidence.flights, BASE, start, turns=10)
+    point = output_error.fit(evidence.segments, BASE, start, turns=10)
     assert point.theta == pytest.approx(list(TRUTH.values()), rel=3e-3)
 
 
 def test_standard_errors_cover_the_truth():
     evidence = recorded({}, counts=65_536, torque_noise=0.05)
-    point = output_error.fit(evidence.flights, BASE, np.array(list(TRUTH.values())))
-    model = output_error.model(evidence.flights, point)
+    point = output_error.fit(evidence.segments, BASE, np.array(list(TRUTH.values())))
+    model = output_error.model(evidence.segments, point)
     z = [(model.estimates[name].value - true) / model.estimates[name].std for name, true in TRUTH.items()]
     assert np.abs(z).max() < 4
     assert all(0 < model.estimates[name].std < 0.05 * true for name, true in TRUTH.items())
@@ -44,18 +44,18 @@ def test_friction_that_windows_hardly_see_is_found_by_what_it_does_to_motion():
     evidence = recorded({"presliding": {"dahl_sigma": stiffness}}, counts=8192, torque_noise=0.02)
     terms = (*BASE, effect("presliding")(displacement=0.008))
     start = np.array([*TRUTH.values(), TRUTH["coulomb"]]) * [1.0, 1.0, 1.0, 1.0, 0.8]
-    point = output_error.fit(evidence.flights, terms, start, turns=12)
+    point = output_error.fit(evidence.segments, terms, start, turns=12)
     assert point.theta[-1] == pytest.approx(TRUTH["coulomb"], rel=0.05)
     assert point.terms[-1].shape["displacement"] == pytest.approx(TRUTH["coulomb"] / stiffness, rel=0.05)
 
 
 def test_an_error_of_the_initial_state_alone_leaves_no_residual():
     evidence = recorded({}, counts=1_024_000, torque_noise=0.0)
-    (flights,) = evidence.flights
+    (segments,) = evidence.segments
     point = Point(BASE, np.array(list(TRUTH.values())))
-    exact = output_error.rms([flights], point)
-    shifted = np.array(flights.velocity) + 2e-3
+    exact = output_error.rms([segments], point)
+    shifted = np.array(segments.velocity) + 2e-3
 
-    off = replace(flights, velocity=shifted)
+    off = replace(segments, velocity=shifted)
     assert output_error.rms([off], point) < 3 * exact
     assert output_error.rms([off], Point(BASE, point.theta * 1.02)) > 10 * exact

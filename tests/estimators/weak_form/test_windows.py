@@ -9,7 +9,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import solve
-from estimators.selection.data import Evidence, fit_terms, with_knocks
+from estimators.selection.data import Evidence, fit_terms, with_impacts
 from estimators.signals.differentiation import white_noise
 from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, prepare
 from estimators.weak_form.windows import bump, cut
@@ -238,14 +238,14 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
 
 
 def knocked(evidence: Evidence, terms: Sequence[Term] = BASE) -> Dataset:
-    return with_knocks((evidence, evidence), terms)[0].data
+    return with_impacts((evidence, evidence), terms)[0].data
 
 
 def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met(bouncing):
     evidence = Evidence.of([bouncing])
     (before,), (after,) = evidence.data.windows, (data := knocked(evidence)).windows
     added = bouncing.position[np.setdiff1d(after.centers, before.centers)]
-    assert data.knocks >= 3
+    assert data.impacts >= 3
     assert np.all((added < WALLS[0] + 0.2) | (added > WALLS[1] - 0.2))
 
 
@@ -253,7 +253,7 @@ def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met(bouncing):
 def test_a_turn_that_friction_makes_is_no_knock(sticky_runs, which):
     evidence = Evidence.of([recorded(sticky_runs[which])])
     assert len(evidence.data.windows[0].turning) > 0
-    assert knocked(evidence).knocks == 0
+    assert knocked(evidence).impacts == 0
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ def test_a_turn_that_friction_makes_is_no_knock(sticky_runs, which):
 def test_neither_is_one_that_friction_of_another_law_makes(hidden, terms):
     experiment = Experiment(rate=500, seconds=8, seed=3)
     (run,) = simulate([(Plant(effects=hidden), experiment)])
-    assert knocked(Evidence.of([recorded(run)]), (*BASE, *terms)).knocks == 0
+    assert knocked(Evidence.of([recorded(run)]), (*BASE, *terms)).impacts == 0
 
 
 def test_a_turn_is_one_knock_however_many_of_its_windows_miss_torque(bouncing):
@@ -275,4 +275,4 @@ def test_a_turn_is_one_knock_however_many_of_its_windows_miss_torque(bouncing):
     half = len(windows.kernel) // 2
     turning = np.array([1000, 1000 + half, 1000 + 2 * half, 4000])
     data = dataset([replace(windows, turning=turning, centers=np.array([500, 1000, 1000 + 2 * half]))])
-    assert data.knocks == 1
+    assert data.impacts == 1

@@ -165,10 +165,10 @@ def test_the_terms_beside_which_end_stops_were_found_come_back(worked: Session, 
     assert state.diagnosis is not None
     session = Session(tmp_path / "first")
     beside = (*state.terms, HardStop())
-    session.state = replace(state, diagnosis=replace(state.diagnosis, knocks_beside=beside))
+    session.state = replace(state, diagnosis=replace(state.diagnosis, impacts_beside=beside))
     found = opened(tmp_path, pack(session.state)).state.diagnosis
-    assert found is not None and found.knocks_beside is not None
-    assert [term.id for term in found.knocks_beside] == [term.id for term in beside]
+    assert found is not None and found.impacts_beside is not None
+    assert [term.id for term in found.impacts_beside] == [term.id for term in beside]
 
 
 # ------------------------------------------------------------------------------------------------ undo

@@ -459,9 +459,9 @@ def test_the_report_tells_the_diagnosis_until_the_ladder_leaves_it(state: State,
     diagnosed = grown.without_step()
     assert diagnosed.told.selected == diagnosed.found == ("stribeck",)
     assert grown.found == () and grown.told.steps == grown.ladder and not grown.told.unexplained
-    astray = diagnosed.with_step(add(state.model, "quadratic_drag", state.train))
-    assert astray.astray and astray.found == ()
-    assert astray.told.selected == ("quadratic_drag",) and astray.told.unexplained
+    misfit = diagnosed.with_step(add(state.model, "quadratic_drag", state.train))
+    assert misfit.misfit and misfit.found == ()
+    assert misfit.told.selected == ("quadratic_drag",) and misfit.told.unexplained
 
 
 @pytest.fixture(scope="module")

@@ -57,7 +57,7 @@ def calls(state: Work, busy: bool) -> Component:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
     table = state.told.table
-    if not state.found and table is not None and table not in state.model.effects and not state.astray:
+    if not state.found and table is not None and table not in state.model.effects and not state.misfit:
         keep = button(f"Keep {name(table)} as a table", {"do": "add", "of": table}, primary=True, disabled=busy)
         return html.Div([html.P(settled(state)), html.Div([keep], className="row")])
     if not state.found:
@@ -71,7 +71,7 @@ def calls(state: Work, busy: bool) -> Component:
 
 def settled(state: Work) -> str:
     """What is left to do where the diagnosis calls for nothing more."""
-    if state.astray:
+    if state.misfit:
         return "The model has left the diagnosis: undo, or diagnose again from here."
     rest = "something is left that no effect of the library explains" if state.told.unexplained else ""
     if not ids(state.called_for):

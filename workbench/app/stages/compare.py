@@ -68,11 +68,13 @@ def _views(state: Work, id: str, shown: int) -> list[Component]:
 
 def _flown(case: Case, recording: Recording) -> Component:
     """Free-running simulation of a recording: of its held-out part, if it has one."""
-    found = ((part, k) for part in (case.testing, case.training) for k in range(len(part.flights)))
-    part, k = next((part, k) for part, k in found if part.flights[k].windows.recording is recording)
-    flights = [own.flights[k] for own in case.watched(part)]
+    found = ((part, k) for part in (case.testing, case.training) for k in range(len(part.segments)))
+    part, k = next((part, k) for part, k in found if part.segments[k].windows.recording is recording)
+    segments = [own.segments[k] for own in case.watched(part)]
     note = "Each simulation starts from the measured state and runs freely for one second on the recorded torque alone."
-    return panel("Position in free run", html.P(note, className="note"), graph(position_figure(case, "flown", flights)))
+    return panel(
+        "Position in free run", html.P(note, className="note"), graph(position_figure(case, "flown", segments))
+    )
 
 
 def _regions(points: Points, shown: int) -> Component:

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimators.simulation.free_running import Flights, follow
+from estimators.simulation.free_running import Segments, follow
 from pendulum_env._typing import Array
 from workbench.report.case import Case
 from workbench.report.figure import POINTS, Figure, band, broken, joined, line, stacked, thin, views
 from workbench.report.section import Section
 
 MOST = 4  # held-out recordings that are drawn
-PER_FLIGHT = (10, 80)  # points of each simulated window, fewer where there are many
+PER_SEGMENT = (10, 80)  # points of each simulated window, fewer where there are many
 CLOSE = 5.0  # [s] that are shown at first
 BROAD = 3.4  # width of the measured curve, on which the models are drawn
 
@@ -31,7 +31,7 @@ def comparison(case: Case) -> Section:
         {
             "name": case.holdout[k].name,
             "torque": torque_figure(case, k, torque[k], [part[k] for part in split], noise),
-            "position": position_figure(case, f"position-{k}", [own.flights[k] for own in case.watched(evidence)]),
+            "position": position_figure(case, f"position-{k}", [own.segments[k] for own in case.watched(evidence)]),
         }
         for k in order
     ]
@@ -59,22 +59,22 @@ def torque_figure(case: Case, k: int, torque: Array, residuals: Sequence[Array],
     return figure
 
 
-def position_figure(case: Case, id: str, each: Sequence[Flights]) -> Figure:
+def position_figure(case: Case, id: str, each: Sequence[Segments]) -> Figure:
     """Position of one recording and free-running simulations, each window started from the measured state.
 
     Args:
         case: whose models are drawn.
         id: of the figure.
-        each: flights of the recording as each model starts them.
+        each: segments of the recording as each model starts them.
     """
-    flights = each[0]
-    points = int(np.clip(2 * POINTS // len(flights.first), *PER_FLIGHT))
-    step = max(1, (len(flights.position) - 1) // points)
-    at = np.arange(0, len(flights.position), step)
-    recording = flights.windows.recording
-    start = recording.time[flights.first]
+    segments = each[0]
+    points = int(np.clip(2 * POINTS // len(segments.first), *PER_SEGMENT))
+    step = max(1, (len(segments.position) - 1) // points)
+    at = np.arange(0, len(segments.position), step)
+    recording = segments.windows.recording
+    start = recording.time[segments.first]
     x = joined(list((start + at[:, None] / recording.rate).T))
-    measured = joined(list(flights.position[at].T))
+    measured = joined(list(segments.position[at].T))
     models = zip(each, (model for _, _, model in case.models), strict=True)
     errors = [joined(list(follow(own, m.terms, m.theta)[at].T)) for own, m in models]
     simulated = [measured + error for error in errors]
@@ -83,7 +83,7 @@ def position_figure(case: Case, id: str, each: Sequence[Flights]) -> Figure:
     figure = before_and_after(case, id, label, x, measured, simulated, errors, names)
     dots = {"color": "--measured", "size": 5}
     more = {"mode": "markers", "marker": dots, "hoverinfo": "skip", "hovertemplate": None}
-    figure.data.append(line(start, flights.position[0], "start of a window", "--measured", "", **more))
+    figure.data.append(line(start, segments.position[0], "start of a window", "--measured", "", **more))
     return figure
 
 
