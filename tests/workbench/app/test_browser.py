@@ -209,6 +209,7 @@ def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
     page.wait_for_selector("td:has-text('broken')")
     assert page.inner_text("#notice") == ""
     page.get_by_role("button", name="Remove broken").click()
+    page.wait_for_selector("td:has-text('broken')", state="detached")
     tab.load(folder / "swing.csv")
     page.wait_for_selector("td:has-text('swing')")
     assert tab.title() == "Something is missing in this model"
