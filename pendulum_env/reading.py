@@ -180,7 +180,7 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
         Unreadable: as `read_json`, or if a key nests too deeply.
     """
     text = read_text(path)
-    if any(line.count(".") > DOTS for line in text.split("\n")):
+    if any(line.partition("#")[0].count(".") > DOTS for line in text.split("\n")):
         raise Unreadable(
             f"{path}: has a line of more than {DOTS} dots: write fewer in a key, or a list in several lines"
         )

@@ -124,7 +124,7 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print how far the torque of a model is from recordings, joint by joint."""
-    _refuse(arguments, "align")
+    _refuse(arguments, "align", "loop")
     if arguments.without and arguments.payload is None:
         raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]

@@ -57,6 +57,7 @@ PRESSED = (
 MOTOR = Column(
     "motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True
 )  # by the motor, and its slope by the torque
+FEWEST_STRETCHES = 3  # below which their scatter tells nothing
 SENSE = Column("sense", "1", dry=lambda x: np.sign(x.torque), of_torque=True)
 
 
@@ -93,6 +94,8 @@ class Law:
         A channel acts always: what fits a single event better is no delay.
         """
         gain = self.density - other.density
+        if gain.shape[1] < FEWEST_STRETCHES:
+            return False
         spread = np.sqrt(gain.shape[1]) * gain.std(axis=1)
         return bool((gain.sum(axis=1) - by_chance > CLEARER * spread).all())
 

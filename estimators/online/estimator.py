@@ -86,6 +86,9 @@ class OnlineEstimator:
             raise ValueError(f"random_walk has shape {walk.shape}, give one number or {len(self.names)}")
         joint = next((one for one in schemes if isinstance(one, JointState)), None)
         told = tuple(one for one in schemes if not isinstance(one, JointState))
+        for one in told:
+            if not isinstance(one, Scheme):
+                raise ValueError(f"{one.id} only works on whole recordings: to run online it has to be a `Scheme`")
         self.schemes: tuple[Scheme | JointState, ...] = told if joint is None else (*told, joint)
         self.terms, self.rate, self.batch = tuple(terms), rate, batch
         run = told if joint is None else (*told, scheme("hamiltonian"))  # from which the joint state starts

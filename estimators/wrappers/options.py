@@ -44,9 +44,6 @@ def chosen_online(names: Names) -> tuple[Scheme | JointState, ...]:
     if len(joint) == len(listed) == 1:
         return tuple(joint)
     chosen = chosen_schemes([one for one in listed if not isinstance(one, JointState)])
-    for item in chosen:
-        if not isinstance(item, Scheme):
-            raise ValueError(f"{item.id} only works on whole recordings: to run online it has to be a `Scheme`")
     return (*cast("tuple[Scheme, ...]", chosen), *joint)
 
 

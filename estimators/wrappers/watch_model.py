@@ -14,6 +14,7 @@ from estimators.arguments import chosen_terms
 from estimators.online.watch import Watch
 from estimators.wrappers.measuring import Measuring, MeasuringVector
 from estimators.wrappers.options import AnyEnv, rate_of, smoothing_of
+from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Model, Term
 
 
@@ -103,6 +104,8 @@ def watch_of(
         raise ValueError("a model has its terms: give either model or terms")
     if isinstance(model, str | Path):
         model = Model.load(model)
+    if isinstance(model, ArmModel):
+        raise ValueError("the model is of an arm, and what is watched is a pendulum: give the model of one")
     rate = rate_of(env, rate)
     chosen = chosen_terms(terms) if model is None else model.terms
     theta = None if model is None else model.theta

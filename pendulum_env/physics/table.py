@@ -248,7 +248,8 @@ class ByAngle(Table):
         for pieces in ANGLES:
             share = cls.outside / pieces
             low, high = np.quantile(x.position, [share, 1.0 - share]).tolist()
-            extents.append(Extent(low, high, pieces))
+            if low < high:
+                extents.append(Extent(low, high, pieces))
         if np.ptp(x.position) >= 2 * np.pi and not cls.slides:
             extents += [Extent(-np.pi, np.pi, pieces) for pieces in ANGLES]
         return [cls.over(extent)() for extent in extents]

@@ -30,7 +30,9 @@ def read_npz(path: Path, find: Find = find_columns) -> Table:
         for name in archive.files:
             try:
                 arrays[name] = np.asarray(archive[name])
-            except ValueError:
+            except ValueError as error:
+                if "allow_pickle" not in str(error):
+                    raise RecordingError(f"array '{name}' is damaged: write it anew with numpy.savez") from None
                 arrays[name] = np.empty((), dtype=object)  # which only unpickling would make
     return _table(arrays, find)
 

@@ -25,6 +25,8 @@ NAMED = 5  # places, as many as a note names
 NEGLIGIBLE = 1e-4  # of a step: at 1 kHz and 10 rad/s this moves position by 1e-6 rad
 FINER = 10  # times the samples that there are, at most, on uniform time
 SMALL = 1_000_000  # samples that are always made
+BLOCK = 1 << 18  # samples interpolated at a time
+MARGIN = 32  # samples on either side of a block; a cubic spline forgets by 0.27 per sample
 
 
 def cut(log: Log, position: Array) -> None:
@@ -270,10 +272,16 @@ def _mean_held(grid: Array, period: float, time: Array, torque: Array) -> Array:
 
 
 def _interpolated(grid: Array, time: Array, values: Array) -> Array:
-    """Cubic spline through values (N,) at time (N,), read at grid (M,)."""
+    """Cubic spline through values (N,) at time (N,), read at grid (M,), block by block to bound memory."""
     from scipy.interpolate import CubicSpline  # here, as it takes half a second
 
-    return np.asarray(CubicSpline(time, values)(grid))
+    result = np.empty_like(grid)
+    for start in range(0, len(grid), BLOCK):
+        block = grid[start : start + BLOCK]
+        first, last = np.searchsorted(time, block[[0, -1]])
+        near = slice(max(first - MARGIN, 0), last + MARGIN)
+        result[start : start + BLOCK] = CubicSpline(time[near], values[near])(block)
+    return result
 
 
 def _times(times: Array) -> str:

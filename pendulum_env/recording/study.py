@@ -98,11 +98,14 @@ class Source:
         """
         if self.range is None:
             return read(self, *arguments)
-        changed = self.file.stat().st_mtime_ns if self.file.exists() else 0
+        status = self.file.stat() if self.file.exists() else None
+        changed = (status.st_mtime_ns, status.st_size) if status else None
         recording = _whole(read, replace(self, role="fit", range=None, load=None), changed, *arguments)
         first, last = np.searchsorted(recording.time - recording.time[0], self.range)
         try:
-            part: Sliced = deepcopy(recording.slice(int(first), int(last)))  # the rest of the file is not kept
+            part: Sliced = deepcopy(
+                recording.slice(int(first), int(last))
+            )  # the rest of the file is kept until another is read
             return part
         except RecordingError:
             raise RecordingError(
@@ -124,8 +127,8 @@ def _of_one_joint(source: Source) -> Recording:
 
 
 @lru_cache(maxsize=1)
-def _whole(read: Callable[..., Any], source: Source, changed: int, *arguments: Hashable) -> Any:
-    """What `read` has of a file that was last changed then."""
+def _whole(read: Callable[..., Any], source: Source, changed: Hashable, *arguments: Hashable) -> Any:
+    """What `read` has of a file of that time and size; the last one is kept."""
     return read(source, *arguments)
 
 

@@ -129,7 +129,8 @@ def _typed(kind: Any, content: Any) -> Any:
         return signal_from_json(content)
     if is_dataclass(kind):
         hints, make = get_type_hints(kind), cast(Any, kind)
-        return make(**{field.name: _typed(hints[field.name], content[field.name]) for field in fields(kind)})
+        known = [field.name for field in fields(kind) if field.name in content]  # others are as they begin
+        return make(**{name: _typed(hints[name], content[name]) for name in known})
     if get_origin(kind) is tuple:
         each = [parts[0]] * len(content) if parts[-1] is Ellipsis else parts
         return tuple(_typed(one, item) for one, item in zip(each, content, strict=True))

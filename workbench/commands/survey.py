@@ -119,7 +119,9 @@ def _say(tally: Tally, terminal: Terminal) -> None:
 def _show(dataset: Dataset, report: str | None, terminal: Terminal) -> None:
     """Print what the fleet shows, and write its page."""
     fleet = Fleet.of(dataset)
-    for heading, make, otherwise in TABLES:
+    if not fleet.joints:
+        terminal.say("no case could be diagnosed")
+    for heading, make, otherwise in TABLES if fleet.joints else ():
         table = make(fleet)
         if table.rows or otherwise:
             terminal.heading(heading)

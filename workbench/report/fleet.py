@@ -66,7 +66,7 @@ def summary(fleet: Fleet) -> Section:
         "first": min(dates, default=None),
         "last": max(dates, default=None),
         "tiles": [
-            ("Effects are missing in", _labels(_sure(fleet)), "every model explains its joint"),
+            ("Effects are missing in", _labels(_sure(fleet)), _none_missing(fleet)),
             ("Parameters drift or jump in", _labels(drifting), "none beyond errors and scatter"),
             ("Unlike their siblings", _labels(fleet.odd), "none, as far as siblings tell"),
         ],
@@ -92,6 +92,13 @@ def headline(fleet: Fleet) -> str:
     if not parts:
         return f"{total} joints, and nothing that stands out" if total else "No case could be diagnosed"
     return words.opening(words.listing(parts))
+
+
+def _none_missing(fleet: Fleet) -> str:
+    """What is said where no effect is missing for sure."""
+    if not fleet.joints:
+        return "no case could be diagnosed"
+    return "those that cases name may be named by chance" if fleet.effects else "no case names one"
 
 
 def _sure(fleet: Fleet) -> list[Missing]:

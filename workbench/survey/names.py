@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import re
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import PurePosixPath
-from string import Formatter
 
 from pendulum_env.lookup import find
 from pendulum_env.recording.storage import READERS
 from workbench.mistakes import InputError
 
 LABELS = ("robot", "joint", "kind", "date")
-MOST_STARS = 4  # of which each makes a path that does not match a hundred times as long to try
+WILD = 4  # words and stars between slashes, which take a power of the length of a name to try
 DATE = re.compile(r"(?<!\d)\d{4}(-?)\d\d\1\d\d(?:[T_ -]\d\d[-:h]?\d\d(?:[-:m]?\d\d)?)?(?!\d)")
 
 
@@ -39,26 +39,36 @@ def guessed(path: PurePosixPath) -> dict[str, str]:
 
 
 def matched(path: PurePosixPath, pattern: str) -> dict[str, str]:
-    """What a pattern such as `{robot}/{joint}_{date}` takes from a path; `*` stands for anything but a slash.
+    """What a pattern such as `{robot}/{joint}_{date}` takes from a path.
 
     Raises:
         InputError: if the pattern makes no sense, or the path does not match it.
     """
-    if pattern.count("*") > MOST_STARS:
-        raise InputError(f"{pattern}: a pattern of names has at most {MOST_STARS} stars, not {pattern.count('*')}")
-    expression = "(?:.*/)?"
-    try:
-        for plain, word, *_ in Formatter().parse(pattern):
-            expression += re.escape(plain).replace(r"\*", "[^/]*")
-            if word is not None:
-                find("part of a name", word, dict.fromkeys(LABELS))
-                expression += f"(?P<{word}>[^/]+?)"
-        match = re.fullmatch(expression, str(path.parent / _stem(path)))
-    except (ValueError, re.error) as error:
-        raise InputError(f"{pattern}: {error}: write names as {{robot}}/{{joint}}_{{date}}, or use a table") from None
+    match = _expression(pattern).fullmatch(str(path.parent / _stem(path)))
     if match is None:
         raise InputError(f"{path}: does not read as {pattern}: mend --names, or use a table")
     return match.groupdict()
+
+
+@cache
+def _expression(pattern: str) -> re.Pattern[str]:
+    try:
+        folders = (f"(?>{_folder(folder)}(?=/|\\Z))" for folder in pattern.split("/"))  # each is tried by itself
+        return re.compile("(?:.*/)?" + "/".join(folders))
+    except (ValueError, re.error) as error:
+        raise InputError(f"{pattern}: {error}: write names as {{robot}}/{{joint}}_{{date}}, or use a table") from None
+
+
+def _folder(pattern: str) -> str:
+    parts = re.split(r"(\{\w*\}|\*+)", pattern)
+    if len(parts) // 2 > WILD:
+        raise InputError(f"holds more than {WILD} words and * between slashes")
+    for part in parts[1::2]:
+        if part[0] == "{":
+            find("part of a name", part[1:-1], dict.fromkeys(LABELS))
+    wild = [f"(?P<{part[1:-1]}>[^/]+?)" if part[0] == "{" else "[^/]*" for part in parts[1::2]]
+    plain = map(re.escape, parts[::2])
+    return next(plain) + "".join(a + b for a, b in zip(wild, plain, strict=True))
 
 
 def _stem(path: PurePosixPath) -> str:

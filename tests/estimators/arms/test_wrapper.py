@@ -4,8 +4,11 @@ import pytest
 
 from benchmarks.two_link import Multisine
 from estimators.arms import EstimateArmParameters, identify_arm
+from estimators.wrappers import WatchModel
 from pendulum_env import ARM, PENDULUM
 from pendulum_env.arms import read_body
+from pendulum_env.arms.joints import Links, friction
+from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK
 from pendulum_env.arms.recording import ArmRecording
 
@@ -58,3 +61,11 @@ def test_spec_rebuilds_it_and_the_picture_shows_what_is_known():
 def test_an_environment_without_links_is_refused():
     with pytest.raises(ValueError, match="does not tell its links: pass robot="):
         EstimateArmParameters(gym.make(PENDULUM))
+
+
+def test_a_pendulum_is_not_watched_by_the_model_of_an_arm(env, tmp_path):
+    (tmp_path / "arm.urdf").write_text(env.unwrapped.urdf)
+    body = read_body(tmp_path / "arm.urdf")
+    model = ArmModel.build((Links(body), *friction(body)), np.ones(10))
+    with pytest.raises(ValueError, match="of an arm"):
+        WatchModel(gym.make(PENDULUM), model)

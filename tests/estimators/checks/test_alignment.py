@@ -203,3 +203,8 @@ def test_a_delay_has_to_show_all_along_and_not_at_one_event(gained, is_borne_out
         for delay, density in ((0.0, 0 * gained), (0.04, gained))
     )
     assert law.excels(none, BY_CHANCE) == is_borne_out
+
+
+def test_one_stretch_is_not_enough_to_tell_what_predicts_better():
+    none, late = (Law(Channel(), (0.0, 0.0), (1.0, 0.1), np.full((2, 1), density)) for density in (0.0, 1e3))
+    assert not late.excels(none)

@@ -1,6 +1,7 @@
 import gzip
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -413,6 +414,16 @@ def test_a_name_that_is_no_utf_8_is_told(tmp_path: Path, ending: str) -> None:
 def test_npz_refused(tmp_path: Path, columns: dict[str, np.ndarray], change: dict, match: str) -> None:
     np.savez(tmp_path / "run.npz", **(columns | change))
     with pytest.raises(RecordingError, match=match):
+        read_recording(tmp_path / "run.npz")
+
+
+def test_an_array_that_is_torn_is_told_as_damaged(tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
+    np.savez(tmp_path / "whole.npz", **columns)
+    with zipfile.ZipFile(tmp_path / "whole.npz") as whole, zipfile.ZipFile(tmp_path / "run.npz", "w") as torn:
+        for name in whole.namelist():
+            content = whole.read(name)
+            torn.writestr(name, content[:-100] if name == "torque.npy" else content)
+    with pytest.raises(RecordingError, match="array 'torque' is damaged"):
         read_recording(tmp_path / "run.npz")
 
 
