@@ -47,7 +47,7 @@ def judge(found: Selection, final: Terms) -> tuple[list[Candidate], list[tuple[s
     for longer in candidates(models, final):
         if longer[-1].id not in verdicts:
             verdicts[longer[-1].id] = _judge_left_out(found, longer)
-    for id in models.library.keys() - {term.id for term in final}:
+    for id in sorted(models.library.keys() - {term.id for term in final}):  # in the same order every time
         if id not in verdicts:
             reason = "what is left is smaller than what such an effect would leave, or no body would have it so"
             verdicts[id] = Candidate(id, 0.0, Verdict.REJECTED, 1.0, reason)
