@@ -1,19 +1,21 @@
-"""Recursive least squares of an arm while it runs: the rows that `identify_arm` uses, as soon as they are known."""
+"""An arm while it runs: the rows that `identify_arm` uses, as soon as they are known, and what takes them in."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from estimators.arms.balance import VIEWS, rows
+from estimators.arms.balance import VIEWS, Joints, rows
 from estimators.arms.identification import ARM_SCHEMES, through
+from estimators.online.binning import BIN, MARGIN, Bin, BinSource
 from estimators.online.clock import Clock
 from estimators.regression.recursive import PRIOR, State, start, step
-from estimators.schemes.six import GUARD, Scheme
+from estimators.schemes.six import GUARD, Regression, Scheme, scheme
 from estimators.signals.measurements import Smoothing, measure
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.model import ArmModel
@@ -22,6 +24,120 @@ from pendulum_env.physics import Term
 
 CHUNK = 0.05  # [s] of samples that are taken in together
 MEMORY = 0.1  # [s] before a chunk, in which filters forget how they began: exp(-20) of it is left at 200 rad/s
+
+
+class Known(NamedTuple):
+    """Equations that have become known: those of samples `first` to `end` of some measurements, of each joint."""
+
+    joints: Joints
+    regressions: Sequence[Regression]
+    first: int
+    end: int
+
+
+class ArmStream:
+    """Samples of an arm in, the equations of a scheme out: they lag by what the filter and the guard around stick need.
+
+    Attributes:
+        every: samples that are taken in together.
+    """
+
+    def __init__(self, terms: Sequence[Term], scheme: Scheme, smoothing: Smoothing, rate: float, every: int) -> None:
+        """Take the terms, the links first, the scheme, the smoothing, and the samples per second [Hz]."""
+        self._terms, self._scheme, self._smoothing, self.every = tuple(terms), scheme, smoothing, every
+        self._clock = Clock(rate)
+        # after a sample, what decides whether it is clear; before it, what its row depends on
+        self._after = smoothing.reach + max(smoothing.reach + 1, round(GUARD * rate)) + 2
+        self._memory = round(MEMORY * rate)
+        self._kept = every + 2 * self._after + self._memory
+        self.reset()
+
+    @property
+    def body(self) -> Body:
+        """The links."""
+        links = self._terms[0]
+        assert isinstance(links, Links)
+        return links.body
+
+    def reset(self) -> None:
+        """What follows does not continue what came."""
+        self._clock.restart()
+        self._samples: deque[tuple[float, Array, Array]] = deque(maxlen=self._kept)
+        self._waiting = 0  # samples whose rows are not known
+        self._begun = False
+
+    def take(self, time: float, position: Array, torque: Array) -> Known | None:
+        """Take in a sample: time [s], positions (n,) [rad] and the torques (n,) [N m] held from it on.
+
+        One that is not all numbers is left out. After it, and after a gap in time, nothing continues.
+
+        Raises:
+            ValueError: if there is not one position and one torque a joint, if time does not go on, or if samples do
+                not come at the rate.
+        """
+        position, torque = np.array(position, dtype=float), np.array(torque, dtype=float)
+        if position.shape != (count := len(self.body.joints),) or torque.shape != (count,):
+            raise ValueError(
+                f"a sample of {count} joints has as many positions and torques, not those of shapes {position.shape} "
+                f"and {torque.shape}"
+            )
+        if not np.isfinite([time, *position, *torque]).all():
+            self.reset()
+            return None
+        if self._clock.tick(time):
+            self.reset()
+            self._clock.tick(time)
+        self._samples.append((time, position, torque))
+        self._waiting += 1
+        if len(self._samples) < self._kept or self._waiting < self.every:
+            return None
+        times, positions, torques = (np.array(values) for values in zip(*self._samples, strict=True))
+        recording = ArmRecording.of("online", self.body.joints, times, positions, torques)
+        m = tuple(measure(joint, self._smoothing) for joint in recording.joints)
+        # of N measurements, the last `after - reach` still wait for what decides whether they are clear
+        end = len(m[0]) - (self._after - self._smoothing.reach)
+        first = max(0, end - self._waiting if self._begun else self._memory)
+        self._waiting, self._begun = 0, True
+        balances = rows(m, self._terms, VIEWS[self._scheme.view])
+        return Known(m, [through(self._scheme, own, m, k) for k, own in enumerate(balances)], first, end)
+
+
+class ArmBinner(BinSource):
+    """Gathers the rows of an arm's joints in bins, each joint's own: one may stick while the others move."""
+
+    def __init__(self, terms: Sequence[Term], smoothing: Smoothing, rate: float) -> None:
+        """Take the terms, the links first, the smoothing, and the samples per second [Hz]."""
+        self.every, self._slowest, self._rate = max(1, round(BIN * rate)), smoothing.slowest, rate
+        chunk = self.every * max(1, round(CHUNK / BIN))
+        self._stream = ArmStream(terms, scheme("hamiltonian"), smoothing, rate, chunk)
+        self.joints = self._stream.body.joints
+        self.reset(np.ones(1, dtype=bool))
+
+    def reset(self, which: Mask) -> None:
+        """What follows does not continue what came, if `which` (1,)."""
+        if which.all():
+            self._stream.reset()
+            self._before: tuple[float, Array] | None = None  # time and positions of the sample before
+            self._moved = 0
+
+    def take(self, time: Array, position: Array, torque: Array) -> list[Bin]:
+        """Take in a sample: time (1,), positions and torques (1, n), those over the period that ends with it."""
+        before, self._before = self._before, (float(time[0]), position[0])
+        known = None if before is None else self._stream.take(*before, torque[0])
+        if known is None:
+            return []
+        m, n = known.joints, self.every
+        found = []
+        for end in range(known.first + (known.end - known.first) % n + n, known.end + 1, n):
+            own = slice(end - n, end)
+            self._moved += int(np.any([np.abs(one.velocity[own]) > self._slowest for one in m], axis=0).sum())
+            for j, (equations, usable) in enumerate(known.regressions):
+                if usable[own].all() and end - n >= MARGIN - 1:
+                    x = m[j].samples
+                    series = np.array([x.time, x.position, x.velocity, x.torque])[:, end - n - 2 : end + 1]
+                    y = float(equations.y[own].mean())
+                    found.append(Bin(0, j, series, equations.phi[own].mean(axis=0), y, self._moved / self._rate))
+        return found
 
 
 class ArmEstimator:
@@ -62,26 +178,18 @@ class ArmEstimator:
             )
         self.body, self.scheme = body, scheme
         self.terms = (Links(body), *(friction(body) if terms is None else terms))
-        self._smoothing = Smoothing.of_encoder(counts, rate)
-        self._rate, self._prior = rate, prior
-        self._chunk = round(CHUNK * rate)
-        # after a sample, what decides whether it is clear; before it, what its row depends on
-        self._after = self._smoothing.reach + max(self._smoothing.reach + 1, round(GUARD * rate)) + 2
-        self._kept = self._chunk + 2 * self._after + round(MEMORY * rate)
+        self._prior = prior
+        self._stream = ArmStream(self.terms, scheme, Smoothing.of_encoder(counts, rate), rate, round(CHUNK * rate))
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
         self.state: State = start(sum(len(term.columns) for term in self.terms), self._prior)
-        self._clock = Clock(self._rate)
         self.forget_motion()
 
     def forget_motion(self) -> None:
         """Begin another recording, with what was estimated so far."""
-        self._clock.restart()
-        self._samples: deque[tuple[float, Array, Array]] = deque(maxlen=self._kept)
-        self._waiting = 0  # samples whose rows have not been used
-        self._begun = False
+        self._stream.reset()
 
     @property
     def model(self) -> ArmModel:
@@ -97,35 +205,10 @@ class ArmEstimator:
             ValueError: if there is not one position and one torque a joint, if time does not go on, or if samples do
                 not come at the rate.
         """
-        position, torque = np.array(position, dtype=float), np.array(torque, dtype=float)
-        if position.shape != (count := len(self.body.joints),) or torque.shape != (count,):
-            raise ValueError(
-                f"a sample of {count} joints has as many positions and torques, not those of shapes {position.shape} "
-                f"and {torque.shape}"
-            )
-        if not np.isfinite([time, *position, *torque]).all():
-            self.forget_motion()
-            return self.state
-        if self._clock.tick(time):
-            self.forget_motion()
-            self._clock.tick(time)
-        self._samples.append((time, position, torque))
-        self._waiting += 1
-        if len(self._samples) >= self._kept and self._waiting >= self._chunk:
-            self._take()
+        known = self._stream.take(time, position, torque)
+        if known is not None:
+            for k in range(known.first, known.end):
+                for equations, usable in known.regressions:
+                    if usable[k]:
+                        self.state = step(self.state, equations.phi[k], float(equations.y[k]))
         return self.state
-
-    def _take(self) -> None:
-        times, positions, torques = (np.array(values) for values in zip(*self._samples, strict=True))
-        recording = ArmRecording.of("online", self.body.joints, times, positions, torques)
-        m = tuple(measure(joint, self._smoothing) for joint in recording.joints)
-        # of N measurements, the last `after - reach` still wait for what decides whether they are clear
-        end = len(m[0]) - (self._after - self._smoothing.reach)
-        first = end - self._waiting if self._begun else round(MEMORY * self._rate)
-        balances = rows(m, self.terms, VIEWS[self.scheme.view])
-        regressions = [through(self.scheme, own, m, k) for k, own in enumerate(balances)]
-        for k in range(max(first, 0), end):
-            for equations, usable in regressions:
-                if usable[k]:
-                    self.state = step(self.state, equations.phi[k], float(equations.y[k]))
-        self._waiting, self._begun = 0, True

@@ -63,7 +63,7 @@ class EstimateArmParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordCon
         """
         gym.utils.RecordConstructorArgs.__init__(self, schemes=schemes, terms=terms, robot=robot, rate=rate)
         gym.Wrapper.__init__(self, env)
-        rate, body = rate_of(env, rate), _body(env, robot)
+        rate, body = rate_of(env, rate), body_of(env, robot)
         counts = getattr(env.unwrapped, "counts", COUNTS)
         self.estimators = {
             scheme.id: ArmEstimator(body, rate, terms, scheme, counts=counts)
@@ -109,8 +109,12 @@ class EstimateArmParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordCon
         return (id, *(" ".join(told[k : k + 3]) for k in range(0, len(told), 3)))
 
 
-def _body(env: gym.Env[Any, Any], robot: str | None) -> Body:
-    """Links of a file, or of an environment that can write them."""
+def body_of(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
+    """Links of a file, or of an environment that can write them.
+
+    Raises:
+        ValueError: if there is no file, and the environment does not tell.
+    """
     if robot is not None:
         return read_body(robot)
     text = getattr(env.unwrapped, "urdf", None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -20,33 +20,53 @@ MARGIN = 3  # instants of a bin beyond its rows: two before the first and one af
 
 
 class Bin(NamedTuple):
-    """A bin of one pendulum, its rows those of the Hamiltonian scheme.
+    """A bin of one joint, its rows those of the Hamiltonian scheme.
 
     Attributes:
-        of: which of the B pendulums.
+        of: which of the B plants.
+        joint: which of its joints.
         series: time, position, velocity and torque at its n + 3 instants (4, n + 3).
         phi: mean row of the terms (P,).
         y: mean torque over it, less that of what has no parameter [N m].
-        moved: time that the pendulum has been in motion, stick and turns included, since it began [s].
+        moved: time that the plant has been in motion, stick and turns included, since it began [s].
     """
 
     of: int
+    joint: int
     series: Array
     phi: Array
     y: float
     moved: float
 
 
-class Binner:
-    """Gathers samples of B pendulums; bins in stick, or close to it, are left out.
+class BinSource(Protocol):
+    """What gathers samples of B plants in bins; those in which a joint sticks, or almost, are left out.
 
     Attributes:
         every: samples in a bin.
+        joints: names of a plant's joints; one of no name is a pendulum's.
+    """
+
+    every: int
+    joints: tuple[str, ...]
+
+    def reset(self, which: Mask) -> None:
+        """What follows of those plants (B,) does not continue what came."""
+
+    def take(self, time: Array, position: Array, torque: Array) -> list[Bin]:
+        """Take in a sample of each, as `OnlineEstimator.take`; returns the bins that are complete."""
+
+
+class Binner(BinSource):
+    """Gathers samples of B pendulums.
+
+    Attributes:
         delay: of the equations [samples].
         taken: the newest equations.
     """
 
     taken: Taken
+    joints = ("",)
 
     def __init__(self, rate: float, smoothing: Smoothing, batch: int, terms: Sequence[Term] = ()) -> None:
         """Take the samples per second [Hz], the smoothing of the measurement, B, and terms whose rows are wanted."""
@@ -86,6 +106,6 @@ class Binner:
             return []
         last = self._instants[(self._step + np.arange(ring)) % ring]  # (n + 3, 4, B)
         return [
-            Bin(b, last[:, :, b].T.copy(), mean[b, :-1], float(mean[b, -1]), self._moved[b] / self._rate)
+            Bin(b, 0, last[:, :, b].T.copy(), mean[b, :-1], float(mean[b, -1]), self._moved[b] / self._rate)
             for b in whole.tolist()
         ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.online.binning import BLOCK
+from estimators.online.binning import BLOCK, Bin
 from estimators.selection.score import NU
 from pendulum_env._typing import Array, Index
 
@@ -17,43 +17,95 @@ CELLS = 8  # of a quantity, in which errors are compared
 
 
 @dataclass(frozen=True)
+class Rows:
+    """R rows of a model, of one joint or of several, in standard deviations of what their errors are while it holds.
+
+    Attributes:
+        phi: (R, P).
+        y: (R,).
+        scale: those standard deviations (R,) [N m].
+        joint: whose they are (R,).
+        series: time, position and velocity (3, R).
+    """
+
+    phi: Array
+    y: Array
+    scale: Array
+    joint: Index
+    series: Array
+
+    @classmethod
+    def of(cls, bins: Sequence[Bin], scale: Array) -> Rows:
+        """Rows of bins, and the standard deviation of each joint's errors (J,)."""
+        joint = np.array([one.joint for one in bins], dtype=np.intp)
+        own = scale[joint]
+        phi, y = np.array([one.phi for one in bins]), np.array([one.y for one in bins])
+        return cls(phi / own[:, None], y / own, own, joint, np.array([one.series[:3, -2] for one in bins]).T)
+
+    def after(self, k: int) -> Rows:
+        """Those from the k-th on."""
+        return Rows(self.phi[k:], self.y[k:], self.scale[k:], self.joint[k:], self.series[:, k:])
+
+    def of_joint(self, j: int) -> Rows:
+        """Those of one joint."""
+        own = self.joint == j
+        return Rows(self.phi[own], self.y[own], self.scale[own], self.joint[own], self.series[:, own])
+
+    def error(self, theta: Array) -> Array:
+        """What parameters (P,) leave (R,)."""
+        return np.asarray(self.y - self.phi @ theta)
+
+    def place_of_errors(self, theta: Array) -> dict[str, tuple[float, float]]:
+        """The quantity whose value tells most of the errors, and its range where they are largest."""
+        best, found = 0.0, {}
+        error, (_, position, velocity) = self.error(theta), self.series
+        angle = (position + np.pi) % (2 * np.pi) - np.pi
+        for name, values in (("position", angle), ("velocity", velocity), ("torque", self.y * self.scale)):
+            edges = np.quantile(values, np.linspace(0, 1, CELLS + 1))
+            cell = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, CELLS - 1)
+            count = np.maximum(np.bincount(cell, minlength=CELLS), 1)
+            told = np.bincount(cell, error, CELLS) ** 2 / count
+            if told.sum() > best:
+                best, worst = float(told.sum()), int(np.argmax(told))
+                found = {name: (float(edges[worst]), float(edges[worst + 1]))}
+        return found
+
+
+@dataclass(frozen=True)
 class Known:
     """What was known of a model while it predicted.
 
     Attributes:
         theta: its parameters (P,).
-        P: their covariance for unit noise (P, P).
+        covariance: theirs (P, P).
         sizes: of the parameters, by which they may change (P,).
-        square: mean square of errors [(N m)^2].
     """
 
     theta: Array
-    P: Array
+    covariance: Array
     sizes: Array
-    square: float
 
-    def refit(self, phi: Array, y: Array) -> Array:
-        """Parameters (P,) that fit rows (R, P), each held weakly where it was."""
-        both = np.vstack([phi, self._weak]), np.concatenate([y, self._weak @ self.theta])
+    def refit(self, rows: Rows) -> Array:
+        """Parameters (P,) that fit rows, each held weakly where it was."""
+        weak = np.diag(1.0 / self.sizes)
+        both = np.vstack([rows.phi, weak]), np.concatenate([rows.y, weak @ self.theta])
         return np.asarray(np.linalg.lstsq(*both, rcond=None)[0])
 
-    def root(self, phi: Array) -> Array:
+    def root(self, rows: Rows) -> Array:
         """Factor of the covariance of such a fit for unit noise (P, P)."""
-        return np.asarray(np.linalg.cholesky(np.linalg.inv(phi.T @ phi + self._weak**2)))
+        phi = rows.phi * rows.scale[:, None]
+        weak = np.diag((rows.scale.mean() / self.sizes) ** 2)
+        return np.asarray(np.linalg.cholesky(np.linalg.inv(phi.T @ phi + weak)))
 
-    @property
-    def _weak(self) -> Array:
-        return np.diag(np.sqrt(self.square) / self.sizes)
-
-    def moment(self, phi: Array, y: Array, last: int) -> tuple[int, Array]:
+    def moment(self, rows: Rows, last: int) -> tuple[int, Array]:
         """Row of the change, up to a last one that it may be, and the parameters (P,) after it."""
-        before = np.concatenate([[0.0], np.cumsum(density(y - phi @ self.theta, self.square))])
+        before = np.concatenate([[0.0], np.cumsum(density(rows.error(self.theta)))])
 
         def best(splits: Index) -> tuple[int, Array]:
-            fits = [self.refit(phi[k:], y[k:]) for k in splits]
+            later = [rows.after(k) for k in splits]
+            fits = [self.refit(part) for part in later]
             gains = [
-                before[k] + density(y[k:] - phi[k:] @ fit, self.square).sum()
-                for k, fit in zip(splits, fits, strict=True)
+                before[k] + density(part.error(fit)).sum() for k, part, fit in zip(splits, later, fits, strict=True)
             ]
             place = int(np.argmax(gains))
             return int(splits[place]), fits[place]
@@ -62,12 +114,13 @@ class Known:
         step = -(-last // (SPLITS - 1))
         return best(np.arange(max(0, k - step), min(last, k + step) + 1))
 
-    def std(self, phi: Array, error: Array) -> Array:
+    def std(self, rows: Rows, error: Array) -> Array:
         """Standard errors of changes (P,): of a fit whose errors are correlated over blocks, and of what was known."""
+        phi, joints = rows.phi, len(np.unique(rows.joint))
         bread = np.linalg.pinv(phi.T @ phi)
-        scores = np.add.reduceat(phi * error[:, None], np.arange(0, len(error), BLOCK))
-        fit = np.maximum(np.diag(bread @ (scores.T @ scores) @ bread), np.diag(bread) * self.square)
-        return np.asarray(np.sqrt(fit + np.diag(self.P) * self.square))
+        scores = np.add.reduceat(phi * error[:, None], np.arange(0, len(error), BLOCK * joints))
+        fit = np.maximum(np.diag(bread @ (scores.T @ scores) @ bread), np.diag(bread))
+        return np.asarray(np.sqrt(fit + np.diag(self.covariance)))
 
     def changes(self, names: Sequence[str], theta: Array, std: Array) -> dict[str, tuple[float, float]]:
         """By how much other parameters surely differ, and with what error, by name, surest first."""
@@ -76,21 +129,6 @@ class Known:
         return {names[j]: (float(delta[j]), float(std[j])) for j in order if abs(delta[j]) > SIGNIFICANT * std[j]}
 
 
-def density(error: Array, square: Array | float) -> Array:
-    """Log density of Student's t with a squared scale, but for its constant."""
-    return np.asarray(-0.5 * np.log(square) - (NU + 1) / 2 * np.log1p(error**2 / (NU * square)))
-
-
-def place_of(error: Array, position: Array, velocity: Array, torque: Array) -> dict[str, tuple[float, float]]:
-    """The quantity whose value tells most of the errors, and its range where they are largest."""
-    best, found = 0.0, {}
-    angle = (position + np.pi) % (2 * np.pi) - np.pi
-    for name, values in (("position", angle), ("velocity", velocity), ("torque", torque)):
-        edges = np.quantile(values, np.linspace(0, 1, CELLS + 1))
-        cell = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, CELLS - 1)
-        count = np.maximum(np.bincount(cell, minlength=CELLS), 1)
-        told = np.bincount(cell, error, CELLS) ** 2 / count
-        if told.sum() > best:
-            best, worst = float(told.sum()), int(np.argmax(told))
-            found = {name: (float(edges[worst]), float(edges[worst + 1]))}
-    return found
+def density(error: Array) -> Array:
+    """Log density of Student's t, but for its constant."""
+    return np.asarray(-(NU + 1) / 2 * np.log1p(error**2 / NU))

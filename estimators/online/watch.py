@@ -25,11 +25,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.online.binning import BLOCK, Bin, Binner
-from estimators.online.change import Known, place_of
+from estimators.online.binning import BLOCK, Bin, Binner, BinSource
+from estimators.online.change import Known, Rows
 from estimators.online.evidence import HOUR, Evidence, threshold_of
 from estimators.online.recursion import SquareRootLeastSquares
-from estimators.online.rows import POSITION, TIME, VELOCITY
+from estimators.online.rows import TIME
 from estimators.online.turns import HALF, Mover, TurnFinder, Turns
 from estimators.online.usual import Usual
 from estimators.signals.measurements import Smoothing
@@ -45,12 +45,11 @@ KEPT_TURNS = 24  # and turns
 FEWEST = 0.5  # [s] of motion since a change, before which its kind is not judged
 SURE = 2.5  # [s] of motion, after which what a new fit explains is called a value
 KIND = 5.0  # standard errors by which errors of a new fit exceed what they were, to be called structure
-ROWS, TURNS = 0, 1  # the challengers
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a watch says of one pendulum.
+    """What a watch says of one plant.
 
     Attributes:
         kind: "calibrating", "predicts", "changed" (it is not clear yet how), "value" or "structure".
@@ -59,7 +58,8 @@ class Verdict:
         threshold: of an alarm [nat].
         parameter: name of the parameter that changed most surely; empty if none has.
         changes: change and standard error of each parameter that changed, surest first, in its unit.
-        where: of "structure", the range of position, velocity or torque in which errors are largest, in SI units.
+        where: of "structure", the range of position, velocity or torque in which errors are largest, in SI units; of an
+            arm, `velocity@elbow`.
         error: root mean square error now, of the refitted model once there is a change [N m]; None while calibrating.
         alarms: so far.
     """
@@ -76,10 +76,10 @@ class Verdict:
 
 
 class Watch:
-    """Watches B pendulums, one sample of each per step.
+    """Watches B pendulums, or an arm, one sample of each per step.
 
     Attributes:
-        each: monitors, one a pendulum.
+        each: monitors, one a plant.
         threshold: of an alarm [nat].
     """
 
@@ -93,6 +93,7 @@ class Watch:
         theta: Sequence[float] | Array | None = None,
         alarms_per_hour: float = 1.0,
         calibrate: float = 5.0,
+        binner: BinSource | None = None,
     ) -> None:
         """Make the watch.
 
@@ -104,6 +105,7 @@ class Watch:
             theta: parameters of the model, in the order of the columns; None learns them while it calibrates.
             alarms_per_hour: false ones, on average at most, of motion.
             calibrate: time of motion that the parameters, or with `theta` only the size of errors, are learnt from [s].
+            binner: of an arm, which is watched by rows alone.
 
         Raises:
             ValueError: if a number is out of its range, or theta has another length.
@@ -120,15 +122,20 @@ class Watch:
             raise ValueError(f"theta has {len(theta)} values, the model {len(names)}: {', '.join(names)}")
         smoothing, period = smoothing or Smoothing.of_encoder(COUNTS, rate), 1.0 / rate
         self.rate, self.batch = rate, batch
-        self._binner = Binner(rate, smoothing, batch, terms)
-        length = self._binner.every * period  # of a bin [s]
+        self._mover, self._turns = None, None
+        if binner is None:
+            binner = Binner(rate, smoothing, batch, terms)
+            if (mover := Mover(terms, period)).ready:
+                late = int(np.ceil(sum(term.delay for term in terms) / period)) + 1
+                self._mover = mover
+                self._turns = TurnFinder(batch, period, binner, late, smoothing.slowest)
+        self._binner = binner
+        length = binner.every * period  # of a bin [s]
         self.threshold = threshold_of(alarms_per_hour, min(BLOCK * length, 2 * HALF))
-        self._mover = Mover(terms, period)
-        late = int(np.ceil(sum(term.delay for term in terms) / period)) + 1
-        self._turns = TurnFinder(batch, period, self._binner.delay, late, smoothing.slowest)
         given = None if theta is None else np.asarray(theta, dtype=float)
         self.each = tuple(
-            ChangeMonitor(names, length, self._mover, self.threshold, calibrate, given) for _ in range(batch)
+            ChangeMonitor(names, binner.joints, length, self._mover, self.threshold, calibrate, given)
+            for _ in range(batch)
         )
 
     @property
@@ -150,11 +157,10 @@ class Watch:
 
     def take(self, time: Array, position: Array, torque: Array) -> tuple[Verdict, ...]:
         """Take in a sample of every pendulum, as `OnlineEstimator.take`; returns what is said of each."""
-        binner = self._binner
-        for one in binner.take(time, position, torque):
+        for one in self._binner.take(time, position, torque):
             self.each[one.of].take(one)
-        if self._mover.ready:
-            for b, turn in self._turns.take(time, position, torque, binner.velocity, binner.taken.place).items():
+        if self._turns is not None:
+            for b, turn in self._turns.take(time, position, torque).items():
                 self.each[b].take_turn(turn)
         return self.said
 
@@ -168,7 +174,9 @@ class _Standing(NamedTuple):
 
 
 class ChangeMonitor:
-    """Watches one pendulum: bins and turns in, a verdict out.
+    """Watches one plant: bins of its J joints and turns in, a verdict out.
+
+    The challengers are the rows of each joint and, in the last place, the turns.
 
     Attributes:
         said: the verdict.
@@ -179,10 +187,18 @@ class ChangeMonitor:
     _none: list[_Standing]  # the model as each challenger last had no evidence
 
     def __init__(
-        self, names: Sequence[str], length: float, mover: Mover, threshold: float, calibrate: float, theta: Array | None
+        self,
+        names: Sequence[str],
+        joints: Sequence[str],
+        length: float,
+        mover: Mover | None,
+        threshold: float,
+        calibrate: float,
+        theta: Array | None,
     ) -> None:
-        """Take the parameters' names, the length of a bin [s], what moves the model, and the rest as `Watch` does."""
-        self._names, self._length, self._mover = tuple(names), length, mover
+        """Take parameters and joints by name, the length of a bin [s], what moves the model, the rest as `Watch`."""
+        self._names, self._joints, self._mover = tuple(names), tuple(joints), mover
+        self._length = length / len(joints)  # of motion that a bin tells of, as each joint has its own
         self._threshold, self._calibrate, self._given = threshold, calibrate, theta
         self._model = SquareRootLeastSquares((1, 1), len(names))
         self.reset()
@@ -192,10 +208,11 @@ class ChangeMonitor:
         self._model.reset(np.ones(1, dtype=bool))
         self._kept: deque[Bin] = deque(maxlen=max(2, round(KEPT / self._length)))
         self._turns: deque[Turns] = deque(maxlen=KEPT_TURNS)
-        self._moments = np.zeros(len(self._names) + 1)  # sums of phi^2 and y^2
+        self._moments = np.zeros((len(self._joints), len(self._names) + 1))  # sums of phi^2 and y^2
+        self._of = np.zeros(len(self._joints), dtype=int)  # bins of each joint
         self._bins, self._moved, self._begun = 0, 0.0, np.nan
-        self._block = 0.0  # squared errors in the block to come
-        self._usual = Usual(), Usual(2)  # of rows, and of turns
+        self._square, self._filled = np.zeros(len(self._joints)), [0] * len(self._joints)  # of the blocks to come
+        self._usual = [*(Usual() for _ in self._joints), Usual(2)]  # of rows, and of turns
         self._alarms, self._settled = 0, False  # that it is the structure
         self._compared = False  # with the model that was given
         self._trust()
@@ -214,17 +231,21 @@ class ChangeMonitor:
         self._bins += 1
         self._begun = one.moved if np.isnan(self._begun) else self._begun
         self._moved = one.moved - self._begun
-        self._moments += np.append(one.phi, one.y) ** 2
+        self._moments[one.joint] += np.append(one.phi, one.y) ** 2
+        self._of[one.joint] += 1
         # e is predicted to scatter by scale^2 (1 + phi' P phi)
         f = one.phi @ self._model.root[0, 0]
-        self._block += float((one.y - one.phi @ self._model.theta[0, 0]) ** 2 / (1.0 + f @ f))
+        j = one.joint
+        self._square[j] += (one.y - one.phi @ self._model.theta[0, 0]) ** 2 / (1.0 + f @ f)
+        self._filled[j] += 1
         holds = self._changed is None
         self._model.take(one.phi[None, None], np.full((1, 1), one.y), np.full((1, 1), holds))
-        if self._bins % BLOCK:
+        if self._filled[j] < BLOCK:
             return
-        square, self._block = self._block / BLOCK, 0.0
+        square = float(self._square[j] / BLOCK)
+        self._square[j], self._filled[j] = 0.0, 0
         if holds:
-            self._count(ROWS, self._sizes_of(square))
+            self._count(j, self._sizes_of(square, j))
             self._wander()
         if self._changed is not None:
             self._judge()
@@ -235,8 +256,9 @@ class ChangeMonitor:
         """Compare a turn with where the model goes, if it is known a little."""
         self._turns.append(turn)
         if self._changed is None and self._knows:
+            assert self._mover is not None
             missed = self._mover.missed(turn, self._model.theta[0, 0])
-            if self._count(TURNS, missed.sizes(self._least)):
+            if self._count(-1, missed.sizes(self._least(0))):
                 self._judge()
 
     # -------------------------------------------------------------------------------------------------------- evidence
@@ -251,14 +273,13 @@ class ChangeMonitor:
         """Whether it has been in motion for long enough, whether rows are made of it or not."""
         return self._moved > self._calibrate
 
-    @property
-    def _least(self) -> float:
-        """Torque that does not matter [N m]."""
-        return LEAST * float(np.sqrt(self._moments[-1] / max(self._bins, 1))) + 1e-9
+    def _least(self, joint: int) -> float:
+        """Torque of a joint that does not matter [N m]."""
+        return LEAST * float(np.sqrt(self._moments[joint, -1] / max(self._of[joint], 1))) + 1e-9
 
-    def _sizes_of(self, square: Array | float) -> Array:
-        """Logs of mean squares () or (N,) [(N m)^2], as of rows (N, 1)."""
-        return np.log(np.reshape(square, (-1, 1)) + self._least**2)
+    def _sizes_of(self, square: Array | float, joint: int) -> Array:
+        """Logs of mean squares () or (N,) [(N m)^2], as of rows of a joint (N, 1)."""
+        return np.log(np.reshape(square, (-1, 1)) + self._least(joint) ** 2)
 
     def _count(self, challenger: int, sizes: Array) -> bool:
         """How large errors are (1, Q) counts against what is usual, and is learnt; returns whether that is an alarm."""
@@ -285,7 +306,7 @@ class ChangeMonitor:
     def _trust(self) -> None:
         """There is no evidence against the model as it is."""
         self._changed = None
-        challengers = 1 + self._mover.ready
+        challengers = len(self._joints) + (self._mover is not None)
         self._evidence = Evidence(challengers)
         self._none = [self._standing] * challengers
 
@@ -295,79 +316,93 @@ class ChangeMonitor:
 
     def _wander(self) -> None:
         """Parameters may have moved since the last block."""
-        known = self._known
-        self._model.widen(((WALK * known.sizes) ** 2 * BLOCK * self._length / known.square)[None, None])
+        share = WALK**2 * BLOCK * self._length / self._usual_square
+        self._model.widen((share * self._known.sizes**2)[None, None])
 
     # ------------------------------------------------------------------------------------------------ what has changed
 
     @property
+    def _usual_square(self) -> float:
+        """Mean square of errors at the joint where they are largest [(N m)^2]."""
+        return float(np.exp(max(usual.mean[0] for usual in self._usual[:-1])))
+
+    @property
     def _known(self) -> Known:
         theta = self._model.theta[0, 0]
-        usual = 0.1 * np.sqrt(self._moments[-1] / np.maximum(self._moments[:-1], 1e-12))  # gives a tenth of the torque
-        square = float(np.exp(self._usual[ROWS].mean[0]))
-        return Known(theta, self._model.P[0, 0], np.maximum(np.abs(theta), usual), square)
+        seen = self._of > 0
+        squares = self._moments[seen, -1:] / np.maximum(self._moments[seen, :-1], 1e-12)
+        usual = 0.1 * np.sqrt(squares.min(axis=0, initial=np.inf))  # gives a tenth of the torque
+        sizes = np.maximum(np.abs(theta), np.minimum(usual, 1e6))
+        return Known(theta, self._model.P[0, 0] * self._usual_square, sizes)
 
     def _predicts(self, error: float) -> None:
         """The model holds; one that was given is compared with the plant once that is known."""
         if self._given is not None and not self._compared:
             self._compared = True
-            phi, y, series = self._since(0)
-            known = self._known
+            rows, known = self._since(0), self._known
             changes = replace(known, theta=self._given).changes(
-                self._names, known.theta, known.std(phi, y - phi @ known.theta)
+                self._names, known.theta, known.std(rows, rows.error(known.theta))
             )
-            if changes and self._surprise_of_rows(y - phi @ self._given) > KIND:
+            if changes and self._surprise_of_rows(rows, self._given)[0] > KIND:
                 self._alarms += 1
-                self._say("value", since=float(series[TIME, 0]), changes=changes, error=error)
+                self._say("value", since=float(rows.series[TIME, 0]), changes=changes, error=error)
                 return
         if self.said.kind == "value":  # the last change stays said
             self._say("value", since=self.said.since, changes=self.said.changes, error=error)
         else:
             self._say("predicts", error=error)
 
-    def _since(self, first: int) -> tuple[Array, Array, Array]:
-        """Rows (R, P), y (R,), and time, position and velocity (3, R) since so many bins, as far as kept."""
+    def _since(self, first: int) -> Rows:
+        """What came since so many bins, as far as kept."""
         bins = list(self._kept)[max(0, first - self._bins + len(self._kept)) :]
-        series = np.array([one.series[:3, -2] for one in bins]).T
-        return np.array([one.phi for one in bins]), np.array([one.y for one in bins]), series
+        scale = np.exp([0.5 * usual.mean[0] for usual in self._usual])
+        return Rows.of(bins, scale)
 
     def _judge(self) -> None:
         """Fit the model to what came since the change: does that explain it?"""
         if self._settled or self._changed is None or self._bins == self._changed:
             return
-        phi, y, series = self._since(self._changed)
+        rows = self._since(self._changed)
         least = round(FEWEST / self._length)
-        if len(y) < least:
-            self._say("changed", since=float(series[TIME, 0]))
+        if len(rows.y) < least:
+            self._say("changed", since=float(rows.series[TIME, 0]))
             return
         known = self._known
-        k, theta = known.moment(phi, y, max(0, min(len(y) - least, self._alarmed - self._bins + len(y))))
-        phi, y, series = phi[k:], y[k:], series[:, k:]
-        error, since = y - phi @ theta, float(series[TIME, 0])
-        std = known.std(phi, error)
-        at_rows = self._surprise_of_rows(error)
+        k, theta = known.moment(rows, max(0, min(len(rows.y) - least, self._alarmed - self._bins + len(rows.y))))
+        rows = rows.after(k)
+        error, since = rows.error(theta), float(rows.series[TIME, 0])
+        std = known.std(rows, error)
+        at_rows, _ = self._surprise_of_rows(rows, theta)
         at_turns, speed = self._surprise_of_turns(theta, std, since)
         told = known.changes(self._names, theta, std)
-        found = {"since": since, "changes": told, "error": float(np.sqrt(np.mean(error**2)))}
+        found = {"since": since, "changes": told, "error": float(np.sqrt(np.mean((error * rows.scale) ** 2)))}
         whole = self._bins - self._changed >= (self._kept.maxlen or 0)
-        if np.hypot(max(at_rows, 0.0), max(at_turns, 0.0)) > KIND and len(y) >= 2 * least:
+        if np.hypot(max(at_rows, 0.0), max(at_turns, 0.0)) > KIND and len(rows.y) >= 2 * least:
+            _, joint = self._surprise_of_rows(rows, known.theta)  # a new fit spreads an effect over other joints
+            at = "@" * bool(self._joints[joint]) + self._joints[joint]
             slow = {"velocity": (-speed, speed)}
-            where = slow if at_turns > at_rows else place_of(error, series[POSITION], series[VELOCITY], y)
-            self._say("structure", where=where, **found)
+            where = slow if at_turns > at_rows else rows.of_joint(joint).place_of_errors(theta)
+            self._say("structure", where={quantity + at: span for quantity, span in where.items()}, **found)
             self._settled = whole
-        elif len(y) * self._length < SURE or not (told or whole):
+        elif len(rows.y) * self._length < SURE or not (told or whole):
             if self.said.kind != "structure":  # what is not clear does not take back what was
                 self._say("changed", **found)
         else:
             self._say("value", **found)
             if whole:  # the changed values are the model's from now on
-                self._put(theta, known.root(phi))
+                self._put(theta, known.root(rows))
                 self._trust()
 
-    def _surprise_of_rows(self, error: Array) -> float:
-        """Standard errors by which errors of rows (R,) are larger than usual."""
-        blocks = [np.mean(part**2) for part in np.array_split(error, max(1, len(error) // BLOCK))]
-        return self._usual[ROWS].surprise(self._sizes_of(np.array(blocks)))
+    def _surprise_of_rows(self, rows: Rows, theta: Array) -> tuple[float, int]:
+        """Standard errors by which errors of rows are larger than usual, at the joint where that is most."""
+        found = [0.0] * len(self._joints)
+        for j in np.unique(rows.joint).tolist():
+            own = rows.of_joint(j)
+            error = own.error(theta) * own.scale
+            blocks = [np.mean(part**2) for part in np.array_split(error, max(1, len(error) // BLOCK))]
+            found[j] = self._usual[j].surprise(self._sizes_of(np.array(blocks), j))
+        joint = int(np.argmax(found))
+        return found[joint], joint
 
     def _surprise_of_turns(self, theta: Array, std: Array, time: float) -> tuple[float, float]:
         """Standard errors by which turns since a time [s] are missed by more than usual, with the best parameters.
@@ -375,10 +410,10 @@ class ChangeMonitor:
         Also the speed up to which they reach [rad/s].
         """
         found = [turn for turn in self._turns if turn.time[0] > time]
-        if not found:
+        if not found or self._mover is None:
             return 0.0, 0.0
-        turns, usual = Turns.joined(found), self._usual[TURNS]
-        sizes = self._mover.missed(turns, theta).fitted(std, float(np.exp(usual.mean[0]))).sizes(self._least)
+        turns, usual = Turns.joined(found), self._usual[-1]
+        sizes = self._mover.missed(turns, theta).fitted(std, float(np.exp(usual.mean[0]))).sizes(self._least(0))
         return usual.surprise(sizes), float(np.median(np.abs(turns.velocity)))
 
     def _say(self, kind: str, **told: Any) -> None:

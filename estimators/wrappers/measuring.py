@@ -14,7 +14,7 @@ from pendulum_env._typing import Array, Mask
 
 
 class Learner(Protocol):
-    """What takes in a sample of each of B pendulums: an estimator, a watch or a diagnoser."""
+    """What takes in a sample of each of B plants: an estimator, a watch or a diagnoser."""
 
     rate: float  # [Hz]
 
@@ -22,7 +22,7 @@ class Learner(Protocol):
         """Those pendulums (B,) start anew with the next sample; all without an argument."""
 
     def take(self, time: Array, position: Array, torque: Array) -> Any:
-        """Take in a sample (B,); returns what is known then."""
+        """Take in a sample (B,), of an arm its positions and torques (B, n); returns what is known then."""
 
 
 def measured(info: dict[str, Any]) -> tuple[Any, Any, Any]:
@@ -64,7 +64,7 @@ class Measuring(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
         if "fault" not in info:  # with one, nothing was measured
             sample = measured(info)
             self._clock.tick(sample[0])
-            self._known = self._learner.take(*np.array(sample, dtype=float)[:, None])
+            self._known = self._learner.take(*(np.array(part, dtype=float)[None] for part in sample))
         return self._tell(observation, info)
 
     @abstractmethod

@@ -62,6 +62,11 @@ def rate_of(env: AnyEnv, rate: float | None) -> float:
     return float(known)
 
 
+def is_arm(env: AnyEnv) -> bool:
+    """Whether an environment has several joints, or one of an arm: then it names them."""
+    return _attribute(env, "joints") is not None
+
+
 def smoothing_of(env: AnyEnv, rate: float) -> Smoothing:
     """Smoothing for an environment's encoder or the recording it plays; for the paper's encoder if neither is known."""
     recording = _attribute(env, "recording")

@@ -13,7 +13,8 @@ from gymnasium.vector import VectorEnv
 from estimators.arguments import chosen_terms
 from estimators.online.watch import Watch
 from estimators.wrappers.measuring import Measuring, MeasuringVector
-from estimators.wrappers.options import AnyEnv, rate_of, smoothing_of
+from estimators.wrappers.options import AnyEnv, is_arm, rate_of, smoothing_of
+from pendulum_env._typing import Array
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Model, Term
 
@@ -25,6 +26,9 @@ class WatchModel(Measuring):
     then "changed" while it is not clear how, then "value" (a parameter changed: `parameter`, `changes`, `since`) or
     "structure" (no value explains it: `where`). A changed value becomes the model's after ten seconds of motion; of a
     wrong structure, nothing more is learnt until `accept()` or a reset.
+
+    An arm is watched alike; parameters and places are told with their joint, `viscous@elbow`. It needs the extra
+    `arms`.
 
     Examples:
         >>> import gymnasium as gym
@@ -50,7 +54,8 @@ class WatchModel(Measuring):
         Args:
             env: the environment.
             model: an identified model that is watched, or its file; None learns its parameters while it calibrates.
-            terms: of the model, by id or as they are, where none is given; None are the paper's four.
+            terms: of the model, by id or as they are, where none is given; None are the paper's four, or the links of
+                the environment's arm with viscous and Coulomb friction at each joint.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
             calibrate: time of motion in which the model, or at least the size of its errors, is learnt [s].
@@ -93,7 +98,8 @@ def watch_of(
     *,
     terms: Sequence[str | Term] | None = None,
     rate: float | None = None,
-    **options: float,
+    alarms_per_hour: float = 1.0,
+    calibrate: float = 5.0,
 ) -> Watch:
     """Watch for an environment.
 
@@ -102,11 +108,50 @@ def watch_of(
     """
     if model is not None and terms is not None:
         raise ValueError("a model has its terms: give either model or terms")
-    if isinstance(model, str | Path):
-        model = Model.load(model)
-    if isinstance(model, ArmModel):
-        raise ValueError("the model is of an arm, and what is watched is a pendulum: give the model of one")
     rate = rate_of(env, rate)
-    chosen = chosen_terms(terms) if model is None else model.terms
-    theta = None if model is None else model.theta
-    return Watch(rate, chosen, batch=batch, smoothing=smoothing_of(env, rate), theta=theta, **options)
+    smoothing = smoothing_of(env, rate)
+    if is_arm(env):
+        from estimators.arms.online import ArmBinner  # needs the extra `arms`
+
+        if isinstance(env, VectorEnv):
+            raise ValueError("arms are watched one by one: wrap each environment in WatchModel")
+        chosen, theta = _of_arm(env, model, terms)
+        binner = ArmBinner(chosen, smoothing, rate)
+    else:
+        if isinstance(model, str | Path):
+            model = Model.load(model)
+        if isinstance(model, ArmModel):
+            raise ValueError("the model is of an arm, and what is watched is a pendulum: give the model of one")
+        chosen, theta = (chosen_terms(terms), None) if model is None else (model.terms, model.theta)
+        binner = None
+    return Watch(
+        rate,
+        chosen,
+        batch=batch,
+        smoothing=smoothing,
+        theta=theta,
+        alarms_per_hour=alarms_per_hour,
+        calibrate=calibrate,
+        binner=binner,
+    )
+
+
+def _of_arm(
+    env: gym.Env[Any, Any], model: Model | str | Path | None, terms: Sequence[str | Term] | None
+) -> tuple[Sequence[Term], Array | None]:
+    """Terms of an arm, the links first, and their parameters if they are known."""
+    from estimators.arms.wrapper import body_of
+    from pendulum_env.arms.joints import Links, friction
+
+    if isinstance(model, str | Path):
+        model = ArmModel.load(model, body_of(env))
+    if model is not None:
+        if not isinstance(model, ArmModel):
+            raise ValueError("the model is of a pendulum, and what is watched is an arm: give the model of one")
+        return model.terms, model.theta
+    body = body_of(env)
+    if terms is None:
+        return (Links(body), *friction(body)), None
+    if named := [term for term in terms if isinstance(term, str)]:
+        raise ValueError(f"terms of an arm are objects, such as at_joint(Stribeck, 'elbow')(), not '{named[0]}'")
+    return (Links(body), *(term for term in terms if isinstance(term, Term))), None
