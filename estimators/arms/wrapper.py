@@ -16,8 +16,11 @@ from estimators.online.clock import Clock
 from estimators.wrappers.measuring import measured
 from estimators.wrappers.options import rate_of
 from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.joints import Coupling, Links, at_joints, check_places, friction, joint_effects, kind_at, placed
 from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.lookup import find
 from pendulum_env.physics import Term
+from pendulum_env.physics.library import term
 
 
 class EstimateArmParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -107,6 +110,44 @@ class EstimateArmParameters(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordCon
         id, estimator = next(iter(self.estimators.items()))
         told = [f"{name:<16}{v:7.3f}" for name, v in zip(self.parameters, estimator.state.theta.tolist(), strict=True)]
         return (id, *(" ".join(told[k : k + 3]) for k in range(0, len(told), 3)))
+
+
+def terms_of(env: gym.Env[Any, Any], terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
+    """Model of an environment's arm: its links and terms at joints, viscous and Coulomb friction by default.
+
+    Raises:
+        ValueError: if the environment does not tell its links, or a term is unknown or at no joint.
+    """
+    body = body_of(env)
+    if terms is None:
+        return (Links(body), *friction(body))
+    slides = dict(zip(body.joints, body.slides, strict=True))
+    chosen = []
+    for own in terms:
+        if isinstance(own, str):
+            id, _, joint = own.partition("@")
+            own = placed(term(id)(), joint, slides.get(joint, False))
+        chosen.append(own)
+    check_places(chosen, body.joints)
+    return (Links(body), *chosen)
+
+
+def effects_of(env: gym.Env[Any, Any], names: Sequence[str] | None) -> dict[str, type[Term]]:
+    """Effects that the joints of an environment's arm may have, by id; of names, `stribeck` is at each joint.
+
+    Raises:
+        ValueError: if the environment does not tell its links, or there is no such effect or joint.
+    """
+    body = body_of(env)
+    alone = {id: kind for id, kind in joint_effects().items() if kind is not Coupling}
+    if names is None:
+        return {kind.id: kind for kind in at_joints(alone.values(), body)}
+    found = [
+        own
+        for name in names
+        for own in ([kind_at(name, body)] if "@" in name else at_joints([find("effect", name, alone)], body))
+    ]
+    return {kind.id: kind for kind in found}
 
 
 def body_of(env: gym.Env[Any, Any], robot: str | None = None) -> Body:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.online.binning import BLOCK, Bin, Binner
+from estimators.online.binning import BLOCK, Bin, Binner, BinSource
 from estimators.online.evidence import Bets, threshold_of
 from estimators.online.grids import refined, thinned
 from estimators.online.rivals import Bins, Family, Rivals
@@ -24,7 +24,7 @@ from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
-from pendulum_env.physics import BASE, Samples, Term, effects
+from pendulum_env.physics import BASE, Term, effects
 
 CALIBRATE = 1.0  # [s] of motion, that all models are fitted to before they predict
 REFINE = (2, 4, 8, 16)  # [s] of motion, after which grids of shape parameters are refined
@@ -95,10 +95,10 @@ class OnlineDiagnosis:
 
 
 class Diagnoser:
-    """Diagnoses B pendulums, one sample of each per step.
+    """Diagnoses B pendulums, or an arm, one sample of each per step.
 
     Attributes:
-        each: monitors, one a pendulum.
+        each: monitors, one a plant.
         threshold: from which evidence on something is missing [nat].
         not_run: effects that cannot be followed online, with the reason.
     """
@@ -114,6 +114,7 @@ class Diagnoser:
         alarms_per_hour: float = 1.0,
         criterion: Criterion | None = None,
         seed: int = 0,
+        binner: BinSource | None = None,
     ) -> None:
         """Take a model and the effects that it may lack.
 
@@ -126,6 +127,7 @@ class Diagnoser:
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
             criterion: its `rival` decides what may as well be in an effect's place.
             seed: of the bootstrap.
+            binner: of an arm, which gives the columns of its links.
 
         Raises:
             ValueError: if a number is out of its range, or a term of the model depends on the past.
@@ -139,12 +141,17 @@ class Diagnoser:
         self.not_run = {id: reason for id, effect in library.items() if (reason := hindrance(effect))}
         library = {id: effect for id, effect in library.items() if id not in self.not_run}
         self.rate, self.batch = rate, batch
-        self._binner = Binner(rate, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
+        if binner is None:
+            binner = Binner(rate, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
+        self._binner = binner
         length = self._binner.every / rate  # of a bin [s]
         self.threshold = threshold_of(alarms_per_hour, BLOCK * length)
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
         rival = (criterion or Criterion()).rival
-        self.each = tuple(EffectMonitor(terms, library, blank, length, 1 / rate, rival, seed) for _ in range(batch))
+        joints = self._binner.joints
+        self.each = tuple(
+            EffectMonitor(terms, library, joints, blank, length, 1 / rate, rival, seed) for _ in range(batch)
+        )
 
     @property
     def said(self) -> tuple[OnlineDiagnosis, ...]:
@@ -166,7 +173,7 @@ class Diagnoser:
 
 
 class EffectMonitor:
-    """Diagnoses one pendulum: bins in, a diagnosis out.
+    """Diagnoses one plant: bins of its joints in, a diagnosis out.
 
     Attributes:
         said: the diagnosis.
@@ -176,19 +183,21 @@ class EffectMonitor:
         self,
         terms: Sequence[Term],
         library: Mapping[str, type[Term]],
+        joints: Sequence[str],
         blank: OnlineDiagnosis,
         length: float,
         period: float,
         rival: float,
         seed: int,
     ) -> None:
-        """Take model, effects, what is said at first, the length of a bin [s], and the time between samples [s].
+        """Take model, effects, joints, what is said at first, the length of a bin and the time between samples [s].
 
         An effect as likely as `rival` may as well be in another's place; `seed` is of the bootstrap.
         """
         self._base, self._library, self._blank = tuple(terms), library, blank
-        self._length, self._period, self._rival, self._seed = length, period, rival, seed
-        self._often = max(1, round(STRETCH / (BLOCK * length)))  # blocks in a stretch
+        self._joints, self._length = tuple(joints), length / len(joints)  # of motion that a bin tells of
+        self._period, self._rival, self._seed = period, rival, seed
+        self._often = max(1, round(STRETCH / (BLOCK * self._length)))  # blocks in a stretch
         self.reset()
 
     @property
@@ -205,6 +214,7 @@ class EffectMonitor:
     def _begin(self) -> None:
         """Begin to compare models, from what is kept."""
         self._rivals: Rivals | None = None
+        self._scale = np.ones(len(self._joints))  # of errors at each joint, relative to those of all
         self._waiting: list[Bin] = []  # to be taken together
         self._blocks: deque[Array] = deque(maxlen=STRETCHES * self._often)  # log predictive densities (F,)
         self._errors: deque[float] = deque(maxlen=round(RECENT / self._length))
@@ -263,7 +273,7 @@ class EffectMonitor:
         self._waiting.append(one)
         if len(self._waiting) < TOGETHER:
             return
-        densities, errors = self._rivals.take(Bins.of(self._waiting, self._period))
+        densities, errors = self._rivals.take(self._bins(self._waiting))
         self._waiting = []
         self._errors.extend(errors.tolist())
         self._block = block = self._block + densities.sum(axis=0)
@@ -284,31 +294,44 @@ class EffectMonitor:
 
     def _fit(self) -> None:
         """Fit all models to what is kept: they predict from now on."""
-        bins = Bins.of(self._kept, self._period)
+        bins = self._bins(self._kept)
         width = sum(len(term.columns) for term in self.terms)
         base = Family(self.terms, (), bins, width + 2)
+        if len(self._joints) > 1:
+            squares = [np.mean(base.residual[bins.at == name] ** 2) for name in self._joints if name in bins.at]
+            self._scale[[name in bins.at for name in self._joints]] = np.sqrt(np.maximum(squares, 1e-12))
+            self._scale /= self._scale.mean()
+            bins = self._bins(self._kept)
+            base = Family(self.terms, (), bins, width + 2)
         families = [base]
-        for id, variants in self._grids(base, bins.middle):
+        for id, variants in self._grids(base, bins):
             if id not in self._added and variants:
                 families.append(Family(self.terms, thinned(variants), bins, width + 2))
         self._fitted = len(bins.y)
         self._rivals, self._bets = Rivals(families, self._fitted), Bets(len(families) - 1)
 
-    def _grids(self, base: Family, x: Samples) -> Iterator[tuple[str, list[Term]]]:
+    def _bins(self, bins: Sequence[Bin]) -> Bins:
+        return Bins.of(bins, self._period, self._joints, self._scale)
+
+    def _grids(self, base: Family, bins: Bins) -> Iterator[tuple[str, list[Term]]]:
         names = [column.name for term in self.terms for column in term.columns]
         known = dict(zip(names, base.theta[0].tolist(), strict=False))
         for id, effect in self._library.items():
-            variants = [term for term in effect.grid(x, base.residual[:, 0]) if term.possible(x)]
+            own = bins.at == effect.at
+            if not own.any():  # its joint has not moved yet
+                continue
+            x, residual = bins.of_joint(effect.at).middle, (base.residual[:, 0] * bins.scale)[own]
+            variants = [term for term in effect.grid(x, residual) if term.possible(x)]
             follows = {s.name: known[s.follows] for s in effect.shapes if s.follows in known}
             yield id, [_with(term, follows) for term in variants]
 
     def _refine(self) -> None:
         """Narrow the grids of continuous shape parameters round what predicts best."""
         assert self._rivals is not None
-        bins = Bins.of(self._kept, self._period)
+        bins = self._bins(self._kept)
         base, *families = self._rivals.families
         width = base.width
-        fresh = dict(self._grids(Family(self.terms, (), bins, width), bins.middle))
+        fresh = dict(self._grids(Family(self.terms, (), bins, width), bins))
         renewed = [base]
         for family in families:
             first = family.variants[0]

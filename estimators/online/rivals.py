@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.online.binning import MARGIN, Bin
 from estimators.online.recursion import SquareRootLeastSquares
@@ -57,16 +58,36 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class Bins:
-    """R bins of n samples each: time, position, velocity and torque at n + 3 instants (4, R, n + 3), and y (R,)."""
+    """R bins of n samples each, of one joint or of several.
+
+    Attributes:
+        series: time, position, velocity and torque at n + 3 instants (4, R, n + 3).
+        y: what is to be explained, in units of `scale` (R,).
+        period: between samples [s].
+        at: name of each one's joint (R,).
+        given: columns that come with the bins, of terms whose laws are no functions of one joint (R, G) [N m].
+        scale: of errors at each one's joint, relative to those of all (R,).
+    """
 
     series: Array
     y: Array
     period: float
+    at: NDArray[np.str_]
+    given: Array
+    scale: Array
 
     @classmethod
-    def of(cls, bins: Sequence[Bin], period: float) -> Bins:
-        """Several beside each other, of samples so far apart [s]."""
-        return cls(np.stack([one.series for one in bins], axis=1), np.array([one.y for one in bins]), period)
+    def of(cls, bins: Sequence[Bin], period: float, joints: Sequence[str], scale: Array) -> Bins:
+        """Several beside each other, of samples so far apart [s], of joints whose errors are so large (J,)."""
+        joint = [one.joint for one in bins]
+        series, own = np.stack([one.series for one in bins], axis=1), scale[joint]
+        y, given = np.array([one.y for one in bins]) / own, np.array([one.phi for one in bins])
+        return cls(series, y, period, np.array(joints)[joint], given, own)
+
+    def of_joint(self, name: str) -> Bins:
+        """Those of one joint."""
+        own = self.at == name
+        return Bins(self.series[:, own], self.y[own], self.period, self.at[own], self.given[own], self.scale[own])
 
     @property
     def middle(self) -> Samples:
@@ -79,14 +100,24 @@ class Bins:
         What is to be explained is the torque less what has no parameter.
         """
         shape = len(self.y), count
-        columns = [self._column(column, column.of_torque) for term in terms for column in term.columns]
-        fixed = [self._column(column, True) for term in terms for column in term.fixed]
-        phi, slope = np.zeros((2, *shape, len(columns)))
+        phi, slope = np.zeros((2, *shape, sum(len(term.columns) for term in terms)))
         y, passed = np.zeros(shape) + self.y[:, None], np.ones(shape)
-        for j, (value, by_torque) in enumerate(columns):
-            phi[..., j], slope[..., j] = value, by_torque
-        for value, by_torque in fixed:
-            y, passed = y - value, passed - by_torque
+        j, given = 0, iter(self.given.T)
+        for term in terms:
+            own = self.at == term.at
+            of_joint = self if own.all() else self.of_joint(term.at)
+            scale = of_joint.scale[:, None]
+            for column in term.columns:
+                if column.mass is zero and column.force is zero and column.dry is zero:
+                    phi[..., j] = (next(given) / self.scale)[:, None]
+                elif own.any():
+                    value, by_torque = of_joint._column(column, column.of_torque)
+                    phi[own, :, j], slope[own, :, j] = value / scale, by_torque
+                j += 1
+            for column in term.fixed if own.any() else ():
+                value, by_torque = of_joint._column(column, True)
+                y[own] -= value / scale
+                passed[own] -= by_torque
         return Rows(phi, y, slope, passed)
 
     def _column(self, column: Column, of_torque: bool) -> tuple[Array, Array | float]:
@@ -219,7 +250,7 @@ class Rivals:
             family.theta, family.root = self._squares.theta[0, own], self._squares.root[0, own]
             family.square, family.weight = self._square[own], self._weight[own]
         densities, errors = zip(*told, strict=True)
-        return np.array(densities), np.array(errors)
+        return np.array(densities), np.array(errors) * bins.scale
 
     def _take(self, rows: Rows) -> tuple[Array, float]:
         """Predict one bin by all models, then learn from it."""

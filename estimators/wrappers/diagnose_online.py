@@ -12,7 +12,7 @@ from gymnasium.vector import VectorEnv
 from estimators.arguments import chosen_terms
 from estimators.online.diagnosis import Diagnoser, hindrance
 from estimators.wrappers.measuring import Measuring, MeasuringVector
-from estimators.wrappers.options import AnyEnv, rate_of, smoothing_of
+from estimators.wrappers.options import AnyEnv, is_arm, rate_of, smoothing_of
 from pendulum_env.physics import Term
 from pendulum_env.physics.library import effect
 
@@ -50,8 +50,10 @@ class DiagnoseOnline(Measuring):
 
         Args:
             env: the environment.
-            terms: of the model, by id or as they are; None are the paper's four.
-            candidates: ids of effects that it may lack, or one; None are all of the library.
+            terms: of the model, by id or as they are; None are the paper's four, or the links of the environment's arm
+                with viscous and Coulomb friction at each joint.
+            candidates: ids of effects that it may lack, or one; None are all of the library. Of an arm, `stribeck` is
+                at any joint, `stribeck@elbow` at that one.
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             add_from: probability from which an effect that is surely missing is added by itself; None adds none.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
@@ -128,16 +130,29 @@ def diagnoser_of(
         ValueError: if a name is unknown, or none of the candidates can be followed online.
     """
     rate = rate_of(env, rate)
+    smoothing, binner = smoothing_of(env, rate), None
     candidates = [candidates] if isinstance(candidates, str) else candidates
-    library = None if candidates is None else {id: effect(id) for id in candidates}
+    library: dict[str, type[Term]] | None
+    if is_arm(env):
+        from estimators.arms.online import ArmBinner  # needs the extra `arms`
+        from estimators.arms.wrapper import effects_of, terms_of
+
+        if isinstance(env, VectorEnv):
+            raise ValueError("arms are diagnosed one by one: wrap each environment in DiagnoseOnline")
+        chosen = terms_of(env, terms)
+        library, binner = effects_of(env, candidates), ArmBinner(chosen[:1], smoothing, rate)
+    else:
+        chosen = chosen_terms(terms)
+        library = None if candidates is None else {id: effect(id) for id in candidates}
     if library is not None and all(map(hindrance, library.values())):
         why = ", ".join(f"{id} {hindrance(one)}" for id, one in library.items())
         raise ValueError(f"candidates leave no effect to try{': ' * bool(why)}{why}; name others, or None for all")
     return Diagnoser(
         rate,
-        chosen_terms(terms),
+        chosen,
         batch=batch,
         library=library,
-        smoothing=smoothing_of(env, rate),
+        smoothing=smoothing,
         alarms_per_hour=alarms_per_hour,
+        binner=binner,
     )

@@ -14,7 +14,6 @@ from estimators.arguments import chosen_terms
 from estimators.online.watch import Watch
 from estimators.wrappers.measuring import Measuring, MeasuringVector
 from estimators.wrappers.options import AnyEnv, is_arm, rate_of, smoothing_of
-from pendulum_env._typing import Array
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Model, Term
 
@@ -112,10 +111,15 @@ def watch_of(
     smoothing = smoothing_of(env, rate)
     if is_arm(env):
         from estimators.arms.online import ArmBinner  # needs the extra `arms`
+        from estimators.arms.wrapper import body_of, terms_of
 
         if isinstance(env, VectorEnv):
             raise ValueError("arms are watched one by one: wrap each environment in WatchModel")
-        chosen, theta = _of_arm(env, model, terms)
+        if isinstance(model, str | Path):
+            model = ArmModel.load(model, body_of(env))
+        if model is not None and not isinstance(model, ArmModel):
+            raise ValueError("the model is of a pendulum, and what is watched is an arm: give the model of one")
+        chosen, theta = (terms_of(env, terms), None) if model is None else (model.terms, model.theta)
         binner = ArmBinner(chosen, smoothing, rate)
     else:
         if isinstance(model, str | Path):
@@ -134,24 +138,3 @@ def watch_of(
         calibrate=calibrate,
         binner=binner,
     )
-
-
-def _of_arm(
-    env: gym.Env[Any, Any], model: Model | str | Path | None, terms: Sequence[str | Term] | None
-) -> tuple[Sequence[Term], Array | None]:
-    """Terms of an arm, the links first, and their parameters if they are known."""
-    from estimators.arms.wrapper import body_of
-    from pendulum_env.arms.joints import Links, friction
-
-    if isinstance(model, str | Path):
-        model = ArmModel.load(model, body_of(env))
-    if model is not None:
-        if not isinstance(model, ArmModel):
-            raise ValueError("the model is of a pendulum, and what is watched is an arm: give the model of one")
-        return model.terms, model.theta
-    body = body_of(env)
-    if terms is None:
-        return (Links(body), *friction(body)), None
-    if named := [term for term in terms if isinstance(term, str)]:
-        raise ValueError(f"terms of an arm are objects, such as at_joint(Stribeck, 'elbow')(), not '{named[0]}'")
-    return (Links(body), *(term for term in terms if isinstance(term, Term))), None
