@@ -15,7 +15,6 @@ from estimators.arms.identification import (
 from estimators.arms.online import ArmEstimator
 from estimators.arms.payload import Payload, find_payload
 from estimators.arms.standard import standard_parameters
-from estimators.arms.wrapper import EstimateArmParameters
 
 __all__ = [
     "ARM_SCHEMES",
@@ -24,7 +23,6 @@ __all__ = [
     "ArmEstimator",
     "ArmIdentification",
     "ArmIdentified",
-    "EstimateArmParameters",
     "Excited",
     "Follow",
     "JointError",

@@ -14,8 +14,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from estimators.online.binning import Binner
-from pendulum_env._typing import Array, ArrayLike
+from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Term
 from pendulum_env.physics.simulation import Balance, prepared, simulate
 
@@ -140,20 +139,18 @@ class Mover:
 class TurnFinder:
     """Finds turns of B pendulums, as soon as all around them is measured."""
 
-    def __init__(self, batch: int, period: float, binner: Binner, late: int, slowest: float) -> None:
-        """Take B and the time between samples [s], what smooths them, how late torques act [samples], the least speed.
+    def __init__(self, batch: int, period: float, delay: int, late: int, slowest: float) -> None:
+        """Take B and the time between samples [s], how late velocities and torques come [samples], and the least speed.
 
         Below the least speed [rad/s], a velocity has no direction.
         """
-        self._binner, delay = binner, binner.delay
         self._half, self._delay, self._late, self._slowest = round(HALF / period), delay, late, slowest
         self._ring = np.zeros((2 * self._half + delay + late + 2, 4, batch))  # time, position, torque, velocity
         self._free = np.zeros(batch, dtype=np.intp)  # sample from which on the next may begin
         self._count = 0
 
-    def take(self, time: Array, position: Array, torque: Array) -> dict[int, Turns]:
-        """Take in a sample (B,) each that the binner has taken, which knows the velocity `delay` samples ago."""
-        velocity, place = self._binner.velocity, self._binner.taken.place
+    def take(self, time: Array, position: Array, torque: Array, velocity: Array, place: Index) -> dict[int, Turns]:
+        """Take in a sample, and the velocity `delay` samples ago, with its place in the run (B,) each."""
         ring, length, end = self._ring, len(self._ring), self._count - self._delay
         ring[self._count % length, :3] = time, position, torque
         ring[end % length, 3] = velocity

@@ -122,13 +122,14 @@ class Watch:
             raise ValueError(f"theta has {len(theta)} values, the model {len(names)}: {', '.join(names)}")
         smoothing, period = smoothing or Smoothing.of_encoder(COUNTS, rate), 1.0 / rate
         self.rate, self.batch = rate, batch
-        self._mover, self._turns = None, None
+        self._mover: Mover | None = None
+        self._turns: tuple[Binner, TurnFinder] | None = None
         if binner is None:
             binner = Binner(rate, smoothing, batch, terms)
             if (mover := Mover(terms, period)).ready:
                 late = int(np.ceil(sum(term.delay for term in terms) / period)) + 1
                 self._mover = mover
-                self._turns = TurnFinder(batch, period, binner, late, smoothing.slowest)
+                self._turns = binner, TurnFinder(batch, period, binner.delay, late, smoothing.slowest)
         self._binner = binner
         length = binner.every * period  # of a bin [s]
         self.threshold = threshold_of(alarms_per_hour, min(BLOCK * length, 2 * HALF))
@@ -160,7 +161,9 @@ class Watch:
         for one in self._binner.take(time, position, torque):
             self.each[one.of].take(one)
         if self._turns is not None:
-            for b, turn in self._turns.take(time, position, torque).items():
+            smoothed, finder = self._turns
+            turns = finder.take(time, position, torque, smoothed.velocity, smoothed.taken.place)
+            for b, turn in turns.items():
                 self.each[b].take_turn(turn)
         return self.said
 

@@ -45,6 +45,7 @@ class DiagnoseOnline(Measuring):
         rate: float | None = None,
         add_from: float | None = None,
         alarms_per_hour: float = 1.0,
+        robot: str | None = None,
     ) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`.
 
@@ -57,6 +58,7 @@ class DiagnoseOnline(Measuring):
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             add_from: probability from which an effect that is surely missing is added by itself; None adds none.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
+            robot: file of an arm's links, URDF or MJCF; None asks the environment.
 
         Raises:
             ValueError: if a name is unknown, a number out of its range, a term of the model depends on the past, or no
@@ -65,6 +67,7 @@ class DiagnoseOnline(Measuring):
         if add_from is not None and not 0.5 <= add_from < 1:
             raise ValueError(f"add_from ({add_from:g}) is a probability: give 0.5 or more, below 1")
         options: dict[str, Any] = {"candidates": candidates, "rate": rate, "alarms_per_hour": alarms_per_hour}
+        options["robot"] = robot
         diagnoser = diagnoser_of(env, 1, terms, **options)
         super().__init__(env, diagnoser, terms=terms, add_from=add_from, **options)
         (self.diagnoser,) = diagnoser.each
@@ -123,6 +126,7 @@ def diagnoser_of(
     candidates: str | Sequence[str] | None = None,
     rate: float | None = None,
     alarms_per_hour: float = 1.0,
+    robot: str | None = None,
 ) -> Diagnoser:
     """Diagnoser for an environment.
 
@@ -133,14 +137,15 @@ def diagnoser_of(
     smoothing, binner = smoothing_of(env, rate), None
     candidates = [candidates] if isinstance(candidates, str) else candidates
     library: dict[str, type[Term]] | None
-    if is_arm(env):
+    if robot is not None or is_arm(env):
         from estimators.arms.online import ArmBinner  # needs the extra `arms`
-        from estimators.arms.wrapper import effects_of, terms_of
+        from estimators.wrappers.arms import body_of, effects_of, terms_of
 
         if isinstance(env, VectorEnv):
             raise ValueError("arms are diagnosed one by one: wrap each environment in DiagnoseOnline")
-        chosen = terms_of(env, terms)
-        library, binner = effects_of(env, candidates), ArmBinner(chosen[:1], smoothing, rate)
+        body = body_of(env, robot)
+        chosen = terms_of(body, terms)
+        library, binner = effects_of(body, candidates), ArmBinner(chosen[:1], smoothing, rate)
     else:
         chosen = chosen_terms(terms)
         library = None if candidates is None else {id: effect(id) for id in candidates}

@@ -47,6 +47,7 @@ class WatchModel(Measuring):
         rate: float | None = None,
         alarms_per_hour: float = 1.0,
         calibrate: float = 5.0,
+        robot: str | None = None,
     ) -> None:
         """Wrap an environment whose `info` carries `time`, `position` and `torque`.
 
@@ -58,13 +59,14 @@ class WatchModel(Measuring):
             rate: samples per second [Hz]; None asks the environment, as for its encoder, whose steps are smoothed.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
             calibrate: time of motion in which the model, or at least the size of its errors, is learnt [s].
+            robot: file of an arm's links, URDF or MJCF; None asks the environment.
 
         Raises:
             ValueError: if a name is unknown, a number is out of its range, both model and terms are given, or a file
                 holds no model; when running, if samples do not come at the rate.
         """
         options: dict[str, Any] = {"terms": terms, "rate": rate, "alarms_per_hour": alarms_per_hour}
-        options["calibrate"] = calibrate
+        options |= {"calibrate": calibrate, "robot": robot}
         self.watch = watch_of(env, 1, model, **options)
         super().__init__(env, self.watch, model=model, **options)
 
@@ -99,6 +101,7 @@ def watch_of(
     rate: float | None = None,
     alarms_per_hour: float = 1.0,
     calibrate: float = 5.0,
+    robot: str | None = None,
 ) -> Watch:
     """Watch for an environment.
 
@@ -109,17 +112,17 @@ def watch_of(
         raise ValueError("a model has its terms: give either model or terms")
     rate = rate_of(env, rate)
     smoothing = smoothing_of(env, rate)
-    if is_arm(env):
+    if robot is not None or is_arm(env):
         from estimators.arms.online import ArmBinner  # needs the extra `arms`
-        from estimators.arms.wrapper import body_of, terms_of
+        from estimators.wrappers.arms import body_of, terms_of
 
         if isinstance(env, VectorEnv):
             raise ValueError("arms are watched one by one: wrap each environment in WatchModel")
         if isinstance(model, str | Path):
-            model = ArmModel.load(model, body_of(env))
+            model = ArmModel.load(model, body_of(env, robot))
         if model is not None and not isinstance(model, ArmModel):
             raise ValueError("the model is of a pendulum, and what is watched is an arm: give the model of one")
-        chosen, theta = (terms_of(env, terms), None) if model is None else (model.terms, model.theta)
+        chosen, theta = (terms_of(body_of(env, robot), terms), None) if model is None else (model.terms, model.theta)
         binner = ArmBinner(chosen, smoothing, rate)
     else:
         if isinstance(model, str | Path):

@@ -12,8 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import NormalizeObservation, RecordVideo, RescaleAction, TimeLimit
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.arms import EstimateArmParameters
-from estimators.wrappers import EstimateParameters
+from estimators.wrappers import EstimateArmParameters, EstimateParameters
 from pendulum_env import interface
 from pendulum_env.env import DirectDrivePendulum
 from pendulum_env.excitation import excitation

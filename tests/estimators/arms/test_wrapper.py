@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import Multisine
-from estimators.arms import EstimateArmParameters, identify_arm
-from estimators.wrappers import WatchModel
+from estimators.arms import identify_arm
+from estimators.wrappers import EstimateArmParameters, WatchModel
 from pendulum_env import ARM, PENDULUM
 from pendulum_env.arms import read_body
 from pendulum_env.arms.joints import Links, friction

@@ -1,0 +1,69 @@
+"""What the wrappers ask of an arm: its links, the model of it, and effects that its joints may have."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.joints import Coupling, Links, at_joints, check_places, friction, joint_effects, kind_at, placed
+from pendulum_env.lookup import find
+from pendulum_env.physics import Term
+from pendulum_env.physics.library import term
+
+
+def terms_of(body: Body, terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
+    """Model of an arm: its links and terms at joints, viscous and Coulomb friction by default.
+
+    Raises:
+        ValueError: if a term is unknown or at no joint.
+    """
+    if terms is None:
+        return (Links(body), *friction(body))
+    slides = dict(zip(body.joints, body.slides, strict=True))
+    chosen = []
+    for own in terms:
+        if isinstance(own, str):
+            id, _, joint = own.partition("@")
+            own = placed(term(id)(), joint, slides.get(joint, False)) if joint else term(id)()
+        chosen.append(own)
+    check_places(chosen, body.joints)
+    return (Links(body), *chosen)
+
+
+def effects_of(body: Body, names: Sequence[str] | None) -> dict[str, type[Term]]:
+    """Effects that the joints of an arm may have, by id; of names, `stribeck` is at each joint.
+
+    Raises:
+        ValueError: if there is no such effect or joint.
+    """
+    alone = {id: kind for id, kind in joint_effects().items() if kind is not Coupling}
+    if names is None:
+        return {kind.id: kind for kind in at_joints(alone.values(), body)}
+    found = [
+        own
+        for name in names
+        for own in ([kind_at(name, body)] if "@" in name else at_joints([find("effect", name, alone)], body))
+    ]
+    return {kind.id: kind for kind in found}
+
+
+def body_of(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
+    """Links of a file, or of an environment that can write them.
+
+    Raises:
+        ValueError: if there is no file, and the environment does not tell.
+    """
+    if robot is not None:
+        return read_body(robot)
+    text = getattr(env.unwrapped, "urdf", None)
+    if text is None:
+        raise ValueError("the environment does not tell its links: pass robot=, a file in URDF or MJCF")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(text, encoding="utf-8")
+        return read_body(path)
