@@ -27,7 +27,7 @@ test-slow: .venv/dev
 WHICH ?= not slow
 NONE_THERE = $(if $(PART),|| test $$? = 5)# a part may have no tests of a kind
 computing: .venv/dev
-	$(ONE) nice $(BIN)/pytest -q -n 2 --dist worksteal -m "$(WHICH) and not realtime" $(HERE) $(NONE_THERE)
+	$(ONE) nice -n 4 $(BIN)/pytest -q -n 2 --dist worksteal -m "$(WHICH) and not realtime" $(HERE) $(NONE_THERE)
 
 realtime: .venv/dev
 	$(BIN)/pytest -q -m "$(WHICH) and realtime" $(HERE) $(NONE_THERE)

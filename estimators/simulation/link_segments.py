@@ -20,17 +20,17 @@ from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory
 from pendulum_env.physics.term import Memory
 
-HOP = 0.25  # [s], length of a segment
+LENGTH = 0.25  # [s], length of a segment
 COARSE = 1e-3  # [s], step of the integrator
 PERTURBATION = np.array(
     [3e-4, 3e-3, 1e-3, 1e-2]
 )  # of position and velocity of motor and link, for derivatives [rad], [rad/s]
 DAMPING = np.array([0.01, 1.0, 100.0])  # factors on the damping of a state that are tried
-LAUNCHES = 2  # turns for every start, and as many for the best
+INITIAL_TURNS = 2  # turns for every start, and as many for the best
 
 
 @dataclass(frozen=True)
-class Shots:
+class Shooting:
     """Segments of one recording with the states (S, B) that they start from: q, q', then the hidden ones."""
 
     segments: Segments
@@ -44,7 +44,7 @@ class Shots:
         grain = grain_of(self.segments)
         return self.segments.position[grain::grain]
 
-    def fly(
+    def simulate(
         self, points: Sequence[Point], states: Array, observe: Callable[[Samples], None] | None = None
     ) -> Trajectory:
         """Segments of V points from V sets of states (V, S, B), each (N + 1, V B); `observe` as in `simulate`."""
@@ -56,7 +56,7 @@ class Shots:
     def errors(self, points: Sequence[Point], states: Array) -> Array:
         """Errors of position of V points from V sets of states (V, S, B), each (V, B, N) [rad]."""
         grain = grain_of(self.segments)
-        path = self.fly(points, states).position[grain::grain]
+        path = self.simulate(points, states).position[grain::grain]
         return np.moveaxis(path.reshape(len(path), len(points), -1) - self.measured[:, None], 0, 2)
 
 
@@ -75,32 +75,32 @@ def link_of(terms: Sequence[Term]) -> Term:
     return next(term for term in terms if term.link)
 
 
-def cut(windows: Windows, point: Point, first: Index) -> Shots:
+def cut(windows: Windows, point: Point, first: Index) -> Shooting:
     """Segments from given samples on, started as the measured motion suggests."""
-    segments, link = cut_segments(windows, first, periods(windows, HOP)), link_of(point.terms)
+    segments, link = cut_segments(windows, first, periods(windows, LENGTH)), link_of(point.terms)
     hidden = start_memory([segments], [link])[link.id]
-    return Shots(
+    return Shooting(
         segments, np.array([segments.position[0], segments.velocity, *hidden]), np.full(len(first), DAMPING[0])
     )
 
 
-def tiles(windows: Windows) -> Index:
+def consecutive(windows: Windows) -> Index:
     """First samples of segments that follow each other all along a part of a recording."""
-    length = periods(windows, HOP)
+    length = periods(windows, LENGTH)
     ends = [(begin, end - length - 1) for begin, end in stretches(windows)]
     return np.concatenate([np.unique(np.append(np.arange(b, last, length), last)) for b, last in ends if last >= b])
 
 
-def slopes_by_state(shots: Shots, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
+def slopes_by_state(shooting: Shooting, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
     """Errors (V, B, N) of V points from V sets of states (V, S, B), and derivatives by the states (V, B, N, S)."""
     count, size, segments = states.shape
     perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(PERTURBATION)])[None, :, :, None]
-    errors = shots.errors(each(points, size + 1), perturbed.reshape(-1, size, segments))
+    errors = shooting.errors(each(points, size + 1), perturbed.reshape(-1, size, segments))
     errors = errors.reshape(count, size + 1, segments, -1)
     return errors[:, 0], np.moveaxis((errors[:, 1:] - errors[:, :1]) / PERTURBATION[:, None, None], 1, 3)
 
 
-def moves(error: Array, slopes: Array, damping: Array) -> Array:
+def state_steps(error: Array, slopes: Array, damping: Array) -> Array:
     """Steps of states (F, S, B) that lower the errors (B, N) of B segments, for each of F factors on the damping."""
     square = np.swapaxes(slopes, 1, 2) @ slopes
     own = np.einsum("bss->bs", square)[:, :, None] * np.eye(slopes.shape[2])
@@ -112,18 +112,18 @@ def moves(error: Array, slopes: Array, damping: Array) -> Array:
     return np.array([step[:, :, 0].T for step in steps])
 
 
-def settle(
-    shots: Shots, points: Sequence[Point], states: Array, damping: Array, turns: int
+def refine_states(
+    shooting: Shooting, points: Sequence[Point], states: Array, damping: Array, turns: int
 ) -> tuple[Array, Array, Array]:
     """States (V, S, B), their damping (V, B) and squared errors (V, B) after some turns, for each of V points."""
     for _ in range(turns):
-        error, slopes = slopes_by_state(shots, points, states)
+        error, slopes = slopes_by_state(shooting, points, states)
         before = np.sum(error**2, axis=2)
         tried = np.array(
-            [s + moves(*one) for s, *one in zip(states, error, slopes, damping, strict=True)]
+            [s + state_steps(*one) for s, *one in zip(states, error, slopes, damping, strict=True)]
         )  # (V, F, S, B)
         flat = tried.reshape(-1, *states.shape[1:])
-        after = np.sum(shots.errors(each(points, len(DAMPING)), flat) ** 2, axis=2)
+        after = np.sum(shooting.errors(each(points, len(DAMPING)), flat) ** 2, axis=2)
         states, damping, squares = _best(tried, after.reshape(*tried.shape[:2], -1), states, before, damping)
     return states, damping, squares
 
@@ -142,33 +142,35 @@ def _best(tried: Array, after: Array, states: Array, before: Array, damping: Arr
     )
 
 
-def launch(shots: Shots, point: Point) -> tuple[Shots, Array]:
+def initialise(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
     """The segments from the best states there are for a point, and their squared errors (B,).
 
     Tried are the states they have, those that the measured motion suggests, and a link on either side of the play.
     """
-    traced = cut(shots.segments.windows, point, shots.segments.first).states
+    traced = cut(shooting.segments.windows, point, shooting.segments.first).states
     gap = link_of(point.terms).shape.get("gap", 0.0)
-    candidates = [shots.states, traced]
+    candidates = [shooting.states, traced]
     for side in (-1, 0, 1) if gap else ():
         candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
     start = np.full((len(candidates), traced.shape[1]), DAMPING[0])
-    states, damping, squares = settle(shots, [point] * len(candidates), np.array(candidates), start, LAUNCHES)
-    best, segment = np.argmin(squares, axis=0), np.arange(len(start[0]))
-    states, _, squares = settle(
-        shots, [point], states[best, :, segment].T[None], damping[best, segment][None], LAUNCHES
+    states, damping, squares = refine_states(
+        shooting, [point] * len(candidates), np.array(candidates), start, INITIAL_TURNS
     )
-    return replace(shots, states=states[0], damping=start[0]), squares[0]
+    best, segment = np.argmin(squares, axis=0), np.arange(len(start[0]))
+    states, _, squares = refine_states(
+        shooting, [point], states[best, :, segment].T[None], damping[best, segment][None], INITIAL_TURNS
+    )
+    return replace(shooting, states=states[0], damping=start[0]), squares[0]
 
 
 def watch(windows: Windows, model: Model) -> Samples:
     """Samples of a recording with the motion of motor and link as segments that follow each other have it."""
     point, term = Point(model.terms, model.theta), link_of(model.terms)
     x = windows.trace([term])[0]
-    shots, _ = launch(cut(windows, point, tiles(windows)), point)
+    shooting, _ = initialise(cut(windows, point, consecutive(windows)), point)
     seen: list[Memory] = []
-    path = shots.fly([point], shots.states[None], lambda state: seen.append(state.memory[term.id]))
-    index = shots.segments.first + np.arange(len(path.position))[:, None]
+    path = shooting.simulate([point], shooting.states[None], lambda state: seen.append(state.memory[term.id]))
+    index = shooting.segments.first + np.arange(len(path.position))[:, None]
 
     def filled(measured: ArrayLike, simulated: Array) -> Array:
         series = np.array(measured, dtype=float)

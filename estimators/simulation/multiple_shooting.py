@@ -14,15 +14,15 @@ import numpy as np
 from estimators.regression.least_squares import robust_covariance
 from estimators.simulation.link_segments import (
     DAMPING,
-    Shots,
+    Shooting,
+    consecutive,
     cut,
     each,
-    launch,
+    initialise,
     link_of,
-    moves,
-    settle,
+    refine_states,
     slopes_by_state,
-    tiles,
+    state_steps,
 )
 from estimators.simulation.output_error import SMALLEST, Point, named, trust
 from estimators.weak_form.shapes import moved
@@ -65,14 +65,14 @@ class Slopes:
     parts: tuple[tuple[Array, Array, Array], ...]
 
 
-def _linearise(every: Sequence[Shots], point: Point) -> Slopes:
+def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
     values = point.values
     size = np.maximum(np.abs(values), SMALLEST)
     nearby = [point.at(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
     parts = []
-    for shots in every:
-        (error,), (by_state,) = slopes_by_state(shots, [point], shots.states[None])
-        near = shots.errors(nearby, np.repeat(shots.states[None], len(nearby), axis=0))
+    for shooting in every:
+        (error,), (by_state,) = slopes_by_state(shooting, [point], shooting.states[None])
+        near = shooting.errors(nearby, np.repeat(shooting.states[None], len(nearby), axis=0))
         parts.append((error, np.moveaxis((near - error) / DIFFERENCE, 0, 2), by_state))
     free = [_project(*move) for move in parts]
     steep = [np.linalg.norm(slopes, axis=1) for _, slopes in free]  # (B, P)
@@ -98,7 +98,7 @@ def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array,
     return both[:, :, 0], both[:, :, 1:]
 
 
-def fit(every: Sequence[Shots], point: Point, turns: int = TURNS) -> tuple[Point, list[Shots], float]:
+def fit(every: Sequence[Shooting], point: Point, turns: int = TURNS) -> tuple[Point, list[Shooting], float]:
     """Parameters and states that fit the segments of all recordings best, and their squared error."""
     every, stalled, cost = list(every), 0, np.inf
     for _ in range(turns):
@@ -109,7 +109,7 @@ def fit(every: Sequence[Shots], point: Point, turns: int = TURNS) -> tuple[Point
         step = np.linalg.lstsq(np.vstack([slopes.by_parameter, damping]), target, rcond=None)[0]
         step = np.clip(step, -LARGEST, LARGEST)
         points = [point.at(values + share * step * size) for share in SHARES]
-        tried = [_follow(shots, points, step, move) for shots, move in zip(every, slopes.parts, strict=True)]
+        tried = [_follow(shooting, points, step, move) for shooting, move in zip(every, slopes.parts, strict=True)]
         costs = [w @ squares.T for (_, _, squares), w in zip(tried, slopes.weights, strict=True)]
         best = int(np.argmin(np.sum(costs, axis=0)))
         cost = float(np.sum(costs, axis=0)[best])
@@ -118,13 +118,13 @@ def fit(every: Sequence[Shots], point: Point, turns: int = TURNS) -> tuple[Point
         )
         point = points[best]
         every = [
-            replace(shots, states=states[best], damping=damped[best])
-            for shots, (states, damped, _) in zip(every, tried, strict=True)
+            replace(shooting, states=states[best], damping=damped[best])
+            for shooting, (states, damped, _) in zip(every, tried, strict=True)
         ]
         if cost > before * (1 - GAIN):
-            launched = [launch(shots, point) for shots in every]
-            every = [shots for shots, _ in launched]
-            anew = sum(float(w @ squares) for w, (_, squares) in zip(slopes.weights, launched, strict=True))
+            initialised = [initialise(shooting, point) for shooting in every]
+            every = [shooting for shooting, _ in initialised]
+            anew = sum(float(w @ squares) for w, (_, squares) in zip(slopes.weights, initialised, strict=True))
             stalled = stalled + 1 if anew > cost * (1 - GAIN) else 0
             if stalled == 2:
                 break
@@ -132,19 +132,19 @@ def fit(every: Sequence[Shots], point: Point, turns: int = TURNS) -> tuple[Point
 
 
 def _follow(
-    shots: Shots, points: Sequence[Point], step: Array, move: tuple[Array, Array, Array]
+    shooting: Shooting, points: Sequence[Point], step: Array, move: tuple[Array, Array, Array]
 ) -> tuple[Array, Array, Array]:
     """States, their damping and squared errors (V, B) when the parameters take each share of a step."""
     error, by_parameter, by_state = move
     expected = [error + share * (by_parameter @ step) for share in SHARES]
-    stay = np.repeat(shots.states[None], len(points), axis=0)
-    tried = np.array([shots.states + moves(one, by_state, shots.damping) for one in expected])
+    stay = np.repeat(shooting.states[None], len(points), axis=0)
+    tried = np.array([shooting.states + state_steps(one, by_state, shooting.damping) for one in expected])
     tried = np.concatenate([tried, stay[:, None]], axis=1)
-    squares = np.sum(shots.errors(each(points, tried.shape[1]), tried.reshape(-1, *stay.shape[1:])) ** 2, axis=2)
+    squares = np.sum(shooting.errors(each(points, tried.shape[1]), tried.reshape(-1, *stay.shape[1:])) ** 2, axis=2)
     best = np.argmin(squares.reshape(*tried.shape[:2], -1), axis=1)[:, None]
     states = np.take_along_axis(tried, best[:, :, None], 1)[:, 0]
     factors = np.append(DAMPING, DAMPING[-1])[best[:, 0]]
-    return settle(shots, points, states, np.clip(shots.damping * factors, 1e-6, 1e3), 1)
+    return refine_states(shooting, points, states, np.clip(shooting.damping * factors, 1e-6, 1e3), 1)
 
 
 def estimate(every: Sequence[Windows], model: Model) -> Model:
@@ -155,14 +155,16 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
         model: to start from; one of its terms has a link. It is returned as it is where segments are too few.
     """
     point = Point(model.terms, model.theta)
-    first = [tiles(windows) for windows in every]
+    first = [consecutive(windows) for windows in every]
     if sum(len(one) for one in first) < FEWEST * len(point.values):
         return model
     thinned = -(-sum(len(one) for one in first) // MOST)
 
-    def fitted(point: Point, step: int, turns: int = TURNS) -> tuple[Point, list[Shots], float]:
+    def fitted(point: Point, step: int, turns: int = TURNS) -> tuple[Point, list[Shooting], float]:
         return fit(
-            [launch(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True)], point, turns
+            [initialise(cut(w, point, one[::step]), point)[0] for w, one in zip(every, first, strict=True)],
+            point,
+            turns,
         )
 
     multimodal = link_of(model.terms).multimodal
@@ -179,10 +181,10 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
             if lower > cost * CLIMB:
                 break
             point, cost = other, lower
-    point, shots, _ = fitted(point, thinned)
+    point, shooting, _ = fitted(point, thinned)
     if multimodal:
-        point, shots, _ = fit([replace(one, step=FINE) for one in shots], point, FINE_TURNS)
-    slopes = _linearise(shots, point)
+        point, shooting, _ = fit([replace(one, step=FINE) for one in shooting], point, FINE_TURNS)
+    slopes = _linearise(shooting, point)
     return named(point, robust_covariance(slopes.by_parameter, slopes.error, slopes.segment))
 
 

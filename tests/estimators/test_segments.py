@@ -9,7 +9,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Diagnosis, compare, identify
 from estimators.selection.data import Evidence, fit_terms
 from estimators.simulation.free_running import choose_segments
-from estimators.simulation.link_segments import tiles
+from estimators.simulation.link_segments import consecutive
 from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE
 from pendulum_env.physics.actuation import ActuatorLag
@@ -73,7 +73,7 @@ def test_no_window_and_no_simulated_stretch_reaches_across_a_gap(gapped):
     segments = choose_segments(windows)
     assert within(segments.first, segments.first + len(segments.torque))
     assert len(segments.first) >= 5
-    starts = tiles(windows)
+    starts = consecutive(windows)
     assert within(starts, starts + 100)
 
 
