@@ -36,7 +36,15 @@ PATIENCE = 10  # times as long by the clock, for a machine that does other thing
 FILES = 64  # that may be open
 RECORD = 1 << 26  # bytes of a record
 IDLE = 2  # helpers that wait for more work
-SERVE = "from pendulum_env.isolated import serve; serve()"
+HERE = os.path.dirname(__file__)
+BARE = {"pendulum_env": HERE, "pendulum_env.arms": os.path.join(HERE, "arms")}  # whose contents a helper begins without
+SERVE = f"""
+import sys, types
+for name, folder in {BARE}.items():
+    sys.modules[name] = types.ModuleType(name)
+    sys.modules[name].__path__ = [folder]
+from pendulum_env.isolated import serve; serve()
+"""
 ALONE = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}  # reserve little
 
 

@@ -23,10 +23,11 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -54,6 +55,19 @@ class StudyError(RecordingError):
 Sliced = TypeVar("Sliced", bound=Recording)  # of one joint or of several
 
 
+_KEPT = ContextVar[dict[Hashable, Any]]("the file of the last range")
+
+
+@contextmanager
+def read_together() -> Iterator[None]:
+    """Within, a file is read once for all of its ranges that follow each other."""
+    token = _KEPT.set({})
+    try:
+        yield
+    finally:
+        _KEPT.reset(token)
+
+
 @dataclass(frozen=True)
 class Source:
     """A file with a recording: how it is to be read, and what it is for."""
@@ -77,7 +91,8 @@ class Source:
             RecordingError: if it cannot be read, holds too little within the range, or is of an arm.
         """
         if self.joints is not None:
-            raise RecordingError(f"{self.file}: its study names joints of an arm: give the links with --robot ARM.urdf")
+            arm = "identify and diagnose take its links with --robot ARM.urdf"
+            raise RecordingError(f"{self.file}: its study names joints of an arm: {arm}")
         return replace(self.within_range(_of_one_joint), load=self.load)
 
     @property
@@ -91,22 +106,22 @@ class Source:
     def within_range(self, read: Callable[..., Sliced], *arguments: Hashable) -> Sliced:
         """The part that is asked for of `read(source, *arguments)`, which has the whole file.
 
-        The file is read once for all of its ranges that follow each other.
+        The whole is kept for the next range of the same file within `read_together`, and not beyond.
 
         Raises:
             RecordingError: as `read` does, or if the part holds too little.
         """
         if self.range is None:
             return read(self, *arguments)
-        status = self.file.stat() if self.file.exists() else None
-        changed = (status.st_mtime_ns, status.st_size) if status else None
-        recording = _whole(read, replace(self, role="fit", range=None, load=None), changed, *arguments)
+        whole = replace(self, role="fit", range=None, load=None)
+        asked, kept = (read, whole, *arguments), _KEPT.get({})
+        if asked not in kept:
+            kept.clear()
+            kept[asked] = read(whole, *arguments)
+        recording: Sliced = kept[asked]
         first, last = np.searchsorted(recording.time - recording.time[0], self.range)
         try:
-            part: Sliced = deepcopy(
-                recording.slice(int(first), int(last))
-            )  # the rest of the file is kept until another is read
-            return part
+            return deepcopy(recording.slice(int(first), int(last)))  # without the rest of the file
         except RecordingError:
             raise RecordingError(
                 f"{self.file}: holds no two samples from {self.range[0]:g} to {self.range[1]:g} s: "
@@ -124,12 +139,6 @@ def _of_one_joint(source: Source) -> Recording:
             raise
         said = f"{error}; it was read as {source.said_by} says: say --columns for a log of another format"
         raise ColumnError(said) from None
-
-
-@lru_cache(maxsize=1)
-def _whole(read: Callable[..., Any], source: Source, changed: Hashable, *arguments: Hashable) -> Any:
-    """What `read` has of a file of that time and size; the last one is kept."""
-    return read(source, *arguments)
 
 
 def format_of(sources: Iterable[Source]) -> JSON:
@@ -186,6 +195,7 @@ class Study:
         return tuple(r for r, source in zip(self.recordings, self.sources, strict=True) if source.role == "holdout")
 
 
+@read_together()
 def read_study(path: str | os.PathLike[str]) -> Study:
     """Read a study and its recordings.
 

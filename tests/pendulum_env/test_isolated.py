@@ -79,6 +79,14 @@ def test_a_helper_that_ends_takes_one_file_with_it(code, match):
     assert run("(1, [])") == (1, [])
 
 
+def test_a_helper_begins_with_what_reads_recordings_and_robots_alone():
+    for work in ("recording.storage", "arms.robot"):
+        isolated(eval, f"(__import__('pendulum_env.{work}'), [])[1:] + ([],)")
+    known = set(isolated(eval, "(list(__import__('sys').modules), [])")[0])
+    assert {"numpy", "pyarrow", "pendulum_env.arms.robot"} <= known
+    assert not known & {"gymnasium", "scipy", "pymunk", "pendulum_env.arms.body", "pendulum_env.physics"}
+
+
 @posix
 def test_a_helper_is_where_its_parent_is_now(tmp_path, monkeypatch):
     pid()  # begins one, here

@@ -567,6 +567,10 @@ def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refuse
         (["record", "--effect", "cogging", "--effect", "cogging", "-o", "run.csv"], "cogging"),
         (["record", "--theta", "inertia=0", "-o", "run.csv"], "inertia of a plant cannot be 0"),
         (["record", "--theta", "coulomb=100", "--seconds", "1.5", "-o", "run.csv"], "the arm never moves"),
+        (
+            ["record", "--counts", "1", "--seconds", "1.5", "-o", "run.csv"],
+            "or turn it by less than one of the 1 --counts",
+        ),
         (["record", "--backend", "dm1015b", "-o", "run.csv"], "--backend dm1015b and --config FILE belong together"),
         (["record", "--backend", "gazebo", "-o", "run.csv"], "unknown backend 'gazebo'"),
         (["record", "--seconds", "0.2", "-o", "run.csv"], "should be a number from 1 to"),

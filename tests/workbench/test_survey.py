@@ -2,6 +2,7 @@
 
 import argparse
 import errno
+import inspect
 import json
 import os
 import signal
@@ -408,9 +409,24 @@ def test_a_table_and_a_study_say_what_no_path_does(tmp_path):
         cases(tmp_path / "data" / "b.csv", tmp_path / "data" / "b.csv")
 
 
-def test_a_survey_is_no_recording_of_the_next_one(folder, client):
-    survey(cases(folder), Dataset(folder / "out"), client, look=stub)
-    assert len(cases(folder)) == 6
+@pytest.mark.parametrize("place", ["out", "arm/elbow", "."])
+def test_a_survey_is_no_recording_of_the_next_one(folder, client, place):
+    names = [case.name for case in cases(folder)]
+    survey(cases(folder), Dataset(folder / place), client, look=stub)
+    assert [case.name for case in cases(folder)] == names
+
+
+def test_folders_may_nest_deeper_than_functions(tmp_path):
+    below = tmp_path.joinpath(*"a" * 300, "run.csv")
+    below.parent.mkdir(parents=True)
+    below.touch()
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(len(inspect.stack()) + 100)
+    try:
+        (only,) = cases(tmp_path)
+    finally:
+        sys.setrecursionlimit(limit)
+    assert only.source.file == below
 
 
 # ------------------------------------------------------------------------------------------------- the command

@@ -17,6 +17,7 @@ from workbench.app.stage import Bench, Stage
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
+from workbench.app.uploads import UPLOAD
 from workbench.report.page import shared
 from workbench.report.sections.story import changes
 from workbench.report.words import listing, name, number, opening
@@ -54,13 +55,14 @@ def index() -> str:
 
 def page(has_fleet: bool) -> Component:
     """What every visitor gets; the rest follows from the session."""
+    most: dict[str, Any] = {"data-most": str(UPLOAD)}  # so that the page can say why it refuses a file
     return html.Div(
         [
             dcc.Location(id="url", refresh=False),
             dcc.Store(id="session"),  # the id, kept by the tab
             dcc.Store(id="version", data=0),  # of the session's state; 0 until something changes
             dcc.Store(id="theme-now"),
-            dcc.Store(id="chosen"),  # names of files in the order in which they were chosen; small ones arrive first
+            *(dcc.Store(id=f"came-{place}") for place in ("upload", "open-session", "model-file")),  # files
             dcc.Download(id="download"),
             html.Div(id="warm", hidden=True),
             dcc.Interval(id="poll", interval=POLL, disabled=True),
@@ -88,7 +90,8 @@ def page(has_fleet: bool) -> Component:
                 ],
                 id="main",
             ),
-        ]
+        ],
+        **most,
     )
 
 

@@ -17,7 +17,7 @@ from pendulum_env.excitation import SIGNALS, Excitation, signal_from_json, signa
 from pendulum_env.physics import Model, Term
 from pendulum_env.reading import Unreadable, amount, read_json
 from pendulum_env.recording import write_study
-from pendulum_env.recording.study import read_sources
+from pendulum_env.recording.study import read_sources, read_together
 from workbench.app import uploads
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import safe_name
@@ -67,6 +67,7 @@ def pack(state: State) -> bytes:
     return whole
 
 
+@read_together()
 def opened(folder: Path) -> State:
     """The state whose archive was unpacked to a folder.
 

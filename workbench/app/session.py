@@ -15,7 +15,7 @@ from typing import Any
 from pendulum_env.reading import amount, read_archive
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
-from pendulum_env.recording.study import read_sources
+from pendulum_env.recording.study import read_sources, read_together
 from workbench.app import saved
 from workbench.app.jobs import Job, Task, Workers
 from workbench.app.live import Run
@@ -186,6 +186,7 @@ class Session:
         ]
         self.load(sources, refused)
 
+    @read_together()
     def load(self, sources: Iterable[Source], refused: Sequence[str] = ()) -> None:
         """Read recordings: those that can be read stay, and those whose columns are not clear wait: see `cards`.
 

@@ -154,7 +154,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
         raise InputError(f"the arm turns by more than {LARGE:g} rad: lower the torque, or what drives it")
     if np.ptp(recording.position) == 0:
-        raise InputError(f"the arm never moves: {command.amplitude:g} N m do not overcome its friction")
+        count = f", or turn it by less than one of the {arguments.counts} --counts" if arguments.counts else ""
+        raise InputError(f"the arm never moves: {command.amplitude:g} N m do not overcome its friction{count}")
     write_recording(recording, arguments.output)
     describe(recording, terminal)
     if plant.effects:

@@ -96,11 +96,15 @@ def _sources(path: Path, reading: Namespace) -> Iterator[tuple[Source, Mapping[s
 
 
 def _in_folder(folder: Path, reading: Namespace) -> Iterator[Source]:
-    """Recordings below a folder; what a study names is read as it says, hidden files and surveys are passed over."""
+    """Recordings below a folder; what a study names is read as it says, hidden files and rows of surveys are not."""
     told: set[str] = set()
     files: list[Path] = []
-    for where, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not _is_hidden(name) and not is_survey(Path(where, name)))
+    left = [folder]  # a tree may be deeper than functions may call themselves
+    while left:
+        where, folders, names = next(os.walk(left.pop()), ("", [], []))  # one that may not be read is empty
+        own = {"cases"} if is_survey(Path(where)) else set()
+        kept = [Path(where, name) for name in folders if not (_is_hidden(name) or name in own)]
+        left += [place for place in sorted(kept, reverse=True) if not place.is_symlink()]
         if STUDY in names:
             for source in sources_of(str(Path(where, STUDY)), reading):
                 told.add(os.path.realpath(source.file))
@@ -116,7 +120,7 @@ def _is_hidden(name: str) -> bool:
 
 
 def is_survey(folder: Path) -> bool:
-    """Whether a survey was written there: its dataset is no recording."""
+    """Whether a survey was written there, perhaps beside recordings: its rows, below `cases`, are none."""
     return (folder / "cases").is_dir() and (folder / "SURVEY").exists()
 
 

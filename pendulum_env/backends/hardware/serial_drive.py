@@ -14,7 +14,7 @@ from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
 from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
 
 REFUSED = 5  # torques in a row that are not set: more than damaged frames
-TRIES = 4  # requests in the time allowed for a reply: a damaged frame alone ends no run
+TRIES = 4  # requests in the time allowed for a reply, or between two commands: a damaged frame alone ends no run
 
 
 class SerialDrive:
@@ -26,6 +26,7 @@ class SerialDrive:
         """Take port, patience and watchdog."""
         assert isinstance(config.link, SerialSettings)
         self._link, self._reply, self._watchdog = config.link, config.limits.reply, config.limits.watchdog
+        self._gap = config.limits.gap
         self._port: serial.Serial | None = None
         self._on = False  # whether there has to be power
         self._micro, self._refused = 0, 0  # torque as last sent [uN m], and in how many answers it was not set
@@ -36,7 +37,11 @@ class SerialDrive:
         self._sequence, self._clock, self._splitter = 0, DriveClock(), frames.Splitter()
         with said(f"serial port {link.port} cannot be opened", "check serial.port"):
             self._port = serial.Serial(
-                link.port, link.baud, timeout=self._reply / TRIES, write_timeout=self._reply, exclusive=True
+                link.port,
+                link.baud,
+                timeout=min(self._reply, self._gap) / TRIES,
+                write_timeout=self._reply,
+                exclusive=True,
             )
             self._port.reset_input_buffer()
             self._port.write(b"\0")  # ends whatever was begun
@@ -88,14 +93,15 @@ class SerialDrive:
 
     def _ask(self, kind: int, *values: int, patience: float | None = None) -> tuple[frames.State, float, float]:
         """Send a request until it is answered: the answer, when it was asked for, and when it came [s]."""
+        each = (min(self._reply, self._gap) if patience is None else patience) / TRIES
         patience = self._reply if patience is None else patience
         until = time.monotonic() + patience
-        for left in range(TRIES, 0, -1):
-            now = time.monotonic()
-            sequence = self._send(kind, *values)
-            for state in self._answers(now + max(0.0, until - now) / left):
-                if state.sequence == sequence:
-                    return state, now, time.monotonic()
+        asked: dict[int, float] = {}  # when, by the number of the request: an answer may come after the next one
+        while (now := time.monotonic()) < until:
+            asked[self._send(kind, *values)] = now
+            for state in self._answers(min(now + each, until)):
+                if state.sequence in asked:
+                    return state, asked[state.sequence], time.monotonic()
         damaged = self._splitter.damaged
         why = f"{damaged} damaged frames came, check cable and baud rate" if damaged else "check its supply and cable"
         raise DriveError(f"the drive on {self._link.port} did not answer within {1e3 * patience:.0f} ms: {why}")

@@ -6,10 +6,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from pendulum_env.backends.emulators.motor import Motor
+from pendulum_env.backends.emulators.serial import Firmware
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.adapters import make_drive, need
+from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import load
 from pendulum_env.backends.hardware.drive import DriveError
+from pendulum_env.plant import paper_plant
 from pendulum_env.registration import PENDULUM
 from tests.pendulum_env.rigs import PATIENT
 
@@ -53,6 +57,39 @@ def test_a_torque_that_the_firmware_refuses_is_a_fault(emulated):
         assert (why is not None and "does not set 20 N m" in why) == fault
     drive.disable()
     drive.close()
+
+
+class Port:
+    """A serial port with a firmware behind it, and a clock of its own; answers are late, and the first is lost."""
+
+    def __init__(self, late: float) -> None:
+        self.now, self.late, self.in_waiting, self.timeout = 0.0, late, 0, 0.01
+        self.firmware, self.coming = Firmware(Motor(paper_plant())), []
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def write(self, data: bytes) -> None:
+        self.coming.append((self.now + self.late, self.firmware.answer(data)))
+
+    def read(self, most: int) -> bytes:
+        if most and self.coming and self.coming[0][0] <= self.now + self.timeout:
+            self.now, data = self.coming.pop(0)
+            return data
+        self.now += self.timeout * bool(most)
+        return b""
+
+
+@pytest.mark.parametrize(("late", "lost", "reply"), [(0.001, True, 0.25), (0.025, False, 0.08)])
+def test_no_run_ends_for_an_answer_that_is_lost_or_late(tmp_path, monkeypatch, late, lost, reply):
+    rig = f'adapter = "serial"\nrate = 500\n[serial]\nport = "-"\n[limits]\nreply = {reply}\n'
+    (tmp_path / "rig.toml").write_text(rig)
+    drive, port = make_drive(config := load(tmp_path / "rig.toml")), Port(late)
+    drive._port, drive._sequence, drive._clock, drive._splitter = port, 0, DriveClock(), frames.Splitter()
+    monkeypatch.setattr("pendulum_env.backends.hardware.serial_drive.time", port)
+    port.firmware.answer = lambda data, answer=port.firmware.answer: answer(data) if port.now or not lost else b""
+    assert drive.read().counts == 0
+    assert port.now < 0.6 * config.limits.gap
 
 
 def test_the_drives_rated_torque_is_the_one_that_torque_is_scaled_by(emulated):

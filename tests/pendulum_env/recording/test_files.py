@@ -152,7 +152,7 @@ def test_no_name_has_two_meanings() -> None:
         ("time", "no column for position, torque among 'time'"),
         (
             "time,position_a,position_b,torque_a,torque_b",
-            "there are some for 'a', 'b': give the arm's links",
+            "there are some for 'a', 'b': identify and diagnose take an arm's links with --robot",
         ),
         ("time,position [counts],torque", "no column for position"),
         ("time,position,current [A]", "no column for torque"),

@@ -99,16 +99,27 @@
     if (document.activeElement === stage) [focused, lent] = [kept, true];
   }).observe(root, { childList: true, subtree: true });
 
-  // A file that is too large is refused by the page without a word: say why.
-  addEventListener("change", (event) => coming(event.target.files), true);
-  addEventListener("drop", (event) => coming(event.dataTransfer?.files), true);
-  function coming(files) {
-    const most = Number(document.querySelector("[data-most]")?.dataset.most), all = [...(files ?? [])];
-    if (all.length) window.dash_clientside.set_props("chosen", { data: all.map((file) => file.name) });
-    if (!most || all.reduce((sum, file) => sum + file.size, 0) <= most) return;
-    const what = all.length === 1 ? `${all[0].name}: is` : "these files: are together";
-    const text = `${what} larger than ${Math.round(most / 1e6)} MB: shorten or load one at a time, or use the command line`;
-    window.dash_clientside.set_props("notice", { children: text });
+  // Files are read here, in the order in which they were chosen: what is drawn anew meanwhile would lose them.
+  addEventListener("change", (event) => coming(event.target, event.target.files), true);
+  addEventListener("drop", (event) => coming(event.target, event.dataTransfer?.files), true);
+  function coming(target, chosen) {
+    const place = target.closest?.("#upload, #open-session, #model-file")?.id, all = [...(chosen ?? [])];
+    if (!place || !all.length) return;
+    const tell = (text) => window.dash_clientside.set_props("notice", { children: text });
+    const most = Number(document.querySelector("[data-most]").dataset.most);
+    if (all.reduce((sum, file) => sum + file.size, 0) > most) {
+      const what = all.length === 1 ? `${all[0].name}: is` : "these files: are together";
+      return tell(`${what} larger than ${Math.round(most / 1e6)} MB: shorten or load one at a time, or use the command line`);
+    }
+    const unwrap = Boolean(document.querySelector("#unwrap input:checked"));
+    const whole = (file) => new Promise((resolve, reject) => {
+      const reader = new FileReader();
+      reader.onload = () => resolve([file.name, reader.result]);
+      reader.onerror = () => reject(`${file.name}: the browser cannot read it: choose it again`);
+      reader.readAsDataURL(file);
+    });
+    const came = (files) => window.dash_clientside.set_props(`came-${place}`, { data: { files, unwrap } });
+    Promise.all(all.map(whole)).then(came, tell);
   }
 
   // What somebody did is seen to be worked on until its answer comes; what the page asks by itself, it asks unseen.

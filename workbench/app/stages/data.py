@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -84,8 +85,7 @@ def _upload(state: Work) -> Component:
             html.P(["No recording at hand? The demo has two of a pendulum that hides something."], className="or"),
             button("Try the demo", "demo", primary=True),
         ]
-    most: dict[str, Any] = {"data-most": str(UPLOAD)}  # so that the page can say why it refuses a file
-    return panel("Load recordings", html.Div(ways, **most))
+    return panel("Load recordings", *ways)
 
 
 def _record() -> Component:
@@ -209,18 +209,13 @@ def connect(bench: Bench) -> None:
     """Wire uploads, columns, recording, roles and removal."""
     card.connect(bench)
 
-    @bench.on(
-        Input("upload", "contents"),
-        given=(State("upload", "filename"), State("unwrap", "value"), State("chosen", "data")),
-    )
-    def upload(session: Session, contents: list[str], names: list[str], unwrap: list[str], chosen: list[str]) -> None:
-        came = zip(names, contents, strict=True)
-        order = {name: place for place, name in enumerate(chosen or [])}
-        session.receive(sorted(came, key=lambda one: order.get(one[0], len(order))), bool(unwrap))
+    @bench.on(Input("came-upload", "data"))
+    def upload(session: Session, came: Mapping[str, Any]) -> None:
+        session.receive(came["files"], came["unwrap"])
 
-    @bench.on(Input("open-session", "contents"), given=(State("open-session", "filename"),))
-    def open_session(session: Session, content: str, name: str) -> None:
-        session.open(name, content)
+    @bench.on(Input("came-open-session", "data"))
+    def open_session(session: Session, came: Mapping[str, Any]) -> None:
+        session.open(*came["files"][0])
 
     @bench.on(Input("record", "n_clicks"), given=tuple(State(one, "value") for one in (*recorder.FORM, "seed")))
     def record(session: Session, _: int, *values: Any) -> None:

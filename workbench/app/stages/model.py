@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
-from dash import Input, State, html
+from dash import Input, html
 from dash.development.base_component import Component
 
 from pendulum_env.physics import BASE
@@ -52,9 +54,9 @@ def _start(state: Work) -> Component:
 def connect(bench: Bench) -> None:
     """Wire the choice of the base model."""
 
-    @bench.on(Input("model-file", "contents"), given=(State("model-file", "filename"),))
-    def begin(session: Session, content: str, file: str) -> None:
-        session.begin_from(file, content)
+    @bench.on(Input("came-model-file", "data"))
+    def begin(session: Session, came: Mapping[str, Any]) -> None:
+        session.begin_from(*came["files"][0])
 
     def back(session: Session) -> None:
         session.change("start from four terms", session.state.anew(terms=BASE, model_file=""))
