@@ -14,7 +14,7 @@ from estimators.arms.identification import (
 )
 from estimators.arms.online import ArmEstimator
 from estimators.arms.payload import Payload, find_payload
-from estimators.arms.standard import standard_parameters
+from estimators.arms.standard import Nearest, nearest_body, standard_parameters
 from estimators.arms.wrapper import EstimateArmParameters
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "Excited",
     "Follow",
     "JointError",
+    "Nearest",
     "Payload",
     "add_arm",
     "compare_arm",
@@ -36,5 +37,6 @@ __all__ = [
     "find_payload",
     "follow",
     "identify_arm",
+    "nearest_body",
     "standard_parameters",
 ]
