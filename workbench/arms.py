@@ -17,6 +17,7 @@ from estimators.arms.excitation import PERIOD, design_excitation
 from estimators.arms.following import follow
 from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
 from estimators.arms.payload import Payload, find_payload
+from estimators.arms.standard import nearest_body
 from estimators.regression.equations import IdentificationError
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body, read_body
@@ -109,15 +110,12 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     _tell_body(body, terminal)
     terminal.heading("Estimates ± standard errors")
     terminal.table(*schemes_table(found))
-    for one in found.schemes.values():
-        if one.hardly:
-            terminal.say(
-                f"warning: {one.scheme} hardly tells {enumerate_words(one.hardly)} apart: move all joints faster, "
-                "wider and together",
-                style="yellow",
-            )
-    write_json(arguments.json, found.json())
+    for doubt in found.doubts:
+        terminal.say(f"warning: {doubt.text}", style="yellow")
     chosen = found.schemes.get(SAVED, next(iter(found.schemes.values())))
+    nearest = nearest_body(chosen.model)
+    terminal.say(f"{chosen.scheme}: {nearest.text}")
+    write_json(arguments.json, found.json() | {"nearest_body": nearest.json()})
     write_model(chosen.model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
 

@@ -14,7 +14,7 @@ from estimators.arms.identification import (
 )
 from estimators.arms.online import ArmEstimator
 from estimators.arms.payload import Payload, find_payload
-from estimators.arms.standard import standard_parameters
+from estimators.arms.standard import Nearest, nearest_body, standard_parameters
 
 __all__ = [
     "ARM_SCHEMES",
@@ -26,6 +26,7 @@ __all__ = [
     "Excited",
     "Follow",
     "JointError",
+    "Nearest",
     "Payload",
     "add_arm",
     "compare_arm",
@@ -34,5 +35,6 @@ __all__ = [
     "find_payload",
     "follow",
     "identify_arm",
+    "nearest_body",
     "standard_parameters",
 ]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimators.arms.identification import JointError, compare_arm
+from estimators.arms.untold import untold
 from estimators.checks.residual import Region, stand_out
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, SETTLED, UNNAMED, Candidate
@@ -213,6 +214,9 @@ def diagnose_arm(
     }
     last = found.steps[-1].model
     lacking, model = of_arm(found.steps[0].model), of_arm(last.biased() if unexplained else last)
+    seen = (data.part(at).samples for at in data.joints)
+    parts = ((x.position, x.velocity, x.torque) for x in seen)
+    model = model.withholding(untold(model, *map(np.column_stack, zip(*parts, strict=True))))
     return ArmDiagnosis(
         base=lacking,
         model=model,

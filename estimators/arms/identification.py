@@ -8,7 +8,9 @@ from typing import cast
 
 import numpy as np
 
-from estimators.arms.balance import VIEWS, Joints, measure_arm, rows
+from estimators.arms.balance import VIEWS, Joints, measure_arm, motion, rows
+from estimators.arms.untold import untold
+from estimators.checks.identifiability import Doubt, inseparable
 from estimators.regression.equations import Equations, IdentificationError
 from estimators.regression.least_squares import Fit, solve
 from estimators.regression.recursive import evenly
@@ -30,9 +32,9 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.lookup import find
 from pendulum_env.physics import Term
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.words import listing
 
 SCHEMA = "pendulum-ident/arm-identification@1"
-HARDLY = 1e4  # condition number from which the data hardly tell some parameters apart
 
 
 def for_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
@@ -51,18 +53,15 @@ class ArmIdentified(Identified):
     Attributes:
         residuals: root mean square of the scheme's own residual, of each joint or of all together, in `units`.
         units: of y and the residual, as many.
-        hardly: parameters that the recording hardly tells apart.
     """
 
     model: ArmModel
     residuals: tuple[float, ...] = ()
     units: tuple[str, ...] = ()
-    hardly: tuple[str, ...] = ()
 
     def json(self) -> JSON:
         """Plain dictionary for JSON."""
-        residual = {"rms": list(self.residuals), "units": list(self.units)}
-        return super().json() | {"residual": residual, "hardly": list(self.hardly)}
+        return super().json() | {"residual": {"rms": list(self.residuals), "units": list(self.units)}}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,6 +112,7 @@ def identify_arm(
         if not any(m[k].moving.any() for m in measured):
             raise IdentificationError(f"{', '.join(names)}: joint '{joint}' never moves: record with all joints moving")
     results: dict[str, ArmIdentified] = {}
+    doubts: list[Doubt] = []
     balances = {view: [rows(m, terms, VIEWS[view]) for m in measured] for view in {s.view for s in schemes}}
     for scheme in schemes:
         data = stack(scheme, measured, balances[scheme.view])
@@ -131,7 +131,18 @@ def identify_arm(
             raise ValueError(f"{scheme.id} borrows from {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
         results[scheme.id] = _fit(scheme, data, terms, lender, points)
-    return ArmIdentification(results, (), names)
+        if scheme is schemes[0]:  # the same of all
+            phi, columns = data.equations.phi, results[scheme.id].model.columns
+            doubts = inseparable(phi[data.usable], [column.name for column in columns], np.any(phi, axis=0))
+    parts = [(*motion(m)[:2], np.column_stack([own.held for own in m])) for m in measured]
+    seen = [np.concatenate(series) for series in zip(*parts, strict=True)]
+    alike = {name for doubt in doubts for name in doubt.withheld}
+    unknown = {id: untold(one.model, *seen) for id, one in results.items()}
+    if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
+        told = f"{listing(alone)} cannot be told: these data hardly depend on {'it' if len(alone) == 1 else 'them'}"
+        doubts.append(Doubt(f"{told}, move all joints faster, wider and together", tuple(alone)))
+    results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
+    return ArmIdentification(results, tuple(doubts), names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,8 +203,6 @@ def _fit(scheme: Scheme, data: Stack, terms: tuple[Term, ...], lender: ArmModel 
     model = ArmModel.build(terms, theta, std)
     # the recursion takes rows of one instant one after the other
     last = evenly(len(data.time) // len(weights), points) * len(weights) + len(weights) - 1
-    known = np.array(list(model.estimates)[:count])[free]
-    hardly = known[(np.abs(fit.worst_direction) > 0.3) & (fit.condition > HARDLY)]
     return ArmIdentified(
         scheme=scheme.id,
         model=model,
@@ -203,7 +212,6 @@ def _fit(scheme: Scheme, data: Stack, terms: tuple[Term, ...], lender: ArmModel 
         residuals=tuple((1.0 / weights).tolist()),
         units=(scheme.unit,) if VIEWS[scheme.view].adds_up else tuple(body.said(at, scheme.unit) for at in body.joints),
         condition=fit.condition,
-        hardly=tuple(str(name) for name in hardly),
         used=(int(use.sum()), len(use)),
     )
 

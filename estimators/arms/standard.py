@@ -9,10 +9,13 @@ Source: Rucker and Wensing, IEEE Robotics and Automation Letters 7(2), 2022 (log
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.optimize import least_squares
 
-from pendulum_env._typing import Array
+from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Estimate
@@ -20,14 +23,41 @@ from pendulum_env.physics import Estimate
 OPEN = 1.0  # factors of e, and shares of a link's size, by which a body may usually differ from the file
 SMALLEST = 1e-9  # of a pseudo-inertia's trace, added so that a file's thin rod has a Cholesky factor too
 TURNS = 150  # of the search at most, which creeps where no body has the base parameters
+NEAR = 3.0  # standard errors, to which noise, or the file, may well take one of the parameters of a body
 LEAST = 1e-6  # share of a base parameter that its standard error is at least: no file is more exact
 
 
-def standard_parameters(model: ArmModel) -> dict[str, Estimate]:
-    """Standard parameters by name, `m@elbow`, of links that exist; without standard errors, as they hang on the file.
+@dataclass(frozen=True)
+class Nearest:
+    """Links that exist, the nearest to base parameters that were found.
 
-    The base parameters of these links are the model's, unless no body has those.
+    Attributes:
+        parameters: standard ones by name, `m@elbow`; without standard errors, as they hang on the file.
+        distance: largest difference of a base parameter, in its standard errors.
+        farthest: name of that parameter.
     """
+
+    parameters: Mapping[str, Estimate]
+    distance: float
+    farthest: str
+
+    @property
+    def text(self) -> str:
+        """Whether some body has these parameters, in a sentence."""
+        if self.distance <= NEAR:
+            return f"some body has these parameters, within {max(self.distance, 0.1):.1f} standard errors"
+        return (
+            f"no body has these parameters: the nearest is {self.distance:.1f} standard errors off, in {self.farthest}"
+        )
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        theta = {name: own.value for name, own in self.parameters.items()}
+        return {"distance": self.distance, "farthest": self.farthest, "theta": theta}
+
+
+def nearest_body(model: ArmModel) -> Nearest:
+    """The links whose base parameters are the model's; where no body has those, the nearest."""
     body = model.body
     count = len(body.base)
     theta, std = model.theta[:count], np.array([model.estimates[name].std for name in body.names])
@@ -39,8 +69,17 @@ def standard_parameters(model: ArmModel) -> dict[str, Estimate]:
         return np.concatenate([(base - theta) / std, x / OPEN])
 
     found = least_squares(misfit, np.zeros(len(first)), x_scale="jac", max_nfev=TURNS)
-    values = _standard(first + scale * found.x, len(body.links)).tolist()
-    return {name: Estimate(own, 0.0, body.unit_of(name)) for name, own in zip(body.standard, values, strict=True)}
+    values = _standard(first + scale * found.x, len(body.links))
+    parameters = {
+        name: Estimate(own, 0.0, body.unit_of(name)) for name, own in zip(body.standard, values.tolist(), strict=True)
+    }
+    off = np.abs(body.combine @ values - theta) / std
+    return Nearest(parameters, float(off.max()), body.names[int(off.argmax())])
+
+
+def standard_parameters(model: ArmModel) -> dict[str, Estimate]:
+    """Standard parameters of the nearest body by name, `m@elbow`."""
+    return dict(nearest_body(model).parameters)
 
 
 def pseudo_inertia(standard: Array) -> Array:

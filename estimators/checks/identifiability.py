@@ -10,7 +10,7 @@ import numpy as np
 from estimators.schemes.six import GUARD, scheme
 from estimators.signals.measurements import Measurements
 from pendulum_env._typing import JSON, Array, Mask
-from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics import BASE, Estimate, Model, Term
 
 SMALL = 0.3  # [rad]; up to here sin q and q differ by less than 1.5 %
 ALIKE = 1e-4  # columns of length one whose weighted sum is shorter than this act alike
@@ -69,27 +69,32 @@ def identifiability(measurements: Sequence[Measurements], terms: Sequence[Term])
     phi = np.concatenate([phi[use] for phi, use in zip(everywhere, clear, strict=True)])
     acts = np.any([np.any(phi, axis=0) for phi in everywhere], axis=0)
     said = {name for doubt in doubts for name in doubt.withheld}
-    return (*doubts, *(doubt for doubt in _alike(phi, names, acts) if not said.issuperset(doubt.withheld)))
+    return (*doubts, *(doubt for doubt in inseparable(phi, names, acts) if not said.issuperset(doubt.withheld)))
 
 
 def untold(model: Model, measurements: Sequence[Measurements], doubts: Sequence[Doubt] = ()) -> tuple[Doubt, ...]:
     """Parameters of the base that a model does not tell, fitted to recordings that hardly depend on them.
 
-    One that may as well be nothing is told all the same if its error is small. That is large if it is more torque, at
-    the speeds that were seen and at any angle, than was recorded; that of inertia, which cannot be nothing, always is.
+    An error is large if it is more torque, at the speeds that were seen and at any angle, than was recorded; that of
+    inertia, which cannot be nothing, always is.
     """
     torque, speed = (max(float(np.abs(getattr(m, name)).max()) for m in measurements) for name in ("held", "velocity"))
     large = {"inertia": 0.0, "gravity": torque, "viscous": torque / max(speed, 1e-300), "coulomb": torque}
     said, found = {name for doubt in doubts for name in doubt.withheld}, []
     for term in BASE:
         told = model.estimates.get(term.id)
-        if term.id not in said and told is not None and told.std > max(abs(told.value) / SURE, large[term.id]):
+        if term.id not in said and told is not None and not is_told(told, large[term.id]):
             text = (
                 f"{term.id} cannot be told, the best fit has {told}: these data hardly depend on it alone, it needs "
                 f"{term.reveal}, or a motion of more than one frequency"
             )
             found.append(Doubt(text, (term.id,)))
     return tuple(found)
+
+
+def is_told(estimate: Estimate, large: float) -> bool:
+    """Whether an estimate tells its parameter: it differs from nothing, or its error is less than what is large."""
+    return estimate.std <= max(abs(estimate.value) / SURE, large)
 
 
 def is_driven(m: Measurements) -> bool:
@@ -104,7 +109,7 @@ def is_driven(m: Measurements) -> bool:
     return bool(y @ y > 1e-18 * len(y) and left @ left < FOLLOWED * (y @ y))
 
 
-def _alike(phi: Array, names: Sequence[str], acts: Mask) -> list[Doubt]:
+def inseparable(phi: Array, names: Sequence[str], acts: Mask) -> list[Doubt]:
     """Columns of the regressor (R, P) of which some add up to nothing, and those that never act (P,).
 
     What acts only where the joint turns round, as a stop does, acts nowhere clear of that.

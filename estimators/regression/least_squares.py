@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
 from scipy.special import ndtri, stdtrit
 
 from estimators.regression.equations import Equations
@@ -471,7 +472,7 @@ def solved(gram: Array, least: Array, most: Array) -> Array | None:
     size[size == 0] = 1.0
     gram, size = gram / np.outer(size, size), size[1:] / size[0]
     phi, y = gram[1:, 1:], gram[1:, 0]
-    if not len(size) or np.linalg.eigvalsh(phi)[0] <= DISTINCT:
+    if not len(size) or _factor(phi) is None:
         return None
 
     def solve(theta: Array, free: Mask) -> Array:
@@ -502,7 +503,17 @@ def least_squares(phi: Array, y: Array) -> Array:
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = np.inf
     phi = phi / scale
-    values, vectors = np.linalg.eigh(phi.T @ phi)
-    if len(values) and values[0] > DISTINCT:
-        return np.asarray(vectors @ ((vectors.T @ (phi.T @ y)) / values) / scale)
+    factor = _factor(phi.T @ phi) if phi.shape[1] else None
+    if factor is not None:
+        return np.asarray(dpotrs(factor, phi.T @ y)[0] / scale)
     return np.asarray(np.linalg.lstsq(phi, y, rcond=1e-10)[0] / scale)
+
+
+def _factor(gram: Array) -> Array | None:
+    """Cholesky factor of scaled normal equations (P, P); None where their least eigenvalue may be too small.
+
+    It is at least the inverse of the largest absolute column sum of their inverse, which LAPACK estimates.
+    """
+    factor, fault = dpotrf(gram)
+    size = float(np.abs(gram).sum(axis=0).max())
+    return None if fault or size * dpocon(factor, size)[0] <= DISTINCT else factor

@@ -81,7 +81,6 @@ class Identified:
         unit: of y and the residual.
         condition: condition number of the regressor, columns scaled to equal length.
         used: equations that were used, of all there are.
-        withheld: parameters whose estimates are no numbers, see the identification's doubts.
     """
 
     scheme: str
@@ -91,11 +90,15 @@ class Identified:
     unit: str
     condition: float
     used: tuple[int, int]
-    withheld: frozenset[str] = frozenset()
+
+    @property
+    def withheld(self) -> frozenset[str]:
+        """Parameters that are unknown, see the identification's doubts."""
+        return frozenset(name for name, estimate in self.model.estimates.items() if estimate.is_unknown)
 
     def __repr__(self) -> str:
-        told = {name: "unknown" if name in self.withheld else e.text for name, e in self.model.estimates.items()}
-        return f"<Identified by {self.scheme}: {', '.join(f'{name} {value}' for name, value in told.items())}>"
+        told = (f"{name} {estimate.text}" for name, estimate in self.model.estimates.items())
+        return f"<Identified by {self.scheme}: {', '.join(told)}>"
 
     def _repr_html_(self) -> str:
         return shown(self)
@@ -114,7 +117,7 @@ class Identified:
     def json(self) -> JSON:
         """Plain dictionary for JSON; withheld estimates are null."""
         theta = {
-            name: estimate.json() | ({"value": None, "std": None} if name in self.withheld else {})
+            name: {"value": None, "std": None, "unit": estimate.unit} if estimate.is_unknown else estimate.json()
             for name, estimate in self.model.estimates.items()
         }
         return {
@@ -246,7 +249,7 @@ def identify(
     of_all = set.intersection(*unsaid.values())  # what no scheme tells is said; the others show no number for it
     doubts = (*doubts, *(doubt for doubt in next(iter(alone.values())) if of_all.issuperset(doubt.withheld)))
     withheld = frozenset(name for doubt in doubts for name in doubt.withheld)
-    results = {id: replace(own, withheld=withheld | unsaid[id]) for id, own in results.items()}
+    results = {id: replace(own, model=own.model.withholding(withheld | unsaid[id])) for id, own in results.items()}
     unknown = [calibrated.doubt] if calibrated.doubt is not None else []
     wrong = wrong_columns(first, recordings) or driving_friction(first)
     data = None

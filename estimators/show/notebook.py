@@ -70,9 +70,7 @@ def show_identification(found: Identification) -> str:
 @shown.register
 def show_identified(found: Identified) -> str:
     """Estimates of one scheme and how they settle."""
-    rows = [
-        (name, "unknown" if name in found.withheld else e.text, e.unit) for name, e in found.model.estimates.items()
-    ]
+    rows = [(name, e.text, e.unit) for name, e in found.model.estimates.items()]
     used, all_of_them = found.used
     shown = card(
         f"Estimates by the scheme {found.scheme}",

@@ -12,7 +12,7 @@ from estimators.comparison import Comparison
 from estimators.diagnosis.result import Candidate, Detectable, Verdict
 from estimators.schemes.identification import Identification
 from estimators.selection.data import Step
-from pendulum_env.physics import Estimate, Model
+from pendulum_env.physics import Model
 from pendulum_env.words import Table, bar, listing
 
 RUNNERS_UP = 5  # rejected candidates that are shown
@@ -109,11 +109,11 @@ def schemes_table(found: Identification, model: Model | None = None, label: str 
     names = [column.name for column in columns]
     rows = []
     for id, result in found.schemes.items():
-        values = [_shown(result.model.estimates[name], name in result.withheld) for name in names]
+        values = [result.model.estimates[name].text for name in names]
         rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
     if model is not None:
         withheld = {name for doubt in found.doubts for name in doubt.withheld}
-        rows.append((label, *(_shown(model.estimates[name], name in withheld) for name in names), ""))
+        rows.append((label, *(model.withholding(withheld).estimates[name].text for name in names), ""))
     return Table(("scheme", *(f"{column.name} [{column.unit}]" for column in columns), "residual"), rows)
 
 
@@ -169,7 +169,3 @@ def _to_either_side(share: float, width: int = 12) -> str:
     """Bar from the middle to the left or to the right."""
     left, right = ("", bar(share, width)) if share > 0 else (bar(-share, width), "")
     return f"{left:>{width}}│{right:<{width}}"
-
-
-def _shown(estimate: Estimate, withheld: bool) -> str:
-    return "unknown" if withheld else estimate.text

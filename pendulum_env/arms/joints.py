@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
@@ -66,8 +66,8 @@ def _at_joint(effect: type[Term], joint: str, said: Callable[[str], str]) -> typ
         "slides": said is along,
         "shapes": tuple(replace(shape, unit=said(shape.unit)) for shape in effect.shapes if not shape.follows),
         "beyond": lambda term, low, high: said(effect.beyond(term, low, high)),
-        "columns": property(lambda term: named(cast(Any, effect).columns.fget(term))),
-        "fixed": property(lambda term: named(cast(Any, effect).fixed.fget(term))),
+        "columns": cached_property(lambda term: named(cast(Any, effect).columns.fget(term))),
+        "fixed": cached_property(lambda term: named(cast(Any, effect).fixed.fget(term))),
     }
     return cast(type[Term], type(f"{effect.__name__}@{joint}", (effect,), content))
 
@@ -218,8 +218,8 @@ class Links(Term):
     law = "M(q) q'' + C(q, q') q' + g(q)"
     kind = "inertial"
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:  # of which there are many
         """Base parameters; `Body` has their regressors."""
         return tuple(Column(parameter.name, parameter.unit) for parameter in self.body.base)
 

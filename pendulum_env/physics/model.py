@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -45,6 +45,7 @@ class Estimate:
     unit: str
     at_bound: bool = field(default=False, compare=False)
     is_biased: bool = field(default=False, compare=False)
+    is_unknown: bool = field(default=False, compare=False)  # the data hardly depend on it: the value is no answer
 
     @classmethod
     def within(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
@@ -54,7 +55,9 @@ class Estimate:
 
     @property
     def text(self) -> str:
-        """As in a table of its unit: `0.08951 ± 0.00012`, `0.3 (at its bound)`, `0.0895 (biased)`."""
+        """As in a table of its unit: `0.08951 ± 0.00012`, `0.3 (at its bound)`, `0.0895 (biased)`, `unknown`."""
+        if self.is_unknown:
+            return "unknown"
         if self.is_biased and not self.at_bound and self.std > 0:
             return f"{self.value:.3g} (biased)"
         return plus_minus(self.value, self.std) + (" (at its bound)" if self.at_bound else "")
@@ -63,9 +66,9 @@ class Estimate:
         return f"{self.text} {self.unit}"
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON; what is biased says so."""
+        """Plain dictionary for JSON; what is biased or unknown says so."""
         told: JSON = {"value": self.value, "std": self.std, "unit": self.unit}
-        return told | {"biased": True} if self.is_biased else told
+        return told | {key: True for key, so in (("biased", self.is_biased), ("unknown", self.is_unknown)) if so}
 
 
 @dataclass(frozen=True)
@@ -244,6 +247,11 @@ class Model:
         """The same model, known to lack something that no term explains."""
         return replace(self, estimates={name: replace(e, is_biased=True) for name, e in self.estimates.items()})
 
+    def withholding(self, names: Container[str]) -> Self:
+        """The same model, some of its parameters, by name, unknown: the data hardly depend on them."""
+        told = {name: replace(e, is_unknown=True) if name in names else e for name, e in self.estimates.items()}
+        return replace(self, estimates=told)
+
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Torque that the model needs for a motion [N m]; samples in stick have no answer, mask them."""
         linear = sum(c * column.torque(x, acceleration) for c, column in zip(self.theta, self.columns, strict=True))
@@ -393,4 +401,5 @@ def read_estimate(data: Value, unit: str) -> Estimate:
     """A parameter of a model file."""
     std = data.get("std")
     error = 0.0 if std is None else std.number(0.0, WORST)
-    return Estimate(data["value"].number(), error, unit, is_biased=data.get("biased") is not None)
+    is_biased, is_unknown = (data.get(key) is not None for key in ("biased", "unknown"))
+    return Estimate(data["value"].number(), error, unit, is_biased=is_biased, is_unknown=is_unknown)

@@ -307,7 +307,7 @@ def written(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
         TypeError: if it holds more than shape parameters.
     """
     shapes = {shape.name: shape.usual for shape in term.shapes}
-    if vars(term).keys() != shapes.keys():
+    if term.shape.keys() != shapes.keys():
         raise TypeError(f"{term.id} holds more than shape parameters")
     values: dict[str, ArrayLike] = {f"{place}.{shape.name}": term.shape[shape.name] for shape in term.free}
     symbols: dict[str, Any] = {shape.name: name(f"{place}.{shape.name}") for shape in term.free}

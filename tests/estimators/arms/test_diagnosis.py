@@ -40,7 +40,7 @@ def test_torque_of_six_joints_in_mujoco_is_predicted_within_two_per_cent(six, pl
     found = identify_arm(plain, six, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"]
     errors = compare_arm(found.model, six_joint.simulate(2, seconds=5.0))
     assert all(error.share < 0.02 for error in errors)
-    assert not found.hardly
+    assert not found.withheld
     for joint, viscous, coulomb in zip(six_joint.JOINTS, six_joint.VISCOUS, six_joint.COULOMB, strict=True):
         assert found.model.estimates[f"viscous@{joint}"].value == pytest.approx(viscous, rel=0.05)
         assert found.model.estimates[f"coulomb@{joint}"].value == pytest.approx(coulomb, rel=0.02)

@@ -6,13 +6,18 @@ import pytest
 from benchmarks.two_link import Multisine, TwoLink
 from estimators.arms.balance import VIEWS, measure_arm, rows
 from estimators.arms.identification import ARM_SCHEMES, compare_arm, identify_arm
+from estimators.arms.untold import untold as arms_untold
+from estimators.checks.identifiability import untold
 from estimators.regression.equations import IdentificationError
 from estimators.regression.recursive import start, step
 from estimators.schemes.six import PAPER
+from estimators.signals.measurements import measure_segments
+from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.physics import ModelError
+from pendulum_env.physics import BASE, Model, ModelError
+from pendulum_env.recording import Recording
 
 ARM = TwoLink()
 RATE = 1000.0
@@ -131,3 +136,50 @@ def test_an_arm_that_does_not_move_is_refused(body):
     recording = ArmRecording.of("half", body.joints, time, position, torque.held(time, 1 / RATE))
     with pytest.raises(IdentificationError, match="joint 'elbow' never moves"):
         identify_arm(recording, body)
+
+
+def test_a_parameter_that_the_motion_does_not_show_is_unknown(body, truth, tmp_path):
+    time = np.arange(0, 4, 1 / RATE)
+    slow = np.column_stack([0.4 * np.sin(1.5 * time), 0.3 * np.cos(2.0 * time)])  # next to no acceleration
+    q, v, a = slow, np.gradient(slow, time, axis=0), np.gradient(np.gradient(slow, time, axis=0), time, axis=0)
+    torque = body.torque(q, v, a) @ body.values + np.array(ARM.viscous) * v + np.array(ARM.coulomb) * np.sign(v)
+    torque += 0.3 * np.random.default_rng(0).normal(size=q.shape)
+    found = identify_arm(ArmRecording.of("poor", body.joints, time, q, torque), body, schemes=ARM_SCHEMES[:2])
+    own = found["filtered_dynamic"]
+    assert own.withheld == {"Iyy@shoulder", "Iyy@elbow", "mz@shoulder"}  # a slow pendulum is a spring against inertia
+    assert found.doubts[0].text.startswith("Iyy@elbow, Iyy@shoulder and mz@shoulder cannot be told")
+    assert own.json()["theta"]["Iyy@elbow"]["value"] is None
+    assert own.json()["theta"]["mz@elbow"]["value"] == pytest.approx(truth[body.names.index("mz@elbow")], rel=0.1)
+    own.model.save(tmp_path / "arm.json")
+    again = ArmModel.load(tmp_path / "arm.json", body).estimates
+    assert {name for name, estimate in again.items() if estimate.text == "unknown"} == own.withheld
+
+
+def test_a_pendulum_and_an_arm_of_one_joint_call_the_same_errors_unknown(tmp_path):
+    path = tmp_path / "one.urdf"
+    path.write_text(
+        '<robot name="one"><link name="base"/><joint name="j" type="continuous"><parent link="base"/>'
+        '<child link="rod"/><axis xyz="0 1 0"/></joint>'
+        '<link name="rod"><inertial><origin xyz="0 0 -0.2"/><mass value="1"/>'
+        '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.001"/></inertial></link></robot>'
+    )
+    rod = read_body(path)
+    time = np.arange(0, 4, 1e-3)
+    recording = Recording("swing", time, np.sin(3 * time), 2.0 * np.sin(5 * time))  # up to 3 rad/s and 2 N m
+    measured, (q, v) = measure_segments(recording), (np.sin(3 * time)[:, None], 3 * np.cos(3 * time)[:, None])
+    gravity = rod.names.index("mz@j")
+    for errors, expected in (
+        ((0.015, 1.9, 0.6, 1.9), set()),
+        ((0.02, 1.9, 0.6, 1.9), {0}),
+        ((0.015, 2.1, 0.6, 1.9), {1}),
+        ((0.015, 1.9, 0.7, 2.1), {2, 3}),
+    ):
+        pendulum = Model.build(BASE, (0.05, 0.1, 0.1, 0.1), errors)
+        told = {doubt.withheld[0] for doubt in untold(pendulum, measured)}
+        assert told == {BASE[k].id for k in expected}
+        theta, std = np.full(len(rod.base), 1e-3), np.zeros(len(rod.base))
+        theta[rod.names.index("Iyy@j")], std[rod.names.index("Iyy@j")] = 0.05, errors[0]
+        theta[gravity], std[gravity] = 0.1 / 9.81, errors[1] / 9.81
+        arm = ArmModel.build((Links(rod), *friction(rod)), [*theta, 0.1, 0.1], [*std, *errors[2:]])
+        names = ("Iyy@j", "mz@j", "viscous@j", "coulomb@j")
+        assert arms_untold(arm, q, v, recording.torque[:, None]) == {names[k] for k in expected}

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from benchmarks import six_joint
-from estimators.arms.standard import pseudo_inertia, standard_parameters
+from estimators.arms.standard import nearest_body, pseudo_inertia, standard_parameters
 from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.model import ArmModel
 
@@ -28,6 +28,7 @@ def test_links_have_the_base_parameters_that_were_found_and_are_bodies(body):
     found = np.array([estimate.value for estimate in standard_parameters(truth).values()])
     base, std = truth.theta[: len(body.base)], [truth.estimates[name].std for name in body.names]
     assert np.sqrt(np.mean(((body.combine @ found - base) / std) ** 2)) < 1.0
+    assert "some body has these parameters" in nearest_body(truth).text
     for link in found[:60].reshape(6, 10):
         assert np.linalg.eigvalsh(pseudo_inertia(link)).min() > 0
     assert (found[60:] > 0).all()
@@ -46,6 +47,8 @@ def test_base_parameters_that_no_body_has_are_not_followed(body):
     standard = body.standard_values
     standard[60:] = six_joint.ROTORS
     standard[59] = -0.01  # Izz of the flange
-    found = standard_parameters(model(body, standard))
-    link = np.array([estimate.value for estimate in found.values()])[50:60]
+    found = nearest_body(model(body, standard))
+    link = np.array([estimate.value for estimate in found.parameters.values()])[50:60]
     assert np.linalg.eigvalsh(pseudo_inertia(link)).min() >= 0
+    assert found.distance > 100  # 0.01 kg m^2 at least, of which a thousandth is the standard error
+    assert found.text.startswith("no body has these parameters: the nearest is")
