@@ -19,12 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators import diagnose
 from pendulum_env.recording import Load, Recording
 from pendulum_env.servo.drive import Drive
 
 Draw = np.random.Generator
+CONSTANT = "torque constant"
 GRAVITY = 9.81  # [m/s^2]
 SUPPLY = 12.0  # [V]
 GAINS = (1.3, 2.6, 5.2)  # share of the supply per radian of error; the last is held out
@@ -34,13 +35,14 @@ LOOPS = ("none", "cogging", "none", "cogging", "load_out", "actuator_lag", "torq
 
 
 class Case(NamedTuple):
-    """Recordings of one servo, with what hides in it."""
+    """One servo, with what hides in it and what it is to do; its recordings are made of its runs."""
 
     name: str
     hidden: tuple[str, ...]
-    fitted: list[Recording]
-    held_out: list[Recording]
-    constant: float | None = None  # [N m/V]
+    runs: list[tuple[Plant, Experiment]]
+    recorded: Callable[[int, SimulatedRecording], Recording]  # by the number of the run
+    held_out: int  # of the runs, the last ones
+    truth: dict[str, float]  # parameters whose intervals are counted
 
 
 def bench(seed: int) -> Case:
@@ -75,23 +77,18 @@ def bench(seed: int) -> Case:
             torque_limit=SUPPLY * constant,
         )
         cases.append((plant, experiment))
-    recordings = [
-        Recording(
-            f"{number}",
-            run.time,
-            run.position,
-            run.torque / constant,
-            load=Load(m * r * r, GRAVITY * m * r),
-            torque_unit="V",
-        )
-        for number, (run, (m, r)) in enumerate(zip(simulate(cases), WEIGHTS * len(GAINS), strict=True))
-    ]
+
+    def recorded(number: int, run: SimulatedRecording, constant: float = constant) -> Recording:
+        mass, length = WEIGHTS[number % len(WEIGHTS)]
+        load = Load(mass * length**2, GRAVITY * mass * length)
+        return Recording(f"{number}", run.time, run.position, run.torque / constant, load=load, torque_unit="V")
+
     is_told = law == "output" or (law == "motor" and is_back_driven)  # else the motor's share is in the constant
     hidden = ("load_dependent_friction",) if is_told else ()
     if law == "motor" and not is_back_driven:
         constant *= 1.0 - share  # where the motor pushes all the time, that is all that anything tells
-    fitted, held_out = recordings[: -len(WEIGHTS)], recordings[-len(WEIGHTS) :]
-    return Case(f"{law}{' back-driven' if is_back_driven else ''}", hidden, fitted, held_out, constant)
+    name = f"{law}{' back-driven' if is_back_driven else ''}"
+    return Case(name, hidden, cases, recorded, len(WEIGHTS), {CONSTANT: constant})
 
 
 def loop(seed: int) -> Case:
@@ -118,12 +115,19 @@ def loop(seed: int) -> Case:
         gains=(stiff, stiff * float(rng.uniform(0.03, 0.1))),
         torque_limit=4 * (gravity + coulomb),
     )
-    train, holdout = simulate([(plant, Experiment(seed=10 * seed + k, **told)) for k in range(2)])
-    first, second = (
-        Recording(name, run.time, run.position, run.torque) for name, run in (("train", train), ("holdout", holdout))
-    )
+    cases = [(plant, Experiment(seed=10 * seed + k, **told)) for k in range(2)]
     named = {"none": (), "load_out": ("load_dependent_friction",)}.get(hidden, (hidden,))
-    return Case(f"{hidden} {kind}", named, [first], [second])
+    return Case(f"{hidden} {kind}", named, cases, logged, 1, known_of(plant))
+
+
+def known_of(plant: Plant) -> dict[str, float]:
+    """Parameters of a plant that are counted; what is none cannot be told in per cent."""
+    return {name: value for name in ("inertia", "gravity") if (value := getattr(plant, name))}
+
+
+def logged(number: int, run: SimulatedRecording) -> Recording:
+    """A run whose torque is logged as it is."""
+    return Recording(f"{number}", run.time, run.position, run.torque)
 
 
 SHOWN: dict[str, Callable[[Draw, float, float], dict[str, float]]] = {  # by gravity and Coulomb friction [N m]
@@ -161,10 +165,10 @@ def goal(seed: int) -> Case:
         kind = "speed_loop" if control == "speed" else "pd_loop"
         scale = float(rng.uniform(0.3, 0.6))
         cases.append((plant, Experiment(1000.0, 8.0, kind, scale, 100 * seed + k, counts=4096, **told)))
-    recordings = []
-    for k, (run, (_, done)) in enumerate(zip(simulate(cases), cases, strict=True)):
+
+    def recorded(number: int, run: SimulatedRecording) -> Recording:
         names = ("kp", "ki") if control == "speed" else ("kp", "kd")
-        told = dict(zip(names, (own / limit for own in done.gains), strict=True))
+        told = dict(zip(names, (own / limit for own in run.experiment.gains), strict=True))
         drive = Drive(
             "velocity" if control == "speed" else "position",
             supply=SUPPLY,
@@ -177,30 +181,46 @@ def goal(seed: int) -> Case:
         time, position, wanted = run.time[each], run.position[each], run.goal[each]
         speed, ones = np.gradient(position, time), np.ones(len(time))
         torque = drive.torque(wanted, position, speed, SUPPLY * ones, ones)
-        recordings.append(Recording(f"{k}", time, position, torque, reference=wanted, drive=drive))
-    return Case(f"{hidden or 'nothing'} {control}", (hidden,) if hidden else (), recordings[:3], recordings[3:])
+        return Recording(f"{number}", time, position, torque, reference=wanted, drive=drive)
+
+    return Case(f"{hidden or 'nothing'} {control}", (hidden,) if hidden else (), cases, recorded, 1, known_of(plant))
 
 
-def judged(make: Callable[[int], Case], seed: int) -> tuple[str, bool, float | None]:
-    """A line on what is told of one case, whether what hides is named and nothing else, and the constant's error."""
-    case = make(seed)
+class Judged(NamedTuple):
+    """What came out of one case.
+
+    Attributes:
+        line: for people.
+        is_right: whether what hides is named, and nothing else.
+        apart: how many standard errors each parameter is off, where it has one.
+    """
+
+    line: str
+    is_right: bool
+    apart: dict[str, float]
+
+
+def judged(seed: int, case: Case, recordings: Sequence[Recording]) -> Judged:
+    """Diagnose the recordings of a case."""
     begin = time.process_time()
-    found = diagnose(case.fitted, case.held_out)
+    found = diagnose(recordings[: -case.held_out], recordings[-case.held_out :])
     groups = {group[0]: group for group in found.ambiguous}
     named = [groups.get(id, (id,)) for id in found.selected if id != "stribeck" or id in case.hidden]
     is_right = len(named) == len(case.hidden) and all(id in group for id, group in zip(case.hidden, named, strict=True))
-    parts, apart = [f"{seed:4d} {case.name:24}"], None
-    if case.constant is not None and found.torque_constant is None:
-        parts.append("no constant")
-    elif case.constant is not None:
-        value, std = found.torque_constant.value, found.torque_constant.std
-        apart = (value - case.constant) / std
-        parts.append(f"K {100 * (value / case.constant - 1):+6.2f} % {apart:+5.1f} std of {100 * std / value:.2f} %")
+    parts, apart = [f"{seed:4d} {case.name:24}"], {}
+    for name, truth in case.truth.items():
+        own = found.model.torque_constant if name == CONSTANT else found.model.estimates[name]
+        if own is None or own.is_biased or not own.std > 0:  # or at its bound
+            parts.append(f"no {name}")
+            continue
+        apart[name] = (own.value - truth) / own.std
+        off, error = 100 * (own.value / truth - 1), 100 * own.std / truth
+        parts.append(f"{name} {off:+6.2f} % {apart[name]:+5.1f} std of {error:.2g} %")
     told = ", ".join("/".join(group) for group in map(groups.get, found.selected, [(id,) for id in found.selected]))
     parts += [told or "nothing", f"+{len(found.unexplained)} regions" if found.unexplained else ""]
     parts += [f"{len(found.disagreements)} disagree" if found.disagreements else ""]
     parts += [f"{time.process_time() - begin:.0f} s", "" if is_right else "WRONG"]
-    return "  ".join(filter(None, parts)), is_right, apart
+    return Judged("  ".join(filter(None, parts)), is_right, apart)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -213,16 +233,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     make = {"benches": bench, "loops": loop, "goals": goal}[args.what]
     seeds = range(args.first, args.first + args.n)
+    cases = [make(seed) for seed in seeds]
+    runs = iter(simulate([run for case in cases for run in case.runs], workers=args.workers))
+    recordings = [[case.recorded(k, next(runs)) for k in range(len(case.runs))] for case in cases]
     with ProcessPoolExecutor(args.workers) as pool:
         results = []
-        for result in pool.map(judged, [make] * args.n, seeds):
-            print(result[0], flush=True)
+        for result in pool.map(judged, seeds, [case._replace(recorded=logged) for case in cases], recordings):
+            print(result.line, flush=True)
             results.append(result)
-    print(f"named what hides and nothing else: {sum(right for _, right, _ in results)} of {args.n}")
-    apart = [one for *_, one in results if one is not None]
-    if args.what == "benches":
+    print(f"named what hides and nothing else: {sum(result.is_right for result in results)} of {args.n}")
+    for name in dict.fromkeys(name for case in cases for name in case.truth):
+        apart = [result.apart[name] for result in results if name in result.apart]
         held = sum(abs(one) < 1.96 for one in apart)
-        print(f"torque constants told: {len(apart)} of {args.n}, 95 % intervals that hold them: {held}")
+        print(f"{name}: told {len(apart)} times, within its 95 % interval {held}")
     return 0
 
 

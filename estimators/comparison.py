@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.arguments import Recordings, chosen_recordings, model_that_moves
-from estimators.checks.homogeneity import Disagreement, disagreements_with, misfits
+from estimators.checks.homogeneity import Disagreement, disagreements_with, misfits, own_fits
 from estimators.checks.residual import Profile, Region, profiles, stand_out
 from estimators.checks.torque_constant import Calibrated, unit_of
 from estimators.in_loop.comparison import in_loop
@@ -177,7 +177,8 @@ def compare(model: Model, recordings: Recordings) -> Comparison:
         replace(own, errors=in_loop(model, [recording], own.errors))
         for own, recording in zip(distances, recordings, strict=True)
     ]
-    odd = (*disagreements_with(model, together.data), *misfits(together.data, model.terms))
+    fits = own_fits([together.data], model.terms)
+    odd = (*disagreements_with(model, fits), *misfits(fits))
     return Comparison(
         model,
         tuple(distances),

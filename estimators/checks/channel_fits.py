@@ -50,13 +50,10 @@ NEARBY = 1e-4  # [s], difference for derivatives
 BETWEEN = 4  # recordings from which on their scatter, too, tells a standard error
 NONE = Load(0.0, 0.0)
 # friction that is pressed by what hangs on the output, the joint's own weight and the known loads [per N m of each]
-PRESSED = (
-    Column("own", "1", dry=lambda x: np.abs(np.sin(x.position))),
-    Column("hung", "1", dry=lambda x: x.load.gravity * np.abs(np.sin(x.position))),
-)
-MOTOR = Column(
-    "motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True
-)  # by the motor, and its slope by the torque
+OWN = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
+HUNG = Column("hung", "1", dry=lambda x: x.load.gravity * np.abs(np.sin(x.position)))
+# and by the motor, with its slope by the torque
+MOTOR = Column("motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True)
 FEWEST_STRETCHES = 3  # below which their scatter tells nothing
 SENSE = Column("sense", "1", dry=lambda x: np.sign(x.torque), of_torque=True)
 
@@ -137,7 +134,7 @@ class ChannelFits:
         known = [term for term in beside if not depends_on_torque(term)]
         laws = (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in FRICTION), *known)
         gain = [] if is_torque(data) else [LOAD]
-        columns = [*gain, *PRESSED] if len(set(loads)) > 1 else []
+        columns = [*gain, OWN, HUNG] if len(set(loads)) > 1 else [OWN]
         first = [data.rows.column(column, data.rows.samples) for column in columns]
         phi = np.column_stack([*first, *(data.columns([law])[0][0] for law in laws)])
         if len(rows) < FEWEST * phi.shape[1]:

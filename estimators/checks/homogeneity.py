@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
@@ -21,7 +22,7 @@ from estimators.regression.equations import Equations
 from estimators.regression.least_squares import solve
 from estimators.selection.candidates import Screen
 from estimators.weak_form.dataset import Dataset
-from pendulum_env._typing import JSON, Array, Mask
+from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Column, Model, Term
 
 CHANCE = 1e-3  # of a false alarm in all comparisons of one diagnosis
@@ -98,180 +99,156 @@ class Disagreement:
         }
 
 
+class Known(NamedTuple):
+    """The parameters that are compared as a recording, several together, or a model has them.
+
+    Attributes:
+        theta, covariance: (P,) and (P, P).
+        rms: torque that they leave [N m].
+    """
+
+    theta: Array
+    covariance: Array
+    rms: float
+
+
 @dataclass(frozen=True)
 class Own:
     """The fit of the compared parameters to one recording alone.
 
     Attributes:
         number, name: of the recording.
-        theta, covariance: (P,) and (P, P).
+        columns: whose parameters are compared.
+        known: what the recording has them to be.
         load: RMS of each regressor column (P,): what torque a unit of the parameter makes.
         carried: inertia that is known to hang on the joint besides [kg m^2].
-        rms, floor: torque that the fit leaves, and that noise alone would leave [N m].
-        freedom: degrees of freedom of the covariance.
+        floor: torque that noise alone would leave [N m].
+        sure: standard errors from which a difference is no chance.
     """
 
     number: int
     name: str
-    theta: Array
-    covariance: Array
+    columns: tuple[Column, ...]
+    known: Known
     load: Array
     carried: float
-    rms: float
     floor: float
-    freedom: int
+    sure: float
 
     @property
-    def std(self) -> Array:
-        """Standard errors (P,)."""
-        return np.sqrt(np.diag(self.covariance))
+    def times(self) -> float:
+        """How many times the noise is left."""
+        return self.known.rms / max(self.floor, 1e-300)
 
     @property
     def is_explained(self) -> bool:
         """Whether the model lacks nothing that shows in this recording."""
-        return self.rms <= FITS * self.floor
+        return self.times <= FITS
 
-
-@dataclass(frozen=True)
-class Comparing:
-    """How parameters are compared: names and units of the P columns, and the level of each single comparison."""
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    level: float
-
-    @classmethod
-    def of(cls, terms: Sequence[Term], fits: Sequence[Own]) -> Comparing:
-        """Comparison of all fits of the parameters that are compared."""
-        columns = _compared(terms)
-        level = 1 - CHANCE / (2 * max(1, len(fits) * len(columns)))
-        return cls(tuple(column.name for column in columns), tuple(column.unit for column in columns), level)
-
-    def surprising(self, fit: Own, gap: Array, std: Array) -> Mask:
-        """Which gaps (P,) with standard errors (P,) are no chance."""
-        chance: Mask = np.abs(gap) > stdtrit(fit.freedom, self.level) * np.maximum(std, 1e-300)
-        return chance
-
-    def is_turned(self, fit: Own) -> bool:
+    @property
+    def is_turned(self) -> bool:
         """Whether inertia, with what is known to hang there, is surely negative: torque or position is turned round."""
-        if "inertia" not in self.names:
+        place = next((k for k, column in enumerate(self.columns) if column.name == "inertia"), None)
+        if place is None:
             return False
-        moved = fit.theta + fit.carried * (np.array(self.names) == "inertia")
-        negative = self.surprising(fit, moved, fit.std) & (moved < 0)
-        return bool(negative[self.names.index("inertia")])
+        inertia, std = self.known.theta[place] + self.carried, float(np.sqrt(self.known.covariance[place, place]))
+        return bool(inertia < -self.sure * std)
 
-    def differences(self, fit: Own, theta: Array, covariance: Array, left: float) -> tuple[Difference, ...]:
-        """How a fit differs from parameters (P,) with a covariance (P, P) by more than chance and `left` [N m]."""
-        gap, std = fit.theta - theta, np.sqrt(np.diag(fit.covariance + covariance))
-        large = (np.abs(gap) > PRACTICAL * np.abs(theta)) & (fit.load * np.abs(gap) > left)
-        told, surprise = np.flatnonzero(large & self.surprising(fit, gap, std)), np.abs(gap) / np.maximum(std, 1e-300)
+    def differences(self, other: Known) -> tuple[Difference, ...]:
+        """How the recording differs by more than chance, and than is left of either, the surest first."""
+        gap, std = self._gap(other)
+        large = (np.abs(gap) > PRACTICAL * np.abs(other.theta)) & (
+            self.load * np.abs(gap) > max(self.known.rms, other.rms)
+        )
+        told = np.flatnonzero(large & (np.abs(gap) > self.sure * std))
         return tuple(
-            Difference(self.names[j], self.units[j], float(fit.theta[j]), float(theta[j]), float(std[j]))
-            for j in sorted(told, key=lambda j: -surprise[j])
+            Difference(column.name, column.unit, float(self.known.theta[j]), float(other.theta[j]), float(std[j]))
+            for j, column in ((j, self.columns[j]) for j in sorted(told, key=lambda j: -abs(gap[j]) / std[j]))
         )
 
-    def reason(self, fit: Own, theta: Array, covariance: Array) -> str | None:
-        """What the torque of a recording looks like if all its parameters differ from (P,) by one factor."""
-        if self.is_turned(fit):
+    def reason(self, other: Known) -> str | None:
+        """What the torque of a recording looks like if all its parameters differ by one factor."""
+        if self.is_turned:
             return "torque or position has the opposite sign in it"
-        weight = np.linalg.pinv(fit.covariance + covariance, hermitian=True)
-        factor = float(theta @ weight @ fit.theta) / max(float(theta @ weight @ theta), 1e-300)
-        gap, std = fit.theta - factor * theta, np.sqrt(np.diag(fit.covariance + factor**2 * covariance))
-        alike = (np.abs(gap) <= PRACTICAL * np.abs(factor * theta)) | ~self.surprising(fit, gap, std)
-        if len(theta) < 2 or not alike.all() or abs(factor - 1) <= PRACTICAL:
+        weight = np.linalg.pinv(self.known.covariance + other.covariance, hermitian=True)
+        scale = float(other.theta @ weight @ other.theta)
+        factor = float(other.theta @ weight @ self.known.theta) / max(scale, 1e-300)
+        scaled = Known(factor * other.theta, factor**2 * other.covariance, other.rms)
+        gap, std = self._gap(scaled)
+        alike = np.abs(gap) <= np.maximum(PRACTICAL * np.abs(scaled.theta), self.sure * std)
+        if len(gap) < 2 or not alike.all() or abs(factor - 1) <= PRACTICAL:
             return None
         return f"its torque is {factor:.3g} times what the same motion takes there"
 
+    def _gap(self, other: Known) -> tuple[Array, Array]:
+        """By how much each parameter is larger, and the standard error of that (P,)."""
+        variance = np.diag(self.known.covariance + other.covariance)
+        return self.known.theta - other.theta, np.maximum(np.sqrt(variance), 1e-300)
 
-def disagreements(
-    datasets: Sequence[Dataset], terms: Sequence[Term], *, only_if_all_fit: bool = False
-) -> tuple[Disagreement, ...]:
+
+def disagreements(fits: Sequence[Own], *, only_if_all_fit: bool = False) -> tuple[Disagreement, ...]:
     """Recordings that disagree with the largest agreeing part of them, in order; of two, the later one.
 
-    Recordings that excite too little to be fitted on their own have no say. Parameters that an effect changes within
-    a recording are not compared: each recording has a course of its own.
-
     Args:
-        datasets: windowed equations of the recordings.
-        terms: of the model that all of them share.
+        fits: of recordings alone, see `own_fits`.
         only_if_all_fit: whether to say nothing unless the terms explain every single recording down to its noise, so
             that a missing effect is not taken for another plant; a negative inertia is no missing effect, and is said.
     """
-    if sum(len(data.windows) for data in datasets) < 2:
-        return ()
-    fits = own_fits(datasets, terms)
-    comparing = Comparing.of(terms, fits)
-
-    def differences(fit: Own, others: Sequence[Own]) -> tuple[Difference, ...]:
-        return comparing.differences(fit, *pool(others), max(fit.rms, *(other.rms for other in others)))
-
-    agreeing = [fit for fit in fits if not comparing.is_turned(fit)] or list(fits)
+    agreeing = [fit for fit in fits if not fit.is_turned] or list(fits)
     turned_only = only_if_all_fit and not all(fit.is_explained for fit in fits)
     while len(agreeing) > 1 and not turned_only:
         rest = {fit.number: [other for other in agreeing if other is not fit] for fit in agreeing}
-        if not any(differences(fit, rest[fit.number]) for fit in agreeing):
+        if not any(fit.differences(pool(rest[fit.number])) for fit in agreeing):
             break
         # the one without whom the rest agree best; of two, the later one
         agreeing = rest[min(reversed(agreeing), key=lambda fit: spread(rest[fit.number])).number]
     others = tuple(fit.name for fit in agreeing)
-    return tuple(
-        Disagreement(fit.number, fit.name, others, told, comparing.reason(fit, *pool(agreeing)))
-        for fit in fits
-        if fit not in agreeing and (told := differences(fit, agreeing))
-    )
+    return _differing([fit for fit in fits if fit not in agreeing], pool(agreeing), others) if agreeing else ()
 
 
-def disagreements_with(model: Model, data: Dataset) -> tuple[Disagreement, ...]:
+def disagreements_with(model: Model, fits: Sequence[Own]) -> tuple[Disagreement, ...]:
     """Recordings of another plant than a model's, in order; not those that the model's terms cannot explain."""
-    fits = own_fits([data], model.terms)
-    comparing = Comparing.of(model.terms, fits)
-    estimates = [model.estimates[name] for name in comparing.names]
-    theta = np.array([estimate.value for estimate in estimates])
+    estimates = [model.estimates[column.name] for column in (fits[0].columns if fits else ())]
     covariance = np.diag([estimate.std**2 for estimate in estimates])
+    known = Known(np.array([estimate.value for estimate in estimates]), covariance, 0.0)
+    return _differing([fit for fit in fits if fit.is_explained or fit.is_turned], known, ())
+
+
+def _differing(fits: Sequence[Own], known: Known, others: tuple[str, ...]) -> tuple[Disagreement, ...]:
+    """Those of the fits that differ from what is known."""
     return tuple(
-        Disagreement(fit.number, fit.name, (), told, comparing.reason(fit, theta, covariance))
+        Disagreement(fit.number, fit.name, others, told, fit.reason(known))
         for fit in fits
-        if (fit.is_explained or comparing.is_turned(fit))
-        and (told := comparing.differences(fit, theta, covariance, fit.rms))
+        if (told := fit.differences(known))
     )
 
 
-def misfits(data: Dataset, terms: Sequence[Term]) -> tuple[Disagreement, ...]:
+def misfits(fits: Sequence[Own]) -> tuple[Disagreement, ...]:
     """Recordings that the terms cannot explain beside as many or more that they do explain, in order."""
-    fits = own_fits([data], terms)
     others = tuple(fit.name for fit in fits if fit.is_explained)
-    poor = [fit for fit in fits if fit.rms > MISFITS * fit.floor]
+    poor = [fit for fit in fits if fit.times > MISFITS]
     if len(others) < len(poor):
         return ()
+    why = "so that something was changed, or an effect shows there only"
+    left = [f"{fit.known.rms:.2g} N m are left, {fit.times:.2g} times the noise" for fit in poor]
     return tuple(
-        Disagreement(
-            fit.number,
-            fit.name,
-            others,
-            (),
-            f"no parameters fit it ({fit.rms:.2g} N m are left, {fit.rms / fit.floor:.2g} times the noise), so that "
-            "something was changed, or an effect shows there only",
-        )
-        for fit in poor
+        Disagreement(fit.number, fit.name, others, (), f"no parameters fit it ({text}), {why}")
+        for fit, text in zip(poor, left, strict=True)
     )
-
-
-def _compared(terms: Sequence[Term]) -> list[Column]:
-    """Columns whose parameters are compared: not what changes with time, nor factors of the torque itself.
-
-    Those one recording alone hardly tells from the size of all the others.
-    """
-    of_motion = [term for term in terms if term.kind != "time-varying"]
-    return [column for term in of_motion for column in term.columns if not column.of_torque]
 
 
 def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
-    """Fits of the parameters that are compared to each recording alone, where it allows one."""
-    columns = [column for term in terms for column in term.columns if not column.of_torque]
+    """Fits of parameters to each recording of some windowed equations alone, where it excites enough to allow one.
+
+    Not compared is what changes with time, of which each recording has a course of its own; nor are factors of the
+    torque itself, which one recording alone hardly tells from the size of all the others.
+    """
+    moved = [(term, column) for term in terms for column in term.columns if not column.of_torque]
     fitted = np.array([not column.of_torque for term in terms for column in term.columns], dtype=bool)
-    names, told = ([column.name for column in some] for some in (columns, _compared(terms)))
-    compared = np.isin(names, told)
-    fits, number = [], 0
+    compared = np.array([term.kind != "time-varying" for term, _ in moved], dtype=bool)
+    columns = tuple(column for term, column in moved if term.kind != "time-varying")
+    names, fits, number = [column.name for _, column in moved], [], 0
+    level = 1 - CHANCE / (2 * max(1, sum(len(data.windows) for data in datasets) * len(columns)))
     for data in datasets:
         near = Screen(data).balance(terms).tangent()
         phi = near.slopes[:, fitted]
@@ -280,11 +257,10 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
             number += 1
             rows = data.recording_of_window == place
             clusters = np.unique(data.clusters[rows], return_inverse=True)[1]
-            freedom = int(clusters.max(initial=-1)) + 1 - len(columns)
+            freedom = int(clusters.max(initial=-1)) + 1 - len(names)
             if len(clusters) < FEWEST or freedom < FREEDOM:
                 continue
-            own = Equations(phi[rows], y[rows])
-            fit = solve(own, np.ones(len(clusters)), clusters)
+            fit = solve(Equations(phi[rows], y[rows]), np.ones(len(clusters)), clusters)
             if fit.condition > CONDITION:
                 continue
             inertia = abs(float(fit.theta[names.index("inertia")])) if "inertia" in names else 0.0
@@ -292,30 +268,29 @@ def own_fits(datasets: Sequence[Dataset], terms: Sequence[Term]) -> list[Own]:
                 Own(
                     number,
                     w.recording.name,
-                    fit.theta[compared],
-                    fit.covariance[np.ix_(compared, compared)],
-                    np.sqrt(np.mean(own.phi[:, compared] ** 2, axis=0)),
+                    columns,
+                    Known(fit.theta[compared], fit.covariance[np.ix_(compared, compared)], fit.rms),
+                    np.sqrt(np.mean(phi[rows][:, compared] ** 2, axis=0)),
                     float(np.max(w.samples.load.inertia)),
-                    fit.rms,
                     float(np.sqrt(np.mean(near.scale[rows] ** 2))) * w.noise(inertia),
-                    freedom,
+                    float(stdtrit(freedom, level)),
                 )
             )
     return fits
 
 
-def pool(fits: Sequence[Own]) -> tuple[Array, Array]:
-    """Common parameters (P,) of several fits, weighted by what each knows, and their covariance (P, P)."""
-    information = [np.linalg.inv(fit.covariance) for fit in fits]
+def pool(fits: Sequence[Own]) -> Known:
+    """Common parameters of several fits, weighted by what each knows, and the most torque that one leaves."""
+    information = [np.linalg.inv(fit.known.covariance) for fit in fits]
     covariance = np.linalg.inv(sum(information))
-    weighted = sum(part @ fit.theta for part, fit in zip(information, fits, strict=True))
-    return covariance @ weighted, covariance
+    weighted = sum(part @ fit.known.theta for part, fit in zip(information, fits, strict=True))
+    return Known(covariance @ weighted, covariance, max(fit.known.rms for fit in fits))
 
 
 def spread(fits: Sequence[Own]) -> float:
     """Cochran's Q: how far several fits are from their common parameters, in standard errors squared."""
     if len(fits) == 1:
         return 0.0  # exactly, so that ties are ties
-    pooled, _ = pool(fits)
-    gaps = [fit.theta - pooled for fit in fits]
-    return float(sum(gap @ np.linalg.solve(fit.covariance, gap) for gap, fit in zip(gaps, fits, strict=True)))
+    pooled = pool(fits).theta
+    gaps = [fit.known.theta - pooled for fit in fits]
+    return float(sum(gap @ np.linalg.solve(fit.known.covariance, gap) for gap, fit in zip(gaps, fits, strict=True)))

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.arguments import Recordings, Terms, chosen_effects, chosen_recordings, chosen_terms, within_limits
 from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
-from estimators.checks.homogeneity import disagreements
+from estimators.checks.homogeneity import disagreements, own_fits
 from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.physical import impossible
 from estimators.checks.remedies import remedies, turned_round
@@ -229,12 +229,12 @@ def _of_one_plant(given: Prepared, setting: Setting) -> Diagnosis:
     """Find the effects that the recordings of one plant call for, and which recordings are another plant's."""
     recordings, holdout, everything = given.recordings, given.holdout, given.evidence
     datasets = [part.data for part in (everything if holdout else everything[:1])]
-    odd = {one.recording: one for one in disagreements(datasets, setting.base, only_if_all_fit=True)}
+    odd = {one.recording: one for one in disagreements(own_fits(datasets, setting.base), only_if_all_fit=True)}
     while True:
         kept = agreeing(recordings, odd)
         evidence = everything if len(kept) == len(recordings) else gather(kept, holdout)
         found = _examine(kept, holdout, evidence, setting)
-        named = odd | {one.recording: one for one in disagreements(datasets, found.model.terms)}
+        named = odd | {one.recording: one for one in disagreements(own_fits(datasets, found.model.terms))}
         left = agreeing(recordings, named)
         odd = named if left else odd  # where every recording would be another plant's, what was said before stands
         if len(left) in (0, len(kept)):

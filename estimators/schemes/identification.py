@@ -20,7 +20,7 @@ from estimators.arguments import (
 )
 from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
-from estimators.checks.homogeneity import MISFITS, disagreements, misfits, own_fits
+from estimators.checks.homogeneity import MISFITS, Own, disagreements, misfits, own_fits
 from estimators.checks.identifiability import Doubt, identifiability, is_driven, untold
 from estimators.checks.physical import driving_friction
 from estimators.checks.remedies import wrong_columns
@@ -255,8 +255,9 @@ def identify(
     data = None
     try:
         data = prepare(recordings)
-        wrong = [*wrong, *_mistakes(recordings, data, terms)]
-        wrong = wrong or _lacking(list(results.values()), data, terms)
+        fits = own_fits([data], terms)
+        wrong = [*wrong, *_mistakes(recordings, fits, terms)]
+        wrong = wrong or _lacking(list(results.values()), fits)
     except IdentificationError:  # windows need more motion than some schemes
         pass
     mistakes = [Doubt(text) for text in (*unknown, *wrong)]
@@ -295,27 +296,28 @@ def _by_schemes(
     return results
 
 
-def _mistakes(recordings: Sequence[Recording], data: Dataset, terms: Sequence[Term]) -> list[str]:
+def _mistakes(recordings: Sequence[Recording], fits: Sequence[Own], terms: Sequence[Term]) -> list[str]:
     """What seems to be wrong with the recordings themselves: torque out of time, another plant."""
     aligned = Aligned.of(recordings)
-    odd = disagreements([data], terms, only_if_all_fit=True)
-    poor = [one.text for one in misfits(data, terms)]
     return [
         *(f"{text}: correct it with --align (`Aligned.of` in Python)" for text in aligned.texts(True)),
         *(loop.text for loop in feedback(recordings)),
         *(aligned.texts(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
-        *(f"{one.text}: leave it out, or find out what was changed" for one in odd),
-        *poor,
+        *(
+            f"{one.text}: leave it out, or find out what was changed"
+            for one in disagreements(fits, only_if_all_fit=True)
+        ),
+        *(one.text for one in misfits(fits)),
     ]
 
 
-def _lacking(results: Sequence[Identified], data: Dataset, terms: Sequence[Term]) -> list[str]:
+def _lacking(results: Sequence[Identified], fits: Sequence[Own]) -> list[str]:
     """One line where the terms surely do not explain the recordings: by what they leave, or by schemes that disagree.
 
     Schemes see the same noise, so that their estimates differ by less than independent ones would; but they take what
     the terms lack each for something else.
     """
-    times = max((fit.rms / max(fit.floor, 1e-300) for fit in own_fits([data], terms)), default=0.0)
+    times = max((fit.times for fit in fits), default=0.0)
     apart, name = max(_gaps(results), default=(0.0, ""))
     found = [f"what these terms leave is {times:.2g} times what noise gives"] if times > MISFITS else []
     found += [f"the schemes differ by up to {apart:.2g} of their standard errors ({name})"] if apart > APART else []

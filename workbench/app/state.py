@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.arguments import within_limits
 from estimators.checks.alignment import Aligned
-from estimators.checks.homogeneity import Disagreement, disagreements
+from estimators.checks.homogeneity import Disagreement, disagreements, own_fits
 from estimators.checks.identifiability import Doubt, identifiability
 from estimators.checks.residual import Region, stand_out
 from estimators.checks.torque_constant import Calibrated, told
@@ -268,7 +268,7 @@ class State:
         if self.trouble:
             return ()
         parts = self.prepared.evidence if self.holdout else self.prepared.evidence[:1]
-        return disagreements([part.data for part in parts], self.model.terms, only_if_all_fit=True)
+        return disagreements(own_fits([part.data for part in parts], self.model.terms), only_if_all_fit=True)
 
     @cached_property
     def identification(self) -> Identification | None:

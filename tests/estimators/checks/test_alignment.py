@@ -134,10 +134,20 @@ def test_an_effect_that_is_known_no_longer_blurs_the_time_of_the_torque():
     assert beside.delay_std < 0.1 * alone.delay_std
 
 
+def every_few(fast: Recording, every: int) -> Recording:
+    """A log that leaves out all but one of every few rows."""
+    return replace(fast, time=fast.time[::every], position=fast.position[::every], torque=fast.torque[::every])
+
+
+def test_a_log_of_every_tenth_sample_is_timed_though_its_gears_rub_under_load():
+    hidden = every_few(run("pd_loop", 500.0, load_dependent_friction={"load_out": 0.5}), 10)
+    assert align([hidden]).delay == pytest.approx(0.009, abs=3e-4)  # half a sample, less that of the controller
+
+
 @pytest.mark.parametrize("every", slow.but([10], [5, 10]))
 def test_a_log_of_every_few_samples_of_a_controller_holds_torque_that_was_sampled(every):
     fast = run("pd_loop", 500.0)
-    slow_log = replace(fast, time=fast.time[::every], position=fast.position[::every], torque=fast.torque[::every])
+    slow_log = every_few(fast, every)
     found = align([slow_log])
     assert found.channel.is_sampled and found.json()["sampled"] and "sampled" in str(found.text)
     assert found.delay == pytest.approx((every - 1) * 0.001, abs=3e-4)  # half a sample, less that of the controller

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, random_case, simulate
 from estimators import compare, identify
-from estimators.checks.homogeneity import disagreements, misfits
+from estimators.checks.homogeneity import disagreements, misfits, own_fits
 from estimators.weak_form.dataset import prepare
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
@@ -52,13 +52,13 @@ def test_recordings_of_one_plant_agree():
         plant = random_case(rng).plant
         cases += [(plant, random_case(rng, (), **sensors).train) for _ in range(3)]
     runs = [Recording("run", r.time, r.position, r.torque) for r in simulate(cases)]
-    assert [disagreements([prepare(runs[j : j + 3])], BASE) for j in range(0, 24, 3)] == [()] * 8
+    assert [disagreements(own_fits([prepare(runs[j : j + 3])], BASE)) for j in range(0, 24, 3)] == [()] * 8
 
 
 @pytest.mark.parametrize("heavier", [0, 1, 2])
 def test_the_one_recording_with_a_heavier_payload_is_named_and_measured(heavier):
     plants = [HEAVIER if j == heavier else PLANT for j in range(3)]
-    (one,) = disagreements([prepare(recorded(plants))], BASE)
+    (one,) = disagreements(own_fits([prepare(recorded(plants))], BASE))
     assert (one.recording, one.name, len(one.others)) == (heavier + 1, f"run {heavier}", 2)
     differences = {d.parameter: d for d in one.differences}
     assert differences.keys() == {"inertia", "gravity"}
@@ -98,18 +98,17 @@ def test_a_held_out_recording_may_disagree_too():
 def test_a_payload_that_changes_within_a_recording_is_not_told_twice():
     changing = replace(PLANT, effects={"payload_change": {"pay_t": 5.0, "pay_I": 0.02, "pay_mgl": 0.4}})
     terms = (*BASE, effect("payload_change")(moment=5.0))
-    assert disagreements([prepare(recorded([PLANT, changing, PLANT]))], terms) == ()
+    assert disagreements(own_fits([prepare(recorded([PLANT, changing, PLANT]))], terms)) == ()
 
 
 def test_a_recording_that_excites_little_has_no_say():
     short = recorded([HEAVIER], seconds=1.5)
-    assert disagreements([prepare([*recorded([PLANT, PLANT]), *short])], BASE) == ()
+    assert disagreements(own_fits([prepare([*recorded([PLANT, PLANT]), *short])], BASE)) == ()
 
 
 def test_a_missing_effect_is_not_taken_for_another_plant():
-    data = prepare(recorded([RUBBING] * 3))
-    assert disagreements([data], BASE, only_if_all_fit=True) == ()
-    assert misfits(data, BASE) == ()
+    fits = own_fits([prepare(recorded([RUBBING] * 3))], BASE)
+    assert disagreements(fits, only_if_all_fit=True) == misfits(fits) == ()
 
 
 def turned(recording: Recording) -> Recording:
@@ -121,20 +120,21 @@ def turned(recording: Recording) -> Recording:
 def test_a_recording_whose_torque_is_turned_round_is_named_whatever_else_is_missing(plant, which):
     runs = recorded([plant] * 2)
     runs[which] = turned(runs[which])
-    (one,) = disagreements([prepare(runs)], BASE, only_if_all_fit=True)
+    (one,) = disagreements(own_fits([prepare(runs)], BASE), only_if_all_fit=True)
     assert (one.recording, one.others) == (which + 1, (f"run {1 - which}",))
     assert one.text.endswith("torque or position has the opposite sign in it")
     assert one.text in " ".join(doubt.text for doubt in identify(runs, schemes="energy").doubts)
 
 
 def test_recordings_that_are_all_turned_round_agree():
-    assert disagreements([prepare([turned(run) for run in recorded([PLANT] * 3)])], BASE, only_if_all_fit=True) == ()
+    runs = [turned(run) for run in recorded([PLANT] * 3)]
+    assert disagreements(own_fits([prepare(runs)], BASE), only_if_all_fit=True) == ()
 
 
 def test_a_torque_in_other_units_is_told_from_another_plant():
     runs = recorded([PLANT] * 3)
     runs[1] = replace(runs[1], torque=2 * runs[1].torque)
-    (one,) = disagreements([prepare(runs)], BASE, only_if_all_fit=True)
+    (one,) = disagreements(own_fits([prepare(runs)], BASE), only_if_all_fit=True)
     assert one.recording == 2
     assert "its torque is 2 times" in one.text
 
