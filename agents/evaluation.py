@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,7 @@ CLOSE = (0.01, 0.003)  # shares of its value that every parameter has to stay wi
 RESAMPLES = 2000
 FRESH = 2**20  # added to seeds, for plants that no training has drawn
 PART = 160  # plants at most that are simulated together; how many workers there are changes nothing
+NOTHING: Mapping[str, Any] = {}
 Statistic = Callable[[Array, Array], float]
 Contender = Callable[[int], Policy]  # makes a policy from the seed of what it draws
 
@@ -97,7 +99,7 @@ def compare(
     plants: int,
     *,
     seed: int = 0,
-    effects: Sequence[str] = (),
+    design: Mapping[str, Any] = NOTHING,
     scheme_id: str = "filtered_dynamic",
     executor: Executor | None = None,
     tell: Progress | None = None,
@@ -111,13 +113,13 @@ def compare(
         constraint: of the torque.
         plants: number of them.
         seed: of plants, noise and signals.
-        effects: hidden in the plants.
+        design: what else is to be said of plants and limits, arguments of `ExcitationDesignVector`.
         scheme_id: of the estimator.
         executor: workers, here or on a cluster; None does it here.
         tell: called with the progress, as text and as a share.
     """
     sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
-    alike = partial(observe, constraint=constraint, effects=tuple(effects), scheme_id=scheme_id)
+    alike = partial(observe, constraint=constraint, design=dict(design), scheme_id=scheme_id)
     jobs = {
         (name, part): partial(alike, contender, plants=size, seed=seed + 4 * FRESH * part)
         for name, contender in contenders.items()
@@ -138,7 +140,7 @@ def observe(
     plants: int,
     *,
     seed: int = 0,
-    effects: Sequence[str] = (),
+    design: Mapping[str, Any] = NOTHING,
     scheme_id: str = "filtered_dynamic",
 ) -> Outcome:
     """Let a policy excite fresh plants for 10 s, the online estimator beside it at 1 kHz.
@@ -146,7 +148,7 @@ def observe(
     The same seed gives the same plants and the same noise to every policy.
     """
     policy = contender(seed)
-    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects)
+    env = ExcitationDesignVector(plants, constraint=constraint, **design)
     estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants)
     observation, info = env.reset(seed=FRESH + seed)
     truth = info["plant"][:, :COUNT]
@@ -171,7 +173,7 @@ def observe(
         torque[k], position[k], learnt[k] = info["torque"], info["positions"][:, -1], log_det(information)
         speed = np.maximum(speed, np.abs(np.diff(info["positions"])).max(axis=1) * RATE)
     bound = np.full((len(MOMENTS), plants), np.nan)
-    if not effects:
+    if not design.get("effects"):
         bound = cramer_rao(truth, np.repeat(torque, held, axis=0))
     error, worst = np.sqrt((errors**2).mean(axis=2)), np.abs(errors).max(axis=2)
     return Outcome(error, worst, learnt, bound, torque, position, speed, acting / steps)

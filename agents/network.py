@@ -96,8 +96,7 @@ class Network:
             raise ValueError(f"its constraint is {shown(constraint)}, none of {', '.join(CONSTRAINTS)}")
         if not weights:
             raise ValueError("it lacks weight0")
-        seen = weights[0].shape[1]  # one more with a limit on turns
-        inputs = [seen if seen == INPUTS + 1 else INPUTS, *(len(bias) for bias in biases)]
+        inputs = [INPUTS, *(len(bias) for bias in biases)]
         for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
             if weight.shape != (len(bias), inputs[k]):
                 raise ValueError(f"weight{k} has shape {weight.shape}, where {(len(bias), inputs[k])} follows")

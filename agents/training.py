@@ -32,6 +32,7 @@ from pendulum_env.reading import Unreadable, read_own
 
 CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
 TUNING = 2**21  # added to seeds, for plants that neither training nor evaluation draws
+SPREAD = 0.5  # within which plants are drawn
 STRETCHES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
 
 
@@ -77,7 +78,9 @@ def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
 
 def make_env(config: Config) -> BatchedVecEnv:
     """Pendulums to learn on."""
-    design = ExcitationDesignVector(config.pendulums, constraint=config.constraint, autoreset_mode="SameStep")
+    design = ExcitationDesignVector(
+        config.pendulums, constraint=config.constraint, spread=SPREAD, varied=True, autoreset_mode="SameStep"
+    )
     env: VectorEnv[Any, Any, Any] = FinalWorth(design, config.head_start)
     if design.constraint.rms is not None:
         env = PriceTorque(env, design.constraint, config.price_rate)

@@ -1,8 +1,10 @@
 """Excitation of an arm: a reference that makes its base parameters show, within the limits of its joints.
 
-Each joint follows a Fourier series whose periods fit into the excitation, so that it can be repeated. Among random
-series, scaled into the limits, the one with the best conditioned regressor is kept.
-Source: Swevers, Ganseman, Tukel, de Schutter and Van Brussel, IEEE Transactions on Robotics and Automation 13(5), 1997.
+Each joint follows a Fourier series whose periods fit into the excitation, so that it can be repeated. Random series are
+scaled into the limits; the one that teaches most, by the determinant of its information, is then changed by chance as
+long as it teaches more: an evolution strategy with one parent and one child, whose steps grow with success.
+Source: Swevers, Ganseman, Tukel, de Schutter and Van Brussel, IEEE Transactions on Robotics and Automation 13(5), 1997;
+Beyer and Schwefel, Evolution strategies, Natural Computing 1(1), 2002.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ USUAL_RANGE, USUAL_STROKE = np.pi, 0.2  # [rad] and [m] to either side, where th
 USUAL_SLIDE = 0.5  # [m/s]
 MARGIN = 0.9  # of the limits that is used
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the motion that is tried until the torque suffices
+ANEW = 0.1  # share of the tries that are drawn anew
+STEP, GROWS, SHRINKS = 0.3, 1.5, 0.9  # of a change, the first and after one that was better or not: even at one in five
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +72,10 @@ def design_excitation(
     max_angle: float | None = None,
     max_speed: float | None = None,
     max_torque: float | None = None,
-    tries: int = 60,
+    tries: int = 600,
     rng: np.random.Generator | None = None,
 ) -> Excited:
-    """The best of `tries` random series within the joints' limits of position, speed and torque.
+    """A series within the joints' limits of position, speed and torque that teaches much, found in `tries` steps.
 
     Args:
         body: with the limits of its file; half a turn, or 0.2 m, to either side where it has none.
@@ -80,7 +84,7 @@ def design_excitation(
         max_angle: bound of every angle to either side of zero [rad], if less than the file's.
         max_speed: bound of every angle's speed [rad/s], if less than the file's; 4 rad/s, or 0.5 m/s, without one.
         max_torque: bound of every torque [N m], if less than the file's.
-        tries: series that are drawn.
+        tries: series that are judged, the first at random, the others near the best so far.
         rng: that draws them.
 
     Raises:
@@ -102,33 +106,42 @@ def design_excitation(
     speed = np.minimum(body.velocity_limits, speed)
     most = np.minimum(body.torque_limits, np.where(slides, np.inf, np.inf if max_torque is None else max_torque))
     time = np.linspace(0, period, POINTS, endpoint=False)
+    alike = 1.0 / np.sqrt(np.arange(1, harmonics + 1))[:, None]  # size of the harmonics
     best: Excited | None = None
-    for _ in range(tries):
-        drawn = rng.normal(size=(2, harmonics, len(body.joints))) / np.sqrt(np.arange(1, harmonics + 1))[:, None]
-        middle = low + (high - low) * rng.uniform(0.4, 0.6, len(low))
-        unit = Excited(body, np.zeros(len(low)), drawn[0], drawn[1], period, np.inf)
-        q, v, _ = unit(time)
+    parent, most_known, step = (np.zeros((2, harmonics, len(low))), np.full(len(low), 0.5)), -np.inf, STEP
+    for k in range(tries):
+        anew = best is None or k < ANEW * tries
+        waves = step * rng.normal(size=parent[0].shape) * alike + parent[0]
+        at = np.clip(step * rng.uniform(-0.1, 0.1, len(low)) + parent[1], 0.4, 0.6)  # of the way from low to high
+        if anew:
+            waves, at = rng.normal(size=waves.shape) * alike, rng.uniform(0.4, 0.6, len(low))
+        middle = low + (high - low) * at
+        q, v, _ = Excited(body, np.zeros(len(low)), *waves, period, np.inf)(time)
         room = np.minimum(high - middle, middle - low)
         scale = MARGIN * np.minimum(room / np.abs(q).max(axis=0), speed / np.abs(v).max(axis=0))
+        known = -np.inf
         for share in SHARES:
-            tried = Excited(body, middle, drawn[0] * scale * share, drawn[1] * scale * share, period, np.inf)
-            if np.all(np.abs(tried.torque(time)) <= MARGIN * most):
-                condition = _condition(tried, time)
-                if best is None or condition < best.condition:
-                    best = replace(tried, condition=condition)
+            tried = Excited(body, middle, *(waves * scale * share), period, np.inf)
+            rows = _rows(tried, time)
+            if np.all(np.abs(rows[..., : len(body.values)] @ body.values) <= MARGIN * most):
+                phi = rows.reshape(-1, rows.shape[-1])
+                known = float(np.linalg.slogdet(phi.T @ phi).logabsdet)
                 break
+        if known > most_known:
+            best, parent, most_known = tried, (waves, at), known
+        if not anew:
+            step *= GROWS if known == most_known else SHRINKS
     if best is None:
         raise IdentificationError(
             f"{body.name}: every motion of {tries} needs more torque than the joints have: allow less speed or "
             "angle, or more torque"
         )
-    return best
+    phi = _rows(best, time).reshape(-1, rows.shape[-1])
+    return replace(best, condition=float(np.linalg.cond(phi / np.linalg.norm(phi, axis=0))))
 
 
-def _condition(excited: Excited, time: Array) -> float:
+def _rows(excited: Excited, time: Array) -> Array:
+    """Regressor of the torques in base parameters, viscous and dry friction (N, n, P)."""
     q, v, a = excited(time)
-    links = excited.body.torque(q, v, a)  # (N, n, P)
     own = np.eye(v.shape[1])
-    friction = np.concatenate([v[:, :, None] * own, np.sign(v)[:, :, None] * own], axis=2)
-    phi = np.concatenate([links, friction], axis=2).reshape(-1, links.shape[2] + 2 * v.shape[1])
-    return float(np.linalg.cond(phi / np.linalg.norm(phi, axis=0)))
+    return np.concatenate([excited.body.torque(q, v, a), v[:, :, None] * own, np.sign(v)[:, :, None] * own], axis=2)

@@ -67,7 +67,7 @@ def test_a_cluster_that_is_not_there_is_one_line(capsys, monkeypatch):
         raise OSError(f"timed out after {timeout:g} s")
 
     monkeypatch.setattr(distributed, "Client", refuse)
-    assert main(["evaluate", "prbs", "--plants", "2", "--dask", "tcp://127.0.0.1:1"]) == 2
+    assert main(["evaluate", "two-tone", "--plants", "2", "--dask", "tcp://127.0.0.1:1"]) == 2
     error = capsys.readouterr().err
     assert "there is no Dask cluster at tcp://127.0.0.1:1" in error and error.count("\n") == 1
 
