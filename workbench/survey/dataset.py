@@ -139,7 +139,9 @@ def _read(path: Path, columns: Sequence[str]) -> pa.Table | None:
     try:
         with pq.ParquetFile(path) as file:
             table = file.read(columns).select(columns).cast(pa.schema([SCHEMA.field(name) for name in columns]))
-    except (OSError, ValueError, KeyError):
+        table.validate(full=True)  # texts are texts
+        table.select(["date", "finished"]).to_pylist()  # and dates have a year
+    except (OSError, ValueError, KeyError, OverflowError):
         return None
     known = {"status": STATUSES, "verdict": (*VERDICTS, None)}
     strange = any(set(table[name].to_pylist()) - set(known[name]) for name in known if name in columns)
