@@ -367,7 +367,8 @@ def _term(id: Value, data: Value) -> Term:
         shapes[shape.name] = number = value.number()
         if not (shape.low <= number <= shape.high and (number.is_integer() or not shape.integer)):
             what = "a whole number" if shape.integer else "a number"
-            raise value.fault(f"{what} from {shape.low:g} to {shape.high:g} {shape.unit}")
+            unit = "" if shape.unit == "1" else f" {shape.unit}"
+            raise value.fault(f"{what} from {shape.low:g} to {shape.high:g}{unit}")
     term = kind(**shapes)
     if term.fault:
         raise ModelError(f"'{kind.id}' makes no sense: {term.fault}")
