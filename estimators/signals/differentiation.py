@@ -37,7 +37,7 @@ def white_noise(series: Array) -> float:
 def encoder_noise(position: Array) -> float:
     """Standard deviation of an encoder's noise [rad]; a coarse one shows none while the joint rests."""
     moved = np.abs(np.diff(position)) > STILL
-    near = sliding_window_view(moved, 4).any(axis=1)  # of each difference of four steps
+    near = np.asarray(sliding_window_view(moved, 4).any(axis=1))  # of each difference of four steps
     return max(white_noise(position), scatter(position, near)) if near.any() else white_noise(position)
 
 
