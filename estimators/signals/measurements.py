@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.regression.equations import IdentificationError
-from estimators.signals.differentiation import near_turns, scatter, white_noise
+from estimators.signals.differentiation import encoder_noise, near_turns, scatter
 from estimators.weak_form.dataset import HALF_WIDTHS
 from estimators.weak_form.windows import LEAD_IN, SLOWEST, known_load
 from pendulum_env._typing import Array, Mask
@@ -244,7 +244,7 @@ def choose_smoothing(recording: Recording) -> Smoothing:
     Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
     is all noise, which falls with the window's length to the power -2.5.
     """
-    noise = white_noise(recording.position)
+    noise = encoder_noise(recording.position)
     longest = (len(recording) - SPARE) // 2
     widths = sorted({min(longest, max(2, round(width * recording.rate))) for width in HALF_WIDTHS})
     for m in widths:
