@@ -35,7 +35,9 @@ def run(env, steps: int, seed: int = 0, action=tones) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in rows.items()} | {"info": info}
 
 
-@pytest.mark.parametrize("arguments", [{"constraint": "peak"}, {"constraint": "rms"}, {"max_turns": 1.0}, {"varied": True}])
+@pytest.mark.parametrize(
+    "arguments", [{"constraint": "peak"}, {"constraint": "rms"}, {"max_turns": 1.0}, {"varied": True}]
+)
 def test_the_checkers_have_nothing_to_say(arguments):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

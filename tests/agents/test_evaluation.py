@@ -35,7 +35,9 @@ def two_tone():
 @pytest.mark.slow
 def test_every_policy_meets_the_same_plants_and_the_estimator_finds_them(two_tone):
     first = two_tone
-    again, other = (observe(partial(baseline, name, "peak"), "peak", 6, seed=3) for name in ("two-tone", "multisine-optimised"))
+    again, other = (
+        observe(partial(baseline, name, "peak"), "peak", 6, seed=3) for name in ("two-tone", "multisine-optimised")
+    )
     np.testing.assert_array_equal(first.errors, again.errors)
     assert first.errors[-1].max() < 0.005
     assert np.isfinite(first.close).all() and first.close.max() < 4.0
