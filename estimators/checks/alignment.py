@@ -238,15 +238,15 @@ class Aligned:
 
 
 def _found(fits: ChannelFits) -> tuple[Alignment, Law]:
-    """The simplest law that surely predicts better than others, and that law.
+    """The alignment by the simplest law that predicts significantly better than others, and that law.
 
-    A filter that is shorter than a sample is a delay by a share of it, as far as samples tell.
+    A filter shorter than a sample cannot be distinguished from a delay by a share of it.
     """
     fits = fits.sharpest()
     none, delay, late = fits.fit([np.zeros(2)]), fits.delayed, fits.delayed.channel.delay
     lag = fits.fit([np.array([0.0, share * late]) for share in (0.5, 1.0, 1.5)], (1,))
-    if not delay.stands(none) or abs(late) < NEGLIGIBLE * fits.period:  # what is filtered is late as well
-        # what is not borne out is no more exact than that: it must not speak against what other recordings tell
+    if not delay.stands(none) or abs(late) < NEGLIGIBLE * fits.period:  # a filtered torque is late, too
+        # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
         spread = max(delay.std[0], abs(late) / SURE), max(lag.std[1], abs(lag.channel.lag) / SURE)
         return Alignment(none.channel, *spread), none
     if late > 0:

@@ -1,19 +1,17 @@
-"""When a gain in prediction is no accident: evidence of challengers, and the one threshold of an alarm.
+"""Sequential tests of gains in prediction: evidence of competing models, and the one threshold of an alarm.
 
-What a block of time tells for a challenger is a factor e that is one at most on average while the model holds, whatever
-came before. Factors multiply to wealth; what has fallen below one is made up to it, so that what sets in later is found
-as soon,
+Each block of time gives a factor e with a conditional mean of at most one while the model holds. Factors multiply to
+wealth M, which restarts from one wherever it is below, so that a later change is detected as fast,
 
     M <- max(M, 1) e.
 
-M, and the mean over challengers of it, reaches A after A blocks on average, at least: so the threshold follows from the
-alarms per hour that are accepted. The factor is of one of two kinds:
+The mean time until M, or its mean over challengers, reaches A is at least A blocks: the threshold follows from the
+accepted alarms per hour. There are two kinds of factors:
 
-- a bet, 1 + s g / c: a share s of the wealth is staked on the gain g of a block, of which no more than c can be lost.
-  Nothing about the shape of the gains is assumed. Several shares are played at once, the mean over which is again such
-  a game.
-- a likelihood ratio, exp(z - 1/2), of a gain z in standard deviations of what it is while nothing changes: M is then
-  the CUSUM for a shift by one of them. It takes gains to be no wilder than normal, and needs a third of the blocks.
+- a bet, 1 + s g / c: a share s of the wealth is staked on the gain g of a block, with losses of at most c. It assumes
+  nothing about the distribution of gains. The mean over several shares is again such a bet.
+- a likelihood ratio, exp(z - 1/2), of a gain z standardised by its distribution while nothing changes: M is then the
+  CUSUM for a shift by one standard deviation. It assumes tails no heavier than normal, and needs a third of the blocks.
 
 Source: Lorden, Annals of Mathematical Statistics 42(6), 1971, for the CUSUM; Shafer and Vovk, Game-Theoretic
 Foundations for Probability and Finance, 2019; Shin, Ramdas and Rinaldo, E-detectors, New England Journal of Statistics
@@ -27,8 +25,8 @@ import numpy as np
 from pendulum_env._typing import Array
 
 HOUR = 3600.0
-SHARES = np.array([0.05, 0.2, 0.8])  # of the wealth, that are staked
-MOST = 10.0  # units that a block wins at most: no single one decides
+SHARES = np.array([0.05, 0.2, 0.8])  # of the wealth at stake
+MOST = 10.0  # units, the largest gain of a block: no single block decides
 UNIT = 1.0  # nat, the least unit
 MARGIN = 1.5  # times the largest loss so far, the unit
 

@@ -1,17 +1,17 @@
 """Whether a model still predicts, sample by sample: a value changed, or the structure is wrong, and where.
 
-A recursion, whose parameters may wander slowly, predicts rows before it sees them. How large its errors are in a block
-of time, as the log of their mean square, is learnt while the model holds; in standard deviations of that, errors that
-are larger are evidence (`usual`, `evidence`).
+A recursion with a slow random walk of its parameters predicts each row before it uses it. Log mean squared errors of
+blocks of time are standardised by their distribution during calibration; a CUSUM accumulates the log-likelihood ratio
+of larger errors (`usual`, `evidence`).
 
-Rows say nothing of a joint that sticks or turns. There, the model itself is moved on and compared (`turns`), and what
-it misses is judged alike: friction may change where nothing else does.
+Rows exclude a joint that sticks or reverses. There the model is simulated through each reversal (`turns`) and its
+errors are judged in the same way: a change of friction may show nowhere else.
 
-After an alarm, the model is fitted anew to what came since the change (`change`). If its errors are then as they were,
-values changed, and the fit says which, when and by how much; if they stay larger, no value explains them.
+After an alarm, the model is refitted to the data since the change (`change`). If its errors return to their former
+size, values changed, and the fit gives which, when and by how much; if they stay larger, the structure changed.
 
-No model of a real machine is complete. What one left unexplained when it was calibrated is how things are: the watch
-tells of changes, `diagnose` what a model lacks from the start.
+No model of a real machine is complete. The residual during calibration is the reference: the watch detects changes,
+`diagnose` finds effects that a model lacks from the start.
 
 Source: Basseville and Nikiforov, Detection of Abrupt Changes, 1993, chapters 2 and 5.
 """
@@ -37,27 +37,27 @@ from pendulum_env._typing import Array, Mask
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import BASE, Term
 
-WALK = 0.003  # of each parameter, by which it may wander [1/sqrt(s)]
-LEAST = 0.004  # of the RMS torque, below which errors do not matter
-LEARN = 0.5  # of the time to calibrate, after which it is learnt how large errors are
-KEPT = 10.0  # [s] of motion, that a change is judged from,
-KEPT_TURNS = 24  # and turns
-FEWEST = 0.5  # [s] of motion since a change, before which its kind is not judged
-SURE = 2.5  # [s] of motion, after which what a new fit explains is called a value
-KIND = 5.0  # standard errors by which errors of a new fit exceed what they were, to be called structure
+WALK = 0.003  # random walk of each parameter, relative to its size [1/sqrt(s)]
+LEAST = 0.004  # of the RMS torque, error of no practical consequence
+LEARN = 0.5  # of the calibration time, after which the size of errors is learnt
+KEPT = 10.0  # [s] of motion by which a change is judged,
+KEPT_TURNS = 24  # and number of reversals
+FEWEST = 0.5  # [s] of motion after a change, needed to judge its kind
+SURE = 2.5  # [s] of motion, after which a change that a refit explains is called a value
+KIND = 5.0  # standard errors by which errors of a refit exceed their former size, from which it is structure
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a watch says of one plant.
+    """Verdict of a watch on one plant.
 
     Attributes:
-        kind: "calibrating", "predicts", "changed" (it is not clear yet how), "value" or "structure".
+        kind: "calibrating", "predicts", "changed" (kind still open), "value" or "structure".
         since: time of the change [s]; None while there is none.
         score: evidence that the model no longer predicts [nat].
         threshold: of an alarm [nat].
-        parameter: name of the parameter that changed most surely; empty if none has.
-        changes: change and standard error of each parameter that changed, surest first, in its unit.
+        parameter: name of the parameter with the most significant change; empty if none.
+        changes: change and standard error of each changed parameter in its unit, most significant first.
         where: of "structure", the range of position, velocity or torque in which errors are largest, in SI units; of an
             arm, `velocity@elbow`.
         error: root mean square error now, of the refitted model once there is a change [N m]; None while calibrating.

@@ -1,4 +1,4 @@
-"""Every number that decides what is named, in one place."""
+"""All thresholds of the decision which effect is named."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from estimators.weak_form.dataset import Structure
 
 @dataclass(frozen=True)
 class Criterion:
-    """What an effect has to achieve, and when what is left counts as noise.
+    """Thresholds for adding an effect, and for a residual to count as noise.
 
     Attributes:
-        chance: probability that an effect predicts no better than its absence, up to which it may be added.
-        share: of the structure left so far, that an effect has to explain: less is of no use to anybody,
-        glimpse: that the best variant of a coarse grid has to explain, for its shape to be searched any further,
-        needed: and once all others are in: what explains less than is left unexplained may be a part of that.
-        noise: times the noise floor: residuals that neighbouring windows share to that size are structure,
-        sure: if they surely share them, by so many standard errors.
-        rival: probability from which an effect counts as possible in the place of another.
-        misfit: times what noise gives, from which a free-running simulation runs away, and a torque error is more.
-        certain: hit rate of the surest verdicts: then what is wrong is no rival, but something else.
-        most: effects in one model.
-        beam: first effects from which a search starts where the most promising one leads to no end.
+        chance: largest p-value of a gain in prediction at which an effect is added.
+        share: least share of the residual structure that an added effect explains: less is of no practical use.
+        glimpse: least share explained on a coarse grid of shapes; below it, the shape is not searched further.
+        needed: least share beside all other effects: one that explains less than is left may be part of the rest.
+        noise: times the noise floor: a part shared by neighbouring windows that is larger is structure, if significant.
+        sure: standard errors from which the correlation of neighbouring windows is significant.
+        rival: probability from which an effect counts as a competitor of another.
+        misfit: times the error due to noise, above which a simulation diverges and a torque error is more than noise.
+        certain: upper limit of any score: hit rate of the surest verdicts, whose errors have other causes than a rival.
+        most: largest number of effects in one model.
+        beam: first effects from which the search is repeated if the most promising one leaves structure.
     """
 
     chance: float = 0.05
@@ -38,9 +38,9 @@ class Criterion:
     beam: int = 3
 
     def shows(self, left: Structure, floor: float) -> bool:
-        """Whether what is left is more than white noise: neighbouring windows surely share it, or it is too much."""
+        """Whether a residual is more than white noise: significantly correlated between windows, or too large."""
         return left.sure >= self.sure or left.all > self.misfit * floor
 
     def is_noise(self, left: Structure, floor: float) -> bool:
-        """Whether what is left may as well be noise: white, or of a size that matters to nobody."""
+        """Whether a residual counts as noise: white, or too small to matter."""
         return not self.shows(left, floor) or max(left.shared / self.noise, left.all / self.misfit) < floor

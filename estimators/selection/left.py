@@ -1,4 +1,4 @@
-"""What models leave of the data, joint by joint: noise, or structure, and the share of it that others explain."""
+"""Residuals of models, joint by joint: noise or structure, and the share of it that other models explain."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ Terms = tuple[Term, ...]
 
 @dataclass(frozen=True)
 class Power:
-    """Power of what a model leaves of some data of a joint.
+    """Power of a model's residual at a joint.
 
     Attributes:
-        all: mean square, with that of the torque noise that the model takes out [N^2 m^2].
-        shared: that of what neighbouring windows share [N^2 m^2].
+        all: mean square, torque noise absorbed by the model included [N^2 m^2].
+        shared: mean square of the part that neighbouring windows share [N^2 m^2].
     """
 
     all: float
     shared: float
 
     def share_of(self, gone: float, count: int) -> float:
-        """Share that power which is gone has in all that was no noise, so many windows telling what is left of it."""
+        """Share of removed power in all explainable power, whose rest is estimated from a number of windows."""
         return gone / (gone + self.shared + self.all / count**0.5)
 
 
 @dataclass
 class Left:
-    """What models leave of training and held-out data; what was asked once is kept.
+    """Residuals of models on training and held-out data; results are cached.
 
     Attributes:
         train: recordings to fit.
         holdout: recordings to predict.
         criterion: what counts as noise.
-        base: terms whose fit tells the inertia, and so the noise.
+        base: terms whose fit gives the inertia, and so the noise floor.
     """
 
     train: Evidence
@@ -60,7 +60,7 @@ class Left:
 
     @kept
     def power(self, terms: Terms) -> tuple[dict[str, Power], dict[str, Power]]:
-        """What a model leaves of each joint of the training data, and of those that are held out, as it was fitted."""
+        """Power of a fitted model's residual at each joint, on the training and on the held-out data."""
         if any(isinstance(term, ByTime) for term in terms):
             residuals = [part.screen.residual(drifting_in(part, terms)) for part in self.parts]
         else:
@@ -79,7 +79,7 @@ class Left:
 
     @kept
     def structures(self, terms: Terms) -> tuple[dict[str, Structure], dict[str, Structure]]:
-        """What neighbouring windows of each joint share of the residual, fitted and `unseen`."""
+        """Structure of the residual at each joint, of the training data and `unseen`."""
         fitted = self._structures_of(self.train, self.screen.residual(terms))
         return fitted, self._structures_of(self.holdout, self.unseen(terms))
 
@@ -88,45 +88,45 @@ class Left:
         return {at: data.part(at).structure(residual[data.where(at)], self.inertia[at]) for at in self.joints}
 
     def is_noise(self, part: Evidence, residual: Array) -> bool:
-        """Whether a residual (R,) [N m] of the training or of the held-out data may as well be noise."""
+        """Whether a residual (R,) [N m] of the training or of the held-out data is no more than noise."""
         return self._are_noise(part, self._structures_of(part, residual))
 
     def _are_noise(self, part: Evidence, structures: Mapping[str, Structure]) -> bool:
         return all(self.criterion.is_noise(own, self.noise_of(part, at)) for at, own in structures.items())
 
     def is_noise_at(self, at: str, terms: Terms) -> bool:
-        """Whether the terms leave noise only of what is fitted at a joint."""
+        """Whether the terms leave only noise on the training data of a joint."""
         return self.criterion.is_noise(self.structures(terms)[0][at], self.noise_of(self.train, at))
 
     @property
     def floor(self) -> float:
-        """Torque error that measurement noise alone gives on the training data of a joint, the first one [N m]."""
+        """Torque error due to measurement noise alone, on the training data of the first joint [N m]."""
         return self.noise_of(self.train)
 
     def noise_of(self, part: Evidence, at: str | None = None) -> float:
-        """Torque error that measurement noise alone gives there [N m]."""
+        """Torque error due to measurement noise alone [N m]."""
         return self._floors[0 if part is self.train else 1][self.joints[0] if at is None else at]
 
     def shows(self, terms: Terms) -> bool:
-        """Whether the terms leave more than white noise of what is fitted, at any joint."""
+        """Whether the terms leave more than white noise on the training data of any joint."""
         return any(
             self.criterion.shows(own, self.noise_of(self.train, at)) for at, own in self.structures(terms)[0].items()
         )
 
     def are_noise(self, terms: Terms) -> tuple[bool, bool]:
-        """Whether the terms leave noise only, of what is fitted, and of what is held out."""
+        """Whether the terms leave only noise, on training and on held-out data."""
         first, second = self.structures(terms)
         return self._are_noise(self.train, first), self._are_noise(self.holdout, second)
 
     def fits(self, terms: Terms) -> bool:
-        """Whether the terms leave noise only, of what is fitted and of what is held out."""
+        """Whether the terms leave only noise on all data."""
         return all(self.are_noise(terms))
 
     def unseen(self, terms: Terms) -> Array:
-        """What the terms leave of the held-out data (R,) [N m], fitted anew as far as the first fit may have erred.
+        """Held-out residual (R,) [N m], with the parameters corrected within their uncertainty.
 
-        A law that is right has the same parameters wherever it is fitted. One that only imitates another law along one
-        motion needs others along the next.
+        The right law has the same parameters in all data. A law that only imitates another along one motion needs
+        different ones along the next.
         """
         known, screen = fit_terms(self.train, terms)[1], self.holdout.screen
         balance = screen.balance(terms)
@@ -141,18 +141,18 @@ class Left:
         return np.asarray(error - slopes @ least_squares(told + asked, asked @ step))
 
     def explained(self, after: Terms, before: Terms) -> float:
-        """Share of the power that one model leaves and is no noise, which another explains: at the joint of the most.
+        """Largest share, over the joints, of one model's explainable residual power that another model explains.
 
-        Where the links' parameters imitate an effect at its own joint, other joints miss them.
+        Parameters of the links may imitate an effect at its own joint, at the cost of other joints.
         """
         return max(self.explained_at(at, after, before) for at in self.joints)
 
     def explained_at(self, at: str, after: Terms, before: Terms) -> float:
-        """The same at a joint, the least of all data.
+        """The same at one joint, the smaller share of training and held-out data.
 
-        Data have no say where the one model leaves white noise. No noise is what the other takes out of the residual,
-        be it as sharp as an impact, and what neighbouring windows share of the rest, of which so many windows tell no
-        less than their noise allows; where they surely share nothing, all that is more than noise is none.
+        Data in which the smaller model leaves white noise are left out. Explainable power is the power that the larger
+        model removes, impacts included, plus the power of the rest that neighbouring windows share, with a floor set by
+        the number of windows. Where that correlation is insignificant, it is all power above the noise floor.
         """
         least = self.train.data.part(at).precision() ** 2
         shares = []
@@ -171,10 +171,10 @@ class Left:
         return min(shares, default=0.0)
 
     def explains(self, after: Terms, before: Terms) -> bool:
-        """Whether that is a good share."""
+        """Whether that share is large enough to add an effect."""
         return self.explained(after, before) > self.criterion.share
 
 
 def drifting_in(part: Evidence, terms: Sequence[Term]) -> Terms:
-    """The terms with what wanders in time as it may do so in some data."""
+    """The terms with functions of time on a grid that covers some data."""
     return tuple(next(iter(type(t).grid(part.samples, np.empty(0)))) if isinstance(t, ByTime) else t for t in terms)

@@ -1,6 +1,6 @@
-"""What training and held-out data say of models: the score of one over another, errors, and what is left.
+"""Models on training and held-out data: score of one against another, errors, and residuals.
 
-Nothing here changes once it is made: a search that looks at the data in another way works with other `Models`.
+Immutable: a search that prepares the data in another way uses other `Models`.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from pendulum_env.physics import BASE, Model, Term, effects
 from pendulum_env.physics.table import COMPETING, ByTime
 from pendulum_env.physics.term import loads
 
-MOMENT = 0.2  # [s], over which a torque that wanders hardly changes
+MOMENT = 0.2  # [s], over which a drifting torque hardly changes
 
 
 @dataclass
 class Models:
-    """Training and held-out data with the models that were tried on them.
+    """Training and held-out data with the models tried on them.
 
     Attributes:
         train: recordings to fit.
         holdout: recordings to predict.
         progress: told what is being done.
         library: effects that may be named, by id.
-        criterion: what they have to achieve.
+        criterion: thresholds of the decisions.
         rng: of the bootstrap.
         base: terms that the search starts from.
-        tables: functions without a name that compete with the effects; what the base model has already does not.
-        linked: the model with a link whose motion is watched, if there is one.
+        tables: nonparametric functions that compete with the effects, without those of the base model.
+        linked: the model by which the state of a link is estimated, if there is one.
         drawn: random weights of stretches, if there are some already.
     """
 
@@ -69,9 +69,9 @@ class Models:
         self.bootstrap = self.drawn or Bootstrap(of_stretch, self.rng)
 
     def watching(self, linked: Step) -> Models:
-        """The same with the link of a model as the motion around each instant tells, which all that follows works with.
+        """The same with the link's state estimated by a model from the motion around each instant.
 
-        Carried along the measured motion from the start, the link's state is soon lost, and its torque with it.
+        Propagated along the measured motion from the start, the link's state, and with it its torque, is soon lost.
         """
         train, holdout = (part.watching(linked.model) for part in self.parts)
         return replace(self, train=train, holdout=holdout, linked=linked, drawn=self.bootstrap)
@@ -99,9 +99,9 @@ class Models:
 
     @kept
     def fitted_anew(self, terms: Terms) -> Array:
-        """The same, fitted to each part of the data anew: what wanders does so in each recording otherwise.
+        """The same, refitted to each part of the data, since a drift differs between recordings.
 
-        There each moment tells the next, so that folds are shorter than stretches.
+        Each moment predicts the next there, so folds are shorter than blocks of the score.
         """
         parts = []
         for part, where in zip(self.parts, self._finer, strict=True):
@@ -110,33 +110,33 @@ class Models:
         return np.concatenate(parts)
 
     def gain(self, after: Terms, before: Terms) -> Gain:
-        """What one model predicts better than another; the more variants were tried, the more it has to be."""
+        """Gain of one model over another, with a penalty for the number of variants tried."""
         return self.bootstrap.gain(self.density(after), self.density(before), self.penalty(after, before))
 
     def penalty(self, after: Terms, before: Terms) -> float:
-        """Logarithm of the number of models that were tried: the best of so many gains that much by chance."""
+        """Multiple-comparison penalty: logarithm of the number of models tried [nat]."""
         return float(np.log(max(1, len(self.library) * self.variants(after, before))))
 
     def variants(self, after: Terms, before: Terms) -> int:
-        """Variants that were looked at of the effects by which one model is larger than another, at least one."""
+        """Number of variants tried of the effects by which one model is larger than another, at least one."""
         added = [term for term in after if term.id not in {other.id for other in before}]
         return max(1, sum(self.screen.looked_at(before, type(term)) for term in added))
 
     def is_sure(self, after: Terms, before: Terms) -> bool:
-        """Whether one model predicts surely better than another."""
+        """Whether one model predicts significantly better than another."""
         return self.gain(after, before).chance <= self.criterion.chance
 
     def is_level(self, one: Terms, other: Terms) -> bool:
-        """Whether the first of two models may well be the better one."""
+        """Whether the first of two models has a probability above `rival`."""
         probability = self.bootstrap.probabilities([self.density(one), self.density(other)])[0]
         return bool(probability > self.criterion.rival)
 
     def promise(self, terms: Terms) -> float:
-        """By which models are sorted, the likeliest first [nat]."""
+        """Sort key of models, the most probable first: negative log density [nat]."""
         return -float(self.density(terms).sum())
 
     def model(self, terms: Terms) -> Model:
-        """The terms fitted to the training data, without standard errors, which take longer."""
+        """The terms fitted to the training data, without standard errors, which take time."""
         return Model.build(self.screen.as_fitted(terms), self.screen.solve(terms))
 
     def step(self, added: str | None, terms: Terms) -> Step:
@@ -148,7 +148,7 @@ class Models:
         return self.with_errors(added, fit_terms(self.train, terms)[0])
 
     def with_errors(self, added: str | None, model: Model) -> Step:
-        """A model as a step, with its errors on the training and on the held-out data; what a link does is watched."""
+        """A model as a step, with its errors on training and held-out data, and with link states estimated."""
         parts = {"train": self.train, "holdout": self.holdout}
         if self.linked is None and has_link(model.terms):
             parts = {name: part.watching(model) for name, part in parts.items()}
@@ -157,10 +157,10 @@ class Models:
     def in_motion(self, step: Step) -> Step:
         """A step with the parameters that follow the motion best.
 
-        Where much is left unexplained, those that leave the least torque may follow the motion badly.
+        With a large unexplained residual, the parameters of the smallest torque error may follow the motion badly.
         """
         if has_transmission(step.model.terms) or not self.train.segments:
-            return step  # a simulation that starts from a link that was not watched is soon lost
+            return step  # a simulation from an unknown state of the link soon diverges
         if step.model.terms not in self._in_motion:
             point = output_error.fit(self.train.segments, step.model.terms, step.model.theta)
             refined = output_error.model(self.train.segments, point)
@@ -168,25 +168,25 @@ class Models:
         return replace(self._in_motion[step.model.terms], added=step.added)
 
     def is_possible(self, terms: Terms) -> bool:
-        """Whether a body can have the effects of some terms: what the base model has at other joints is not theirs."""
+        """Whether the effects of some terms are physically possible at their own joints."""
         where = {joint for term in terms[len(self.base) :] for joint in loads(term.at)}
         motions = {at: x for at, x in self.train.motions.items() if at in where}
         return not impossible(self.model(terms), motions)
 
     def is_confirmed(self, after: Step, before: Step) -> bool:
-        """Whether both held-out errors fall, and the parameters are those of a body."""
+        """Whether both held-out errors fall and the parameters are physically possible."""
         return objection(after, before, self.train.motions) is None
 
     def lowers_errors(self, after: Terms, before: Terms) -> bool:
-        """Whether both held-out errors fall, if not with the parameters that leave least torque, in motion."""
+        """Whether both held-out errors fall, with the parameters fitted to the torque or else to the motion."""
         new, old = self.step(None, after), self.step(None, before)
         return self.is_confirmed(new, old) or self.is_confirmed(self.in_motion(new), self.in_motion(old))
 
     def simulation_gain(self, after: Model, before: Model) -> tuple[Gain, float]:
-        """What one model gains over another in segments, fitted and held out, and the share of squared error it takes.
+        """Gain of one model over another on all segments, and the share of squared error removed on fitted ones.
 
-        The score is the one of the windows: errors of a segment predict alike at every sample, so that the gain is
-        the logarithm of their sizes, to which noise is added: errors below it say nothing.
+        The score is that of the windows. Errors within a segment are fully correlated, so the gain is the logarithm of
+        their ratio; noise is added to both, since errors below it carry no information.
         """
         parts = (self.train.segments, self.holdout.segments)
         points = [output_error.Point(model.terms, model.theta) for model in (after, before)]

@@ -1,6 +1,6 @@
-"""What free-running simulation adds to the search: models refined by the motion, and effects that only motion shows.
+"""Free-running simulation in the search: models refined by the motion, and effects that only the motion shows.
 
-Windows stay clear of stick, and what happens at reversals is lost to them. A simulation goes through it.
+Windows exclude stick and reversals; a simulation includes both.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from estimators.simulation.link_segments import has_link
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, Term
 
-HOP = 0.5  # [s], length of segments that are short enough for errors to grow as a linear model says
-FEWEST = 2  # of these for each parameter
-SIMULATED = 6  # starts from which effects are fitted to the segments, of those that promise most
-FINEST = 1e-3  # share of the motion, below which no initial state or integration is worth chasing
+HOP = 0.5  # [s], segment length, short enough for errors to grow as linearised
+FEWEST = 2  # segments per parameter
+SIMULATED = 6  # most promising starts, from which effects are fitted to the segments
+FINEST = 1e-3  # share of the motion, the accuracy of initial states and integration
 
 
 def refine(found: Selection) -> Selection:
-    """The steps with all that motion tells: the last model refined, and effects that windows do not show."""
+    """The steps with the last model refined by the motion, and effects that windows do not show."""
     models, steps = found.models, found.steps
     if is_misfit(models, steps[-1]) or any(has_bristles(term) for term in steps[-1].model.terms):
         models.progress("fitting the segments", 0.9)
@@ -45,12 +45,12 @@ def better(one: Step, other: Step) -> Step:
 
 
 def is_misfit(models: Models, step: Step) -> bool:
-    """Whether free-running simulation errs by much more than noise makes it, from whatever state it starts.
+    """Whether free-running simulation errs by much more than noise, even from fitted initial states.
 
-    A velocity that is badly known at the start is no fault of the model.
+    An inaccurate initial velocity is no fault of the model.
     """
     if has_transmission(step.model.terms):
-        return False  # its impacts are too sharp to follow as closely, and other effects would only paper over that
+        return False  # its impacts are too sharp to simulate as closely, and other effects would only imitate them
     if not models.train.segments:
         return False
     segments, point = models.train.segments, _point(step.model)
@@ -63,13 +63,13 @@ def is_misfit(models: Models, step: Step) -> bool:
 
 
 def refit(selection: Selection, start: Model | None = None) -> Selection:
-    """The steps with the last model fitted to all there is to know, where held-out data bear that out.
+    """The steps with the last model refitted by maximum likelihood, if held-out data confirm it.
 
-    Windows lose what happens near reversals, and much of what a coarse encoder tells. What a link does is watched.
+    Windows lose information near reversals and from a coarse encoder. The state of a link is estimated.
 
     Args:
-        selection: the last step of which is fitted anew.
-        start: where to look for a model with a link first, if not where windows have it.
+        selection: its last step is refitted.
+        start: initial guess of a model with a link, by default the fit to windows.
     """
     models, (*others, last) = selection.models, selection.steps
     if models.linked is not None and models.linked.model.terms == last.model.terms:
@@ -86,7 +86,7 @@ def refit(selection: Selection, start: Model | None = None) -> Selection:
 
 
 def _likeliest(models: Models, last: Step) -> Step:
-    """The model at its largest likelihood, if that is known better, and held-out innovations are no larger for it."""
+    """The maximum-likelihood model, if its standard errors and held-out innovations are no larger."""
     start = _point(last.model)
     segments, checks = (_hops(part) for part in (models.train, models.holdout))
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
@@ -102,14 +102,14 @@ def _hops(part: Evidence) -> list[Segments]:
 
 
 def _is_surer(one: Step, other: Step) -> bool:
-    """Whether standard errors are smaller on average of what has one in both: not what is known or at its bound."""
+    """Whether standard errors are smaller on average, of parameters that are free in both."""
     pairs = [(one.model.estimates[name].std, known.std) for name, known in other.model.estimates.items()]
     told = np.array([pair for pair in pairs if min(pair) > 0])
     return len(told) > 0 and float(np.mean(np.log(told[:, 0] / told[:, 1]))) < 0
 
 
 def _with_link(models: Models, last: Step, start: Model) -> Step:
-    """The watched step, or that of a model fitted along with its link's motion if that lowers held-out errors."""
+    """The step with estimated link states, refitted together with them if that lowers held-out errors."""
     shot = multiple_shooting.estimate(models.train.data.windows, start)
     tried = [shot, *([start] if start is not last.model else [])]
     steps = [models.with_errors(last.added, model) for model in tried]
@@ -118,10 +118,10 @@ def _with_link(models: Models, last: Step, start: Model) -> Step:
 
 
 def reselect_transmission(selection: Selection) -> Selection:
-    """The steps, or those to another transmission alone where the one in the model does not fit and that does better.
+    """Replace the transmission by the other kind alone if the model does not fit and the other has lower errors.
 
-    A link that is carried along the measured motion is soon lost behind a wide play, so that an elastic transmission,
-    and what patches it up, may leave less torque. Watched, the loose one shows.
+    Behind a wide play, a link's state propagated along the measured motion is soon lost, so that an elastic
+    transmission with compensating effects may leave less torque. With estimated link states, the loose one fits better.
     """
     models, first, last = selection.models, selection.steps[0], selection.steps[-1]
     if not has_link(last.model.terms) or models.left.fits(last.model.terms):
@@ -140,7 +140,7 @@ def reselect_transmission(selection: Selection) -> Selection:
 
 
 def grow_by_simulation(models: Models, steps: list[Step]) -> list[Step]:
-    """Add effects that free-running simulation calls for where the torque is too noisy to show them."""
+    """Add effects that only free-running simulation shows, where the torque is too noisy."""
     while len(steps) <= models.criterion.most and is_misfit(models, steps[-1]):
         found = _best_simulated(models, steps[-1])
         if found is None:
@@ -150,7 +150,7 @@ def grow_by_simulation(models: Models, steps: list[Step]) -> list[Step]:
 
 
 def _best_simulated(models: Models, last: Step) -> Step | None:
-    """The step to the effect with which segments err least; it has to beat the same terms fitted in the same way."""
+    """The step to the effect with the smallest segment errors; it has to beat the model refitted in the same way."""
     segments = models.train.segments
     before = models.in_motion(last)
     start = _point(before.model)
@@ -162,7 +162,7 @@ def _best_simulated(models: Models, last: Step) -> Step | None:
     found, least = None, np.inf
     for promised, _, point in ranked[:SIMULATED]:
         if promised > least:
-            break  # what another has left already is less
+            break  # another effect already has a smaller error
         models.progress(f"fitting the segments with {point.terms[-1].id}", 0.9)
         point = output_error.fit(segments, point.terms, point.theta)
         error = output_error.rms(segments, point, weights)

@@ -1,8 +1,8 @@
-"""The search for what a model lacks: one loop that adds, swaps and drops effects by one score.
+"""Search for missing effects: one loop that adds, swaps and drops effects by one score.
 
-Which effects are in the model is decided by the log predictive density of stretches that were not fitted (`score`).
-An effect is added where it surely gains, explains a good part of the structure that is left, could be that of a body,
-and lowers both held-out errors; then each effect is challenged by every other in its place, and by its own absence.
+The score is the log predictive density of held-out blocks (`score`). An effect is added if its gain is significant, if
+it explains enough of the residual structure, if its parameters are physically possible, and if both held-out errors
+fall; then each effect is compared with every other in its place, and with its own absence.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime, Table
 from pendulum_env.physics.term import loads
 
-ORDERED = 3  # effects up to which every order is tried
+ORDERED = 3  # effects up to which every order is tried: six orders at most
 TRIED = 8  # effects that are tried until one is confirmed
 
 
 @dataclass(frozen=True)
 class Selection:
-    """What a search found.
+    """Result of a search.
 
     Attributes:
-        models: what the data say of models, as the search saw them in the end.
+        models: data and scores at the end of the search.
         steps: from the base model to the final one.
-        table: that which does the work of effects, and is none, if one does.
+        table: nonparametric function that replaces effects, if one does.
     """
 
     models: Models
@@ -59,16 +59,16 @@ class Selection:
 
 
 class State(NamedTuple):
-    """Where a search stands: how the data are looked at, and the terms of the model."""
+    """State of a search: prepared data, and the terms of the model."""
 
     models: Models
     terms: Terms
 
 
 def select(models: Models) -> Selection:
-    """The effects that the data call for beside the base model.
+    """The effects that the base model lacks.
 
-    Where the most promising first effect leads to no end, the search starts anew from the next ones.
+    If the most promising first effect leaves structure in the end, the search is repeated from the next ones.
     """
     start = settle(models, models.base)
     models, terms = grow(models, start, start)
@@ -85,7 +85,7 @@ def select(models: Models) -> Selection:
 
 
 def pruned(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms without effects that explain less than what no effect does: they may be a part of that."""
+    """The terms without effects that explain less than is left unexplained: they may belong to that residual."""
     while not models.left.fits(terms):
         withouts = [tuple(t for t in terms if t is not term) for term in terms[len(base) :]]
         idle = [without for without in withouts if not is_needed(models, terms, without)]
@@ -96,7 +96,7 @@ def pruned(models: Models, base: Terms, terms: Terms) -> Terms:
 
 
 def confirmed(models: Models, base: Terms, terms: Terms) -> list[Step]:
-    """Steps to the terms, or to as many of them as lower both errors one after the other."""
+    """Steps to the terms, or to those of them that lower both errors one after the other."""
     steps = ladder(models, base, terms)
     while not are_confirmed(models, steps):
         steps = ladder(models, base, steps[-2].model.terms)
@@ -112,7 +112,7 @@ def grow(models: Models, terms: Terms, base: Terms) -> State:
             break
         models, longer = found
         revised = revise(models, longer, base)
-        if forms(revised) in seen:  # rather one effect too many, which is pruned in the end, than round in circles
+        if forms(revised) in seen:  # avoids a cycle; an effect too many is pruned in the end
             revised = longer
         follows = forms(revised) == forms(longer) or are_confirmed(models, ladder(models, base, revised))
         terms = revised if follows else longer
@@ -123,9 +123,9 @@ def grow(models: Models, terms: Terms, base: Terms) -> State:
 
 
 def add(models: Models, terms: Terms) -> State | None:
-    """The terms with one more effect: of those that nothing speaks against and that predict alike, the simplest."""
+    """The terms with one more effect: the simplest of those that are confirmed and predict alike."""
     if not models.left.shows(terms):
-        return None  # nothing can be learnt from white noise
+        return None  # white noise holds no information
     confirmed: list[Terms] = []
     for longer in sorted(candidates(models, terms) + freer(models, terms), key=models.promise)[:TRIED]:
         if confirmed and not models.is_level(longer, confirmed[0]):
@@ -140,11 +140,11 @@ def add(models: Models, terms: Terms) -> State | None:
                 return watched
         elif models.lowers_errors(longer, terms):
             confirmed.append(longer)
-    return State(models, min(confirmed, key=parameters)) if confirmed else None  # the likelier one of several
+    return State(models, min(confirmed, key=parameters)) if confirmed else None  # the simplest of several
 
 
 def watch(models: Models, longer: Terms, terms: Terms) -> State | None:
-    """A model with a link, fitted along with the link's motion; None if it is not confirmed even so."""
+    """A model with a link, fitted together with the link's states; None if it is not confirmed."""
     step, before = models.step(longer[-1].id, longer), models.step(None, terms)
     models.progress(f"watching the link of {step.added}", 0.9)
     shot = models.with_errors(step.added, multiple_shooting.estimate(models.train.data.windows, step.model))
@@ -156,24 +156,24 @@ def watch(models: Models, longer: Terms, terms: Terms) -> State | None:
 
 
 def owned(models: Models, base: Terms, terms: Terms) -> tuple[Terms, Table | None]:
-    """The terms without effects that only imitate a table, with those that it had hidden, and that table.
+    """The terms without effects that only imitate a table, with those that it reveals, and that table.
 
-    They do where the table, beside those that keep their place, surely predicts better and explains most of what
-    they leave; and where a simpler table leaves only noise as well.
+    Effects imitate a table that, with the effects still needed, predicts significantly better and explains most of
+    their residual, or that is simpler and leaves only noise as well.
     """
     unsettled = not models.left.fits(terms)
     if len(terms) == len(base) and not unsettled:
         return terms, None
     leads: list[tuple[float, Terms]] = []  # and the terms with the table
     for left in with_tables(models, base, terms):
-        # a function of time is fitted to each recording anew, and so have its rivals to be
+        # a function of time is refitted to each recording, and so are its competitors
         density = models.fitted_anew if isinstance(table_of(models, left), ByTime) else models.density
         lead = models.bootstrap.gain(density(left), density(terms), models.penalty(left, terms))
         if unsettled:
             takes_over = (
                 lead.chance <= models.criterion.chance and models.left.explained(left, terms) > models.criterion.needed
             )
-        else:  # what leaves only noise gives way to a simpler table
+        else:  # effects that leave only noise are replaced by a simpler table
             simpler = parameters(left) < parameters(terms)
             level = models.bootstrap.probabilities([density(left), density(terms)])[0] > models.criterion.rival
             takes_over = simpler and level and models.left.fits(left)
@@ -183,16 +183,16 @@ def owned(models: Models, base: Terms, terms: Terms) -> tuple[Terms, Table | Non
         return terms, None
     *_, likeliest = max(leads, key=lambda entry: entry[0])
     same = [left for _, left in leads if table_of(models, left).id == table_of(models, likeliest).id]
-    level = [left for left in same if models.is_level(left, likeliest)]  # a table may hold all that an effect is
+    level = [left for left in same if models.is_level(left, likeliest)]  # a table may contain an effect
     grown = grown_beside(models, base, min([likeliest, *level], key=len))
     return named(models, grown), table_of(models, grown)
 
 
 def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms, one of them a table, with the effects that explain most of what they leave.
+    """The terms, one of them a table, with further effects that explain most of their residual.
 
-    Other tables compete: where one of them predicts surely better, no further effect is named; nor is it where the same
-    table in more pieces predicts as well.
+    Other tables compete: no further effect is named if one of them predicts significantly better, or if the same table
+    in more pieces predicts as well.
     """
     while len(terms) - len(base) <= models.criterion.most and not models.left.fits(terms):
         needed = (longer for longer in candidates(models, terms)[:TRIED] if is_needed(models, longer, terms))
@@ -209,7 +209,7 @@ def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
 
 
 def in_other_forms(models: Models, terms: Terms) -> list[Terms]:
-    """The terms with each other form of their table, which has more pieces or fewer."""
+    """The terms with each other form of their table, of more or fewer pieces."""
     table = table_of(models, terms)
     kind = next(kind for kind in models.tables if kind.id == table.id)
     others = tuple(term for term in terms if term is not table)
@@ -217,11 +217,11 @@ def in_other_forms(models: Models, terms: Terms) -> list[Terms]:
 
 
 def with_tables(models: Models, base: Terms, terms: Terms) -> Iterator[Terms]:
-    """The terms with each table: instead of all effects, or beside those that it leaves."""
+    """The terms with each table: instead of all effects, or beside those still needed."""
     open_at = {at for at in models.left.joints if not models.left.is_noise_at(at, terms)}
     for table in models.tables:
         if table.at and table.at not in open_at | {at for term in terms[len(base) :] for at in loads(term.at)}:
-            continue  # nothing is left there, nor named
+            continue  # no structure and no effect at this joint
         for others in dict.fromkeys((base, terms)):
             trial = best(models, others, table)
             if trial is not None:
@@ -229,7 +229,7 @@ def with_tables(models: Models, base: Terms, terms: Terms) -> Iterator[Terms]:
 
 
 def beside(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms without the effects that are not needed beside their table."""
+    """The terms without effects that their table makes unnecessary."""
     while True:
         effects = named(models, terms)[len(base) :]
         withouts = [settle(models, tuple(t for t in terms if t is not term)) for term in effects]
@@ -240,7 +240,7 @@ def beside(models: Models, base: Terms, terms: Terms) -> Terms:
 
 
 def are_confirmed(models: Models, steps: Sequence[Step]) -> bool:
-    """Whether every step is confirmed; or all at once if they leave only noise, and none can be left out."""
+    """Whether every step is confirmed, or all at once if they leave only noise and none can be left out."""
     if all(models.is_confirmed(after, before) for before, after in pairwise(steps)):
         return True
     base, terms = steps[0].model.terms, steps[-1].model.terms
@@ -255,8 +255,8 @@ def are_confirmed(models: Models, steps: Sequence[Step]) -> bool:
 def ladder(models: Models, base: Terms, terms: Terms) -> list[Step]:
     """Steps from the base to the final terms, in an order in which each lowers both errors if there is one.
 
-    First comes what the final model can do without least. Where much is left unexplained, the errors may fall only
-    with the parameters that follow the motion best.
+    The effect that the final model needs most comes first. With a large unexplained residual, the errors may fall only
+    with the parameters fitted to the motion.
     """
     order: list[Term] = []
     left = terms

@@ -1,9 +1,9 @@
-"""Errors of segments as innovations: what a filter that knows the noise did not expect of them.
+"""Errors of segments as innovations of a Kalman filter that knows the noise.
 
-The torque that acts differs from the recorded one by noise, and motion adds that up: the errors of a simulation grow
-along a segment and are alike from sample to sample. Taken as they are, late samples drown early ones. A Kalman
-filter of the error of position and velocity, linearised along the measured motion, leaves what is new in each sample:
-errors of equal size that have nothing to do with each other, of which least squares makes all that can be made.
+The acting torque differs from the recorded one by noise, which the motion integrates: simulation errors grow along a
+segment and are correlated from sample to sample, and late samples dominate an unweighted fit. A Kalman filter of the
+errors of position and velocity, linearised along the measured motion, turns them into innovations. These are white with
+equal variance, so least squares on them is efficient.
 
 Source: Ljung, System Identification, 2nd edition, sections 7.2 and 7.4; for the velocity error across a reversal,
 Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 2004, section 7.3.
@@ -22,10 +22,10 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.simulation import Balance
 
-INTEGRATED = 3e-6  # [rad], that the simulation itself errs by
+INTEGRATED = 3e-6  # [rad], error of the simulation itself
 PERTURBATION = np.array([1e-4, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives of the acceleration
-TURNING = 1e4  # times the variance where the joint turns or sticks: within a sample nobody knows when
-STIFFEST = 0.3  # change of the velocity error within a step, beyond which linearisation says nothing
+TURNING = 1e4  # times the variance where the joint turns or sticks, at an unknown time within the sample
+STIFFEST = 0.3  # change of the velocity error within a step, limit of linearisation
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Innovations:
     Attributes:
         transition: of the error of position and velocity from the instant before (N, B, 2, 2).
         gain: of the filter (N, B, 2).
-        spread: standard deviation of what is new at each instant (N, B) [rad].
+        spread: standard deviation of the innovation at each instant (N, B) [rad].
     """
 
     transition: Array
@@ -49,14 +49,14 @@ class Innovations:
         index = segments.first + every * np.arange((len(segments.position) - 1) // every + 1)[:, None]  # (N + 1, B)
         interval = every / recording.rate
         transition, inertia, turns = _linearised(segments, index, terms, theta, interval)
-        # torque noise is new in every period: over the interval it moves the velocity as its mean does
+        # torque noise is independent between periods: over the interval its mean acts on the velocity
         perturbed = (segments.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / every
         perturbed *= np.where(turns, TURNING, 1.0)
         moved = interval**2 * (1 / 3 - 1 / (12 * every**2))  # held over each period, not white in between
         process = perturbed[:, :, None, None] * np.array([[moved, interval / 2], [interval / 2, 1.0]])
         measured = max(encoder_noise(recording.position), INTEGRATED) ** 2
         gain, spread = np.empty(transition.shape[:3]), np.empty(transition.shape[:2])
-        covariance = np.zeros((index.shape[1], 2, 2))  # the state at the start is a matter of the fit
+        covariance = np.zeros((index.shape[1], 2, 2))  # the initial state is fitted
         for k, step in enumerate(transition):
             covariance = step @ covariance @ np.swapaxes(step, 1, 2) + process[k]
             variance = covariance[:, 0, 0] + measured
@@ -65,7 +65,7 @@ class Innovations:
         return cls(transition, gain, spread)
 
     def whiten(self, errors: Array) -> Array:
-        """What is new in V errors of each segment (B, N, V), in standard deviations."""
+        """Innovations of V errors of each segment (B, N, V), in standard deviations."""
         expected = np.zeros((len(errors), 2, errors.shape[2]))
         new = np.empty_like(errors)
         for k, step in enumerate(self.transition):
@@ -79,7 +79,7 @@ class Innovations:
 def _linearised(
     segments: Segments, index: Index, terms: Sequence[Term], theta: Array, interval: float
 ) -> tuple[Array, Array, Mask]:
-    """What becomes of an error of position and velocity over each of N intervals, (N, B, 2, 2).
+    """Transition of an error of position and velocity over each of N intervals (N, B, 2, 2).
 
     Also the inertia (N + 1, B), and whether the joint turns in an interval or did in the one before (N, B).
     """
@@ -113,7 +113,7 @@ def _linearised(
     rates[:, :, 1, 1] = np.clip(slope("velocity", PERTURBATION[1]), -1 / interval, STIFFEST / interval)
     step = rates * interval
     transition = np.eye(2) + step + 0.5 * step @ step
-    # Where the joint turns, friction turns too: what is late in turning leaves with less acceleration than it came.
+    # Friction reverses with the joint: a late reversal leaves with less acceleration than it entered with.
     net, dry = np.abs(full(balance.net(x))), np.maximum(full(balance.dry(x)), 0.0)
     kept = np.clip((net - dry) / (net + dry + 1e-12), 0.0, 1.0)
     turns = direction[1:] != direction[:-1]

@@ -1,4 +1,4 @@
-"""Windowed equations of several recordings that share one set of parameters, with windows as long as noise asks for."""
+"""Windowed equations of several recordings that share one set of parameters; noise sets the window length."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from pendulum_env.physics.term import LOAD
 from pendulum_env.recording import Recording
 
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # [s], candidates, short to long
-LEAST_NOISE = 5e-4  # of the torque
-NEGLIGIBLE = 0.01  # share of the torque; encoder noise below it hides nothing worth finding
-LEAST_WINDOWS = 10  # below which errors mean nothing
-FEWEST = 100  # windows that a length has to leave clear of stick,
+LEAST_NOISE = 5e-4  # of the RMS torque, error of smoothing and integration
+NEGLIGIBLE = 0.01  # share of the torque; encoder noise below it hides no effect of practical use
+LEAST_WINDOWS = 10  # below which no error can be estimated
+FEWEST = 100  # windows clear of stick that a window length has to leave,
 CLEAR = 0.3  # or share of the recording
-CLUSTERS = 4  # for each parameter of an arm's links, with fewer some combination would never vary,
-APART = 4  # but no shorter than so many half windows, which errors are alike over
-SURELY = 5.0  # standard errors, from which a turn misses more torque than friction can be
+CLUSTERS = 4  # per parameter of an arm's links: with fewer, some combination would never vary,
+APART = 4  # half windows, the least length of a cluster: errors are correlated over less
+SURELY = 5.0  # standard errors from which the residual of a reversal exceeds friction significantly
 
 
 class Structure(NamedTuple):
-    """What is left of some torque.
+    """Structure of a torque residual.
 
     Attributes:
-        shared: root mean square of what neighbouring windows share, beyond what noise makes them share [N m].
-        sure: how sure it is that they share it [standard errors].
-        all: root mean square of all that is left [N m].
+        shared: root of the covariance of neighbouring windows, beyond that of sensor noise [N m].
+        sure: significance of their correlation [standard errors].
+        all: root mean square of the residual [N m].
     """
 
     shared: float
@@ -44,12 +44,12 @@ class Structure(NamedTuple):
 
 
 class Given(NamedTuple):
-    """Windowed columns of a term that the motion of all joints makes.
+    """Windowed columns of a term that depends on the motion of all joints.
 
     Attributes:
         linear: (R, P).
         rates: their time derivatives (R, P).
-        inertia: what each parameter adds to the inertia that each joint feels, in the mean (n, P).
+        inertia: mean contribution of each parameter to the inertia at each joint (n, P).
     """
 
     linear: Array
@@ -62,12 +62,12 @@ class Dataset:
     """Windows of one or several recordings that share one set of parameters, of one joint or of several.
 
     Attributes:
-        windows: one entry a recording, or a recording and joint: then those of a joint stand in a row.
-        weights: relative weight of each equation, (R,): recordings with more noise count less.
-        clusters: stretch that each equation lies in (R,), for standard errors under correlated residuals.
-        watched: samples with the state variables of a term, by its id, one entry a recording; where they are not given,
-            the measured motion from the start on tells.
-        given: columns of terms that belong to no one joint, by id.
+        windows: one entry per recording, or per recording and joint, grouped by joint.
+        weights: relative weight of each equation (R,), smaller for recordings with more noise.
+        clusters: block of time of each equation (R,), for standard errors under correlated residuals.
+        watched: samples with the estimated state variables of a term, by its id, one entry per recording; others are
+            propagated along the measured motion from the start.
+        given: columns of terms that belong to no single joint, by id.
     """
 
     windows: tuple[Windows, ...]
@@ -78,7 +78,7 @@ class Dataset:
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints, in the order of their rows; one without a name, of a pendulum."""
+        """Names of the joints, in the order of their rows; the one joint of a pendulum has an empty name."""
         return tuple(dict.fromkeys(w.at for w in self.windows))
 
     @cached_property
@@ -92,11 +92,11 @@ class Dataset:
         return found
 
     def where(self, at: str) -> slice:
-        """Rows of a joint; all of them for what is at no one joint."""
+        """Rows of a joint; all rows for terms at no single joint."""
         return self._parts[at][0] if at in self._parts and len(self.joints) > 1 else slice(None)
 
     def part(self, at: str) -> Dataset:
-        """The data of a joint; all of them for what is at no one joint."""
+        """The data of a joint; all data for terms at no single joint."""
         return self._parts[at][1] if at in self._parts and len(self.joints) > 1 else self
 
     @cached_property
@@ -106,7 +106,7 @@ class Dataset:
 
     @cached_property
     def rows(self) -> Rows:
-        """What is averaged over the windows, all recordings in a row."""
+        """Averages over the windows, all recordings in a row."""
         return Rows.joined([w.rows for w in self.windows])
 
     @cached_property
@@ -114,7 +114,7 @@ class Dataset:
         return Rows.joined([w.rates for w in self.windows])
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
-        """Samples with the state variables that each of several variants of one effect has, all recordings in a row."""
+        """Samples with the state variables of each of several variants of one effect, all recordings in a row."""
         known = self.watched.get(variants[0].id)
         if known:
             return [in_a_row(known)] * len(variants)
@@ -125,7 +125,7 @@ class Dataset:
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
         """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,).
 
-        They are those on the rows of its joint: elsewhere it does nothing.
+        Only the rows of its joint are returned: an effect is zero at all others.
         """
         if variants[0].id in self.given:
             return [(self.given[variant.id].linear, np.zeros(len(self.weights))) for variant in variants]
@@ -142,18 +142,18 @@ class Dataset:
         return np.column_stack(columns) if columns else np.empty((len(own.weights), 0))
 
     def load_rates(self) -> Array:
-        """Time derivative of what known loads take (R,) [N m/s]."""
+        """Time derivative of the torque of known loads (R,) [N m/s]."""
         return self._rates.column(LOAD, self.rows.samples)
 
     @property
     def recording_of_window(self) -> Index:
-        """Recording that each equation is of (R,)."""
+        """Recording of each equation (R,)."""
         return np.repeat(np.arange(len(self.windows)), [len(w.centers) for w in self.windows])
 
     def stretches(self, length: float) -> tuple[Index, Index, Index]:
-        """Stretch of about `length` seconds and entry of each equation (R,); recording of each stretch (S,).
+        """Block of about `length` seconds and entry of each equation (R,); recording of each block (S,).
 
-        The joints of an arm share their stretches.
+        The joints of an arm share their blocks.
         """
         stretch, entry = _numbers(self.windows, length), self.recording_of_window
         of_stretch = np.zeros(int(stretch.max()) + 1, dtype=np.intp)
@@ -161,11 +161,11 @@ class Dataset:
         return stretch, entry, of_stretch
 
     def structure(self, residual: Array, inertia: float) -> Structure:
-        """What neighbouring windows share of a residual (R,) [N m].
+        """Structure of a residual (R,) [N m]: its covariance between adjacent windows.
 
-        Windows that follow each other overlap: what white noise of sensors makes them share is taken off. How sure it
-        is, in standard errors of white noise, tells the correlation of neighbours, taken stretch by stretch: each
-        counts alike, loud or quiet.
+        Adjacent windows overlap, so the covariance due to white sensor noise is subtracted. The significance is that of
+        the correlation, in standard errors of white noise; it is normalised block by block of one second, so that
+        blocks of large and of small residuals weigh alike.
         """
         stretch, first = _numbers(self.windows, 1.0), 0
         shared, powers, owners = [], [], []
@@ -193,15 +193,15 @@ class Dataset:
         return float(np.mean(residual**2))
 
     def precision(self) -> float:
-        """Torque error that smoothing and integration leave, which are not exact either [N m]."""
+        """Torque error of smoothing and integration [N m]."""
         return LEAST_NOISE * float(np.std(self.torque()))
 
     def least(self) -> float:
-        """Torque error that is no less at any joint [N m]: without a motor it has none, and is not exact for that."""
+        """Largest such error of all joints [N m]: a joint without a motor has no torque, but is no more exact."""
         return max(self.part(at).precision() for at in self.joints)
 
     def with_more_torque(self, more: float) -> Dataset:
-        """The same motion under a torque that is larger all along [N m]: tells how columns depend on it."""
+        """The same motion under a torque with an offset [N m], for the slope of columns by the torque."""
 
         def pushed(w: Windows) -> Windows:
             recording = replace(w.recording, torque=w.recording.torque + more)
@@ -210,11 +210,11 @@ class Dataset:
         return replace(self, windows=tuple(pushed(w) for w in self.windows))
 
     def with_impacts(self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float) -> Dataset:
-        """The data with those windows near turns that miss more torque than dry friction can be.
+        """The data with those windows near reversals whose residual exceeds dry friction: impacts.
 
-        Nobody knows the friction of a joint that turns round, but it lies between what it is in motion one way and the
-        other, unless it is far larger at rest. What misses surely more than the difference is an impact: a stop is met
-        nowhere but where the joint turns.
+        At a reversal friction is unknown, but it lies between its values in motion one way and the other, unless it is
+        far larger at rest. A residual significantly above their difference is an impact: a joint meets a stop only
+        where it turns.
 
         Args:
             terms: of a model without a link.
@@ -233,7 +233,7 @@ class Dataset:
 
     @property
     def impacts(self) -> int:
-        """Turns with a window that misses more torque than dry friction can be."""
+        """Number of reversals with a window whose residual exceeds dry friction."""
         turns = [np.split(w.turning, np.flatnonzero(np.diff(w.turning) > len(w.kernel) // 2) + 1) for w in self.windows]
         return sum(
             bool(np.isin(turn, w.centers).any()) for w, own in zip(self.windows, turns, strict=True) for turn in own
@@ -249,7 +249,7 @@ class Dataset:
         return np.concatenate([w.torque() for w in self.windows])
 
     def net_torque(self) -> Array:
-        """The same less what known loads take: what the model is to explain, (R,) [N m]."""
+        """The same less the torque of known loads, (R,) [N m]: the model's left-hand side."""
         return np.concatenate([w.net_torque() for w in self.windows])
 
     def equations(self, terms: Sequence[Term]) -> Equations:
@@ -259,7 +259,7 @@ class Dataset:
         return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
 
     def absorbed(self, term: Term) -> float:
-        """Variance of torque noise that the term takes out, mean over the equations [(N m)^2]."""
+        """Variance of torque noise that the term absorbs, mean over the equations [(N m)^2]."""
         counts = [len(w.centers) for w in self.windows]
         parts = [count * w.absorbed(term) for count, w in zip(counts, self.windows, strict=True) if count]
         return sum(parts) / max(1, sum(counts))
@@ -269,16 +269,16 @@ class Dataset:
         return {at: float(np.sqrt(np.mean(residual[self.where(at)] ** 2))) for at in self.joints}
 
     def noise(self, inertia: float) -> float:
-        """Root mean square over the windows of what measurement noise alone leaves [N m]."""
+        """Noise floor: root mean square over the windows of the error due to measurement noise [N m]."""
         counts = np.array([len(w.centers) for w in self.windows])
         levels = np.array([w.noise(inertia) for w in self.windows])
         return max(self.precision(), float(np.sqrt(np.sum(counts * levels**2) / max(1, counts.sum()))))
 
 
 def _most_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: Array) -> Array:
-    """Most that dry friction may be in each window (R,) [N m], whichever way the joint turns.
+    """Upper bound of dry friction in each window (R,) [N m], in either direction.
 
-    Bristles take from dry friction what they give themselves: both together are no more.
+    Bristles replace dry friction, so that both together have the same bound.
     """
     if len(w.centers) == 0:
         return np.empty(0)
@@ -299,7 +299,7 @@ def _deviations(rows: Array, covariance: Array) -> Array:
 
 
 def _numbers(windows: Sequence[Windows], length: float) -> Index:
-    """Number the stretches of about `length` seconds that the equations lie in, never across recordings."""
+    """Number of the block of about `length` seconds of each equation (R,); no block crosses recordings."""
     numbers, offset, first = [], 0, {}
     for w, run in zip(windows, _runs(windows), strict=True):
         count = max(1, round(w.recording.duration / length))
@@ -312,34 +312,34 @@ def _numbers(windows: Sequence[Windows], length: float) -> Index:
 
 
 def _runs(windows: Sequence[Windows]) -> list[int]:
-    """Which recording each entry is of: its own, or one that it shares with other joints."""
+    """Recording of each entry: its own, or one shared with other joints."""
     return [k if w.run is None else w.run for k, w in enumerate(windows)]
 
 
 def _widths(recording: Recording) -> tuple[float, ...]:
-    """Half widths that are at least two samples and that leave windows enough."""
+    """Half widths of at least two samples."""
     shortest = 2.0 / recording.rate
     return tuple(h for h in HALF_WIDTHS if h >= 0.99 * shortest) or (shortest,)
 
 
 def smooth_laws(w: Windows) -> tuple[Term, ...]:
-    """Terms that together follow nearly any smooth torque: what they leave is noise."""
+    """Terms that together follow nearly any smooth torque: their residual is noise."""
     fast = max(float(np.percentile(np.abs(w.samples.velocity), 95)), 0.1)
     return (*BASE, *(law for kind in BUILT_IN for law in kind.smooth(fast)))
 
 
 def calibrate(w: Windows) -> Windows:
-    """Windows whose noise is no more than what is left of the torque when every smooth law is fitted to it.
+    """Windows whose noise estimate is at most the residual of a fit of all smooth laws.
 
-    Torque that changes from sample to sample, under fast control or a random binary signal, looks like noise by itself;
-    but real torque shows in the acceleration too, and cancels.
+    Torque that changes from sample to sample, under fast control or a random binary signal, looks like noise; but the
+    acceleration follows a real torque, so that it leaves no residual.
     """
     phi = np.column_stack([w.columns([law])[0][0] for law in smooth_laws(w)])
     return quieter(w, phi, lambda theta: float(theta[0]))
 
 
 def quieter(w: Windows, phi: Array, inertia: Callable[[Array], float]) -> Windows:
-    """Windows whose noise is no more than what a fit of columns (R, P) leaves; their parameters (P,) tell inertia."""
+    """Windows whose noise estimate is at most the residual of columns (R, P); `inertia` maps parameters (P,) to it."""
     freedom = len(phi) - phi.shape[1]
     if freedom < phi.shape[1]:
         return w
@@ -354,13 +354,13 @@ def choose_half_width(recording: Recording) -> float:
     """Shortest half width [s] at which encoder noise no longer dominates torque noise.
 
     Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
-    is all noise, which falls with the window's length to the power -2.5.
+    is mainly noise, which falls with the window length to the power 2.5.
     """
     widths = _widths(recording)
     cuts = [cut(recording, width) for width in widths]
     carried = float(np.max(cuts[0].samples.load.inertia))
     inertia, real = carried, 1.0  # and share of the torque noise that is real
-    for w in reversed(cuts):  # the longest that leaves enough windows knows best
+    for w in reversed(cuts):  # the longest with enough windows has the least noise
         equations = dataset((w,)).equations(BASE)
         if len(equations.y) >= 40:
             inertia = carried + abs(float(np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]))
@@ -379,7 +379,7 @@ def choose_half_width(recording: Recording) -> float:
 
 
 def dataset(windows: Sequence[Windows], given: Mapping[str, Given] | None = None) -> Dataset:
-    """Put windows of several recordings together, weighted by their noise."""
+    """Join windows of several recordings, weighted by their noise."""
     joints, count = {w.at for w in windows}, sum(own.linear.shape[1] for own in (given or {}).values())
     total = sum(w.recording.duration for w in windows) / len(joints)
     half = max(len(w.kernel) // 2 / w.recording.rate for w in windows)
@@ -387,7 +387,7 @@ def dataset(windows: Sequence[Windows], given: Mapping[str, Given] | None = None
     usual = {
         at: float(np.median([size for size, w in zip(sizes, windows, strict=True) if w.at == at])) for at in joints
     }
-    least = LEAST_NOISE * max(usual.values())  # a joint without a motor has no torque, and is not exact for that
+    least = LEAST_NOISE * max(usual.values())  # a joint without a motor has no torque, but no smaller error
     levels = [max(w.noise(0.05), 0.003 * usual[w.at], least, 1e-12) for w in windows]
     weights = [np.full(len(w.centers), min(levels) / level) for w, level in zip(windows, levels, strict=True)]
     return Dataset(
