@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,8 @@ SWEEP = (0.9, 0.5, 0.6, 0.9, 0.8, 1.1)  # [rad], of the reference
 MIDDLE = (0.0, -0.6, 0.7, 0.0, 0.4, 0.0)  # [rad]
 COUNTS = 2**20
 RATE, STEP = 500.0, 2e-4  # [Hz], [s]
+WARMER, WARM_UP = np.array([18, 14, 16, 12, 15, 10.0]), np.array([9, 12, 7, 10, 8, 11.0])  # [K], [s], of each joint
+VISCOUS_SHARE, COULOMB_SHARE = -0.025, 0.012  # of friction at 25 deg C, by which it changes with each kelvin
 EFFECTS = ("stribeck", "cogging", "torque_offset", "quadratic_drag", "load_dependent_friction", "spring")
 
 
@@ -111,11 +113,11 @@ class Hidden:
             motor.damping[0], motor.frictionloss = 0.5 * VISCOUS[j], self.share * COULOMB[j]
             motor.armature = 0.3 * ROTORS[j + 1]
 
-    def forces(self) -> Callable[[float, float, float], tuple[float, float]]:
-        """Torque that acts, and dry friction, from position, velocity and torque of the motor."""
+    def forces(self) -> Callable[[float, float, float, float], tuple[float, float]]:
+        """Torque that acts, and dry friction, from position, velocity, torque of the motor and how warm it is [K]."""
         dry, size = COULOMB[self.joint], self.share * COULOMB[self.joint]
 
-        def law(q: float, v: float, torque: float) -> tuple[float, float]:
+        def law(q: float, v: float, torque: float, warmer: float) -> tuple[float, float]:
             match self.effect:
                 case "stribeck":
                     return 0.0, dry + 1.5 * size * float(np.exp(-((v / 0.2) ** 2)))
@@ -127,6 +129,8 @@ class Hidden:
                     return -size * v * abs(v), dry
                 case "load_dependent_friction":
                     return 0.0, dry + 0.08 * abs(torque)
+                case "temperature_dependent_friction":
+                    return -VISCOUS_SHARE * VISCOUS[self.joint] * warmer * v, dry * (1.0 + COULOMB_SHARE * warmer)
                 case "spring":
                     return -size * (q - 0.3), dry
                 case "cable":  # that pulls where it is bent, as no effect of the library does
@@ -138,8 +142,14 @@ class Hidden:
         return law
 
 
-def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0, load: Load | None = None) -> ArmRecording:
-    """A recording of the arm in MuJoCo."""
+def simulate(
+    seed: int,
+    hidden: Hidden | None = None,
+    seconds: float = 20.0,
+    load: Load | None = None,
+    thermometers: bool = False,
+) -> ArmRecording:
+    """A recording of the arm in MuJoCo, perhaps with the temperatures of its joints."""
     import mujoco
 
     rng = np.random.default_rng(seed)
@@ -167,6 +177,7 @@ def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0, loa
     data.qpos[:], data.qvel[:] = reference(0.0)
     steps, substeps = round(seconds * RATE), round(1 / RATE / STEP)
     positions, torques = np.empty((2, steps, 6))
+    warmer = WARMER * (1.0 - np.exp(-np.arange(steps)[:, None] / RATE / WARM_UP))  # (steps, 6)
     for k in range(steps):
         q, v = reference(k / RATE)
         mujoco.mj_forward(model, data)
@@ -176,16 +187,16 @@ def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0, loa
             data.qfrc_applied[:] = torque
             if hidden is not None and law is not None:
                 j = hidden.joint
-                force, dry = law(float(data.qpos[j]), float(data.qvel[j]), float(torque[j]))
+                force, dry = law(float(data.qpos[j]), float(data.qvel[j]), float(torque[j]), float(warmer[k, j]))
                 data.qfrc_applied[j] += force
                 model.dof_frictionloss[j] = dry
             mujoco.mj_step(model, data)
     count = 2 * np.pi / COUNTS
     positions = np.round(positions / count) * count
     torques = torques + np.array(NOISE) * rng.normal(size=torques.shape)
-    return ArmRecording.of(
-        hidden.name if hidden else f"null {seed}", JOINTS, np.arange(steps) / RATE, positions, torques
-    )
+    name = hidden.name if hidden else f"null {seed}"
+    recording = ArmRecording.of(name, JOINTS, np.arange(steps) / RATE, positions, torques)
+    return replace(recording, temperature=25.0 + warmer) if thermometers else recording
 
 
 def body() -> Body:

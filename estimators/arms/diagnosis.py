@@ -22,6 +22,7 @@ from estimators.selection.moves import explaining
 from estimators.selection.search import select
 from estimators.weak_form.dataset import NEGLIGIBLE
 from estimators.weak_form.links import prepare_arm
+from estimators.weak_form.windows import in_a_row
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links, at_joints, friction, joint_effects, kind_at
@@ -214,7 +215,7 @@ def diagnose_arm(
     }
     last = found.steps[-1].model
     lacking, model = of_arm(found.steps[0].model), of_arm(last.biased() if unexplained else last)
-    seen = (data.part(at).samples for at in data.joints)
+    seen = (in_a_row([w.samples for w in data.part(at).windows]) for at in data.joints)
     parts = ((x.position, x.velocity, x.torque) for x in seen)
     model = model.withholding(untold(model, *map(np.column_stack, zip(*parts, strict=True))))
     return ArmDiagnosis(

@@ -12,6 +12,7 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.lookup import find
+from pendulum_env.physics.term import ROOM
 from pendulum_env.reading import LARGEST
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import UNUSED, named_column
@@ -20,7 +21,7 @@ from pendulum_env.recording.record import NEWTON_METRE, ColumnError
 from pendulum_env.recording.storage import write_recording
 from pendulum_env.recording.study import Source
 
-QUANTITIES = ("position", "torque")
+QUANTITIES, OF_JOINTS = ("position", "torque"), ("position", "torque", "temperature")  # needed, and possible
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,21 +47,26 @@ class ArmRecording(Recording):
         return cls(name, time, position, torque, names=tuple(names))
 
     def shape_of(self, quantity: str) -> tuple[int, ...]:
-        """Positions and torques have a column a joint."""
-        return (*np.shape(self.time), len(self.names)) if quantity in QUANTITIES else np.shape(self.time)
+        """Positions, torques and temperatures have a column a joint."""
+        return (*np.shape(self.time), len(self.names)) if quantity in OF_JOINTS else np.shape(self.time)
 
     @cached_property
     def joints(self) -> tuple[Recording, ...]:
         """Each joint alone, with the same meaning of a held torque."""
         columns = zip(*(np.ascontiguousarray(series.T) for series in (self.position, self.torque)), strict=True)
-        return tuple(Recording(self.name, self.time, q, u, starts=self.starts) for q, u in columns)
+        warm = [None] * len(self.names) if self.temperature is None else np.ascontiguousarray(self.temperature.T)
+        return tuple(
+            Recording(self.name, self.time, q, u, starts=self.starts, temperature=own)
+            for (q, u), own in zip(columns, warm, strict=True)
+        )
 
     @property
     def columns(self) -> dict[str, Array]:
-        """Time, `position_<joint>` and `torque_<joint>`, (N,) each."""
+        """Time, `position_<joint>`, `torque_<joint>` and, if there are any, `temperature_<joint>`, (N,) each."""
         own = {
             f"{what}_{at}": getattr(one, what)
-            for what in QUANTITIES
+            for what in OF_JOINTS
+            if getattr(self, what) is not None
             for at, one in zip(self.names, self.joints, strict=True)
         }
         return {"time": self.time, **own}
@@ -82,7 +88,8 @@ def read_arm_recording(
 ) -> ArmRecording:
     """Read a file with columns time, and for each joint `position_<joint>` and `torque_<joint>`.
 
-    Instead of the joints' names, columns may bear numbers, as many as there are joints: `position_1`, ...
+    Instead of the joints' names, columns may bear numbers, as many as there are joints: `position_1`, ... Columns
+    `temperature_<joint>` [deg C] may be there, too; joints without one are taken to be at 25 deg C.
 
     Args:
         path: in any format that `read_recording` reads.
@@ -100,7 +107,7 @@ def read_arm_recording(
     told = _told(path, look.headers, joints, held, dict(columns or {}))
     single = []
     for joint in joints:
-        own = {quantity: told[f"{quantity}_{joint}"] for quantity in QUANTITIES}
+        own = {quantity: told.get(f"{quantity}_{joint}", UNUSED) for quantity in OF_JOINTS}
         own |= {"time": told["time"]} if "time" in told else {}
         unused = {"velocity": UNUSED, "reference": UNUSED}
         try:
@@ -121,6 +128,8 @@ def read_arm_recording(
             raise RecordingError(
                 f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at once"
             )
+    measured = [own.temperature for own in single]
+    warm = np.column_stack([np.full(len(first), ROOM) if own is None else own for own in measured])
     columns_of = {joint: told.get(f"position_{joint}", UNUSED) for joint in held}
     return ArmRecording(
         first.name,
@@ -128,6 +137,7 @@ def read_arm_recording(
         np.column_stack([own.position for own in single]),
         np.column_stack([own.torque for own in single]),
         notes=tuple(dict.fromkeys(note for own in single for note in own.notes)),
+        temperature=None if all(own is None for own in measured) else warm,
         starts=first.starts,
         names=tuple(joints),
         still={joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED},
@@ -149,7 +159,7 @@ def _still(path: str | os.PathLike[str], look: Preview, text: str) -> Array:
 def _of_joint(joint: str, text: str) -> str:
     """What is said of columns of one joint, ready to paste."""
     text = re.sub(",(velocity|reference)=unused", "", text)
-    return re.sub("(?<=[ ',])(position|torque)=", lambda found: f"{found[1]}_{joint}=", text)
+    return re.sub("(?<=[ ',])(position|torque|temperature)=", lambda found: f"{found[1]}_{joint}=", text)
 
 
 def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str] = ()) -> ArmRecording:
@@ -178,7 +188,7 @@ def _told(
     given: dict[str, str],
 ) -> dict[str, str]:
     """The column of `position_<joint>` and `torque_<joint>` of every joint, as the user or its name tells."""
-    wanted = [f"{quantity}_{joint}" for quantity in QUANTITIES for joint in (*joints, *held)]
+    wanted = [f"{quantity}_{joint}" for quantity in OF_JOINTS for joint in (*joints, *held)]
     for name in given:
         try:
             find("column of the arm", name, dict.fromkeys(["time", *wanted]))
@@ -186,7 +196,7 @@ def _told(
             raise ColumnError(f"{path}: {error}") from None
     plain = {re.split(r"[\[(]", header)[0].strip(): header for header in headers}  # without units
     found = {name: plain[name] for name in wanted if name in plain} | given
-    for quantity in QUANTITIES:
+    for quantity in OF_JOINTS:
         numbered = sorted(
             (header for header in plain if re.fullmatch(rf"{quantity}_?\d+", header)),
             key=lambda header: int(re.sub(r"\D", "", header)),
@@ -194,7 +204,7 @@ def _told(
         missing = [joint for joint in joints if f"{quantity}_{joint}" not in found]
         if len(missing) == len(joints) == len(numbered):
             found |= {f"{quantity}_{joint}": plain[name] for joint, name in zip(joints, numbered, strict=True)}
-        elif missing:
+        elif missing and quantity in QUANTITIES:
             raise RecordingError(
                 f"{path}: {len(joints)} joints need as many columns of {quantity}, there is none for "
                 f"{', '.join(missing)}: name them {quantity}_{missing[0]} and so on, say which with --columns, or hold "

@@ -18,6 +18,7 @@ ALIASES = {
     "inputpos action goal",
     "supply": "supply volts vbus busvoltage supplyvoltage batteryvoltage presentinputvoltage",
     "enabled": "enabled powered torqueenable torqueenabled",
+    "temperature": "temperature temp motortemperature motortemp jointtemperature jointtemp presenttemperature",
     "segment": "segment segments episode episodeindex trial",
 }
 MEASURED = ("meas", "measured", "actual", "act")  # before or after an alias
@@ -69,6 +70,7 @@ UNITS |= {
     "segment": {},
     "supply": {"v": 1.0, "mv": 1e-3},
     "enabled": {},
+    "temperature": dict.fromkeys(("c", "degc", "celsius"), 1.0),
 }
 SI = {
     "time": "s",
@@ -79,6 +81,7 @@ SI = {
     "segment": "",
     "supply": "V",
     "enabled": "",
+    "temperature": "deg C",
 }
 TOLD = {  # of UNITS, what people are told of
     "time": "s, ms, us, ns",
@@ -87,8 +90,9 @@ TOLD = {  # of UNITS, what people are told of
     "torque": "Nm, mNm, Ncm, A, mA, V, duty",
     "reference": "rad, mrad, deg, rev, counts, rad/s, deg/s, rpm, rev/s",
     "supply": "V, mV",
+    "temperature": "degC",
 }
-SPARE = ("reference", "segment", "supply", "enabled")  # quantities of which the first column will do
+SPARE = ("reference", "segment", "supply", "enabled", "temperature")  # quantities of which the first column will do
 
 
 def _names() -> Iterator[tuple[str, tuple[str, str | None, bool]]]:
