@@ -287,6 +287,7 @@ def story(found: ArmDiagnosis, every: bool = False) -> Story:
     for joint, size in found.unexplained.items():
         where = f"; {said(joint, found.regions[joint].text)}" if joint in found.regions else ""
         lines.append(f"left: {size:.2g} {said(joint, NEWTON_METRE)} at {joint}{where}")
+    lines += found.remarks
     parts: list[tuple[str, Sequence[Table | str]]] = [
         (
             "Torque errors on held-out data, clear of stick and reversals",

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from benchmarks import six_joint
 from benchmarks.six_joint import Hidden
@@ -90,6 +91,21 @@ def test_friction_by_temperature_is_named_where_it_is_measured_and_told_per_kelv
     assert errors == compare_arm(found.model, recording)
     unmeasured = diagnose_arm(replace(recording, temperature=None), six, library=some)
     assert unmeasured.selected == () and "elbow" in unmeasured.unexplained
+
+
+def test_noise_of_an_encoder_that_is_not_white_is_said_to_make_joints_light(body):
+    time = np.arange(0, 10, 2e-3)
+    torque = Multisine.paper(0, (5.0, 2.5))
+    position, _ = TwoLink().simulate(torque, time)
+    wander = lfilter(*butter(4, 15.0, fs=500.0), np.random.default_rng(0).normal(size=position.shape), axis=0)
+    noisy = position + 4e-3 * wander / wander.std()
+    held = torque.held(time, 2e-3)
+    recordings = [ArmRecording.of("run", body.joints, time, q, held) for q in (position, noisy)]
+    plain, found = (diagnose_arm(recording, body, library={"stribeck": Stribeck}) for recording in recordings)
+    assert plain.remarks == ()
+    assert found.selected == () and found.headline.startswith("Something is missing at")
+    assert found.heavier["elbow"] > 1.2
+    assert any("elbow feels" in text and "below 6.2 Hz" in text for text in found.remarks)
 
 
 def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_path):
