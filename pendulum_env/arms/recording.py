@@ -7,6 +7,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,8 @@ from pendulum_env.recording.record import NEWTON_METRE, ColumnError
 from pendulum_env.recording.storage import write_recording
 from pendulum_env.recording.study import Source
 
-QUANTITIES, OF_JOINTS = ("position", "torque"), ("position", "torque", "temperature")  # needed, and possible
+QUANTITIES = ("position", "torque")
+OF_JOINTS = (*QUANTITIES, "temperature", "link_position")  # the last two where there are any
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,22 +49,21 @@ class ArmRecording(Recording):
         return cls(name, time, position, torque, names=tuple(names))
 
     def shape_of(self, quantity: str) -> tuple[int, ...]:
-        """Positions, torques and temperatures have a column a joint."""
+        """What is of joints has a column a joint."""
         return (*np.shape(self.time), len(self.names)) if quantity in OF_JOINTS else np.shape(self.time)
 
     @cached_property
     def joints(self) -> tuple[Recording, ...]:
         """Each joint alone, with the same meaning of a held torque."""
-        columns = zip(*(np.ascontiguousarray(series.T) for series in (self.position, self.torque)), strict=True)
-        warm = [None] * len(self.names) if self.temperature is None else np.ascontiguousarray(self.temperature.T)
-        return tuple(
-            Recording(self.name, self.time, q, u, starts=self.starts, temperature=own)
-            for (q, u), own in zip(columns, warm, strict=True)
-        )
+        series: dict[str, Any] = {name: values for name in OF_JOINTS if (values := getattr(self, name)) is not None}
+        of_each: list[dict[str, Any]] = [
+            {name: np.ascontiguousarray(own[:, k]) for name, own in series.items()} for k in range(len(self.names))
+        ]
+        return tuple(Recording(self.name, self.time, starts=self.starts, **own) for own in of_each)
 
     @property
     def columns(self) -> dict[str, Array]:
-        """Time, `position_<joint>`, `torque_<joint>` and, if there are any, `temperature_<joint>`, (N,) each."""
+        """Time, and `position_<joint>` and so on of what there is, (N,) each."""
         own = {
             f"{what}_{at}": getattr(one, what)
             for what in OF_JOINTS
@@ -89,7 +90,8 @@ def read_arm_recording(
     """Read a file with columns time, and for each joint `position_<joint>` and `torque_<joint>`.
 
     Instead of the joints' names, columns may bear numbers, as many as there are joints: `position_1`, ... Columns
-    `temperature_<joint>` [deg C] may be there, too; joints without one are taken to be at 25 deg C.
+    `temperature_<joint>` [deg C] may be there, too; joints without one are taken to be at 25 deg C; and, of all joints,
+    `link_position_<joint>` [rad], where `position_<joint>` is that of the motor by the ratio of its gear.
 
     Args:
         path: in any format that `read_recording` reads.
@@ -128,6 +130,7 @@ def read_arm_recording(
             raise RecordingError(
                 f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at once"
             )
+    links = [own.link_position for own in single if own.link_position is not None]
     measured = [own.temperature for own in single]
     warm = np.column_stack([np.full(len(first), ROOM) if own is None else own for own in measured])
     columns_of = {joint: told.get(f"position_{joint}", UNUSED) for joint in held}
@@ -137,6 +140,7 @@ def read_arm_recording(
         np.column_stack([own.position for own in single]),
         np.column_stack([own.torque for own in single]),
         notes=tuple(dict.fromkeys(note for own in single for note in own.notes)),
+        link_position=np.column_stack(links) if len(links) == len(joints) else None,
         temperature=None if all(own is None for own in measured) else warm,
         starts=first.starts,
         names=tuple(joints),
@@ -159,7 +163,7 @@ def _still(path: str | os.PathLike[str], look: Preview, text: str) -> Array:
 def _of_joint(joint: str, text: str) -> str:
     """What is said of columns of one joint, ready to paste."""
     text = re.sub(",(velocity|reference)=unused", "", text)
-    return re.sub("(?<=[ ',])(position|torque|temperature)=", lambda found: f"{found[1]}_{joint}=", text)
+    return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})=", lambda found: f"{found[1]}_{joint}=", text)
 
 
 def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str] = ()) -> ArmRecording:

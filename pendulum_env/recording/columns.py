@@ -35,7 +35,7 @@ from pendulum_env.recording.vocabulary import (
 )
 from pendulum_env.words import along
 
-OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature")
+OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "link_position")
 UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
 LINKS = "give the arm's links with --robot ARM.urdf (read_arm_recording), or "
 CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python

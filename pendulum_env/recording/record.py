@@ -26,6 +26,7 @@ QUANTITIES = (  # the columns of a recording
     "supply",
     "enabled",
     "temperature",
+    "link_position",
 )
 NEWTON_METRE = "N m"
 WARNING = "warning: "  # begins a note of what is likely wrong
@@ -107,6 +108,7 @@ class Recording:
     supply: Array | None = None  # (N,) [V], voltage of the bus, if it was recorded
     enabled: Array | None = None  # (N,), 1 while the motor is powered and 0 while it is open, if it was recorded
     temperature: Array | None = None  # (N,) [deg C], of the joint, if it was recorded
+    link_position: Array | None = None  # (N,) [rad], of the link behind the transmission, if it was recorded
     load: Load | None = None  # known load on the joint, None if nothing is known of one
     torque_unit: str = NEWTON_METRE  # or that of a current, `A`, whose gain is to be found
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did

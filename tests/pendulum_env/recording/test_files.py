@@ -219,7 +219,7 @@ def test_a_column_that_is_named_leaves_the_others_to_their_names(write: Write, c
     [
         (
             {"angle": "q"},
-            "columns are named for time, position, velocity, torque, reference, supply, enabled, temperature, segment",
+            "columns are named for time, position, velocity, torque, reference, supply, enabled, temperature, link_",
         ),
         ({"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau', 'x', 'x'"),
         ({"position": "x"}, "2 columns are named 'x'"),
