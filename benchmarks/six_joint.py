@@ -2,10 +2,10 @@
 
     python -m benchmarks.six_joint [RUNS]
 
-The arm is of our own making: links of plausible size, viscous friction, dry friction and a rotor at each joint,
-angles from encoders of 2^20 counts, torque logged with noise. A position controller follows a multisine. What is hidden
-acts on MuJoCo's own forces: `frictionloss` where friction changes, applied torque otherwise. A verdict is right if the
-effect is the only one named, at its joint.
+The arm is of our own making: links of plausible size, a rotor, viscous and dry friction at each joint, these drawn in
+each run, angles from encoders of 2^20 counts, torque logged with noise. A position controller follows a multisine. What
+is hidden acts on MuJoCo's own forces: `frictionloss` where friction changes, applied torque otherwise. A verdict is
+right if the effect is the only one named, at its joint.
 """
 
 from __future__ import annotations
@@ -113,9 +113,10 @@ class Hidden:
             motor.damping[0], motor.frictionloss = 0.5 * VISCOUS[j], self.share * COULOMB[j]
             motor.armature = 0.3 * ROTORS[j + 1]
 
-    def forces(self) -> Callable[[float, float, float, float], tuple[float, float]]:
+    def forces(self, rubs: float = 1.0) -> Callable[[float, float, float, float], tuple[float, float]]:
         """Torque that acts, and dry friction, from position, velocity, torque of the motor and how warm it is [K]."""
-        dry, size = COULOMB[self.joint], self.share * COULOMB[self.joint]
+        dry, viscous = rubs * COULOMB[self.joint], rubs * VISCOUS[self.joint]
+        size = self.share * dry
 
         def law(q: float, v: float, torque: float, warmer: float) -> tuple[float, float]:
             match self.effect:
@@ -130,7 +131,7 @@ class Hidden:
                 case "load_dependent_friction":
                     return 0.0, dry + 0.08 * abs(torque)
                 case "temperature_dependent_friction":
-                    return -VISCOUS_SHARE * VISCOUS[self.joint] * warmer * v, dry * (1.0 + COULOMB_SHARE * warmer)
+                    return -VISCOUS_SHARE * viscous * warmer * v, dry * (1.0 + COULOMB_SHARE * warmer)
                 case "spring":
                     return -size * (q - 0.3), dry
                 case "cable":  # that pulls where it is bent, as no effect of the library does
@@ -148,8 +149,9 @@ def simulate(
     seconds: float = 20.0,
     load: Load | None = None,
     thermometers: bool = False,
+    rubs: Sequence[float] = (1.0,) * 6,
 ) -> ArmRecording:
-    """A recording of the arm in MuJoCo, perhaps with the temperatures of its joints."""
+    """A recording of the arm in MuJoCo, perhaps with temperatures of its joints, and so many times their friction."""
     import mujoco
 
     rng = np.random.default_rng(seed)
@@ -159,11 +161,12 @@ def simulate(
     model = spec.compile()
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    model.dof_damping[:], model.dof_frictionloss[:], model.dof_armature[:] = VISCOUS, COULOMB, ROTORS
+    model.dof_damping[:], model.dof_frictionloss[:] = np.multiply(rubs, VISCOUS), np.multiply(rubs, COULOMB)
+    model.dof_armature[:] = ROTORS
     model.dof_solref[:], model.dof_solimp[:, :3] = (2 * STEP, 1.0), (0.95, 0.999, 1e-4)
     model.tendon_solref_fri[:], model.tendon_solimp_fri[:, :3] = model.dof_solref[:1], model.dof_solimp[:1, :3]
     data = mujoco.MjData(model)
-    law = hidden.forces() if hidden is not None else None
+    law = hidden.forces(rubs[hidden.joint]) if hidden is not None else None
     harmonics = np.arange(1, 7)
     amplitude = rng.normal(size=(6, 6)) / harmonics**0.5
     amplitude *= (np.array(SWEEP) / np.abs(amplitude).sum(axis=1))[:, None]
@@ -207,6 +210,11 @@ def body() -> Body:
         return read_body(path, rotors=True)
 
 
+def drawn(run: int) -> list[float]:
+    """Factors on the friction of the joints, another arm in each run."""
+    return np.random.default_rng(run).uniform(0.5, 1.6, 6).tolist()
+
+
 def main(arguments: Sequence[str] = ()) -> int:
     runs = int(arguments[0]) if arguments else 30
     arm = body()
@@ -223,14 +231,14 @@ def main(arguments: Sequence[str] = ()) -> int:
     hidden_ones = [Hidden(EFFECTS[run % 6], (run + run // 6) % 6) for run in range(runs)]
     hidden_ones += [Hidden("coupling", run % 5) for run in range(runs // 6)]
     for run, hidden in enumerate(hidden_ones):
-        recording = simulate(100 + run, hidden)
+        recording = simulate(100 + run, hidden, rubs=drawn(run))
         began = time.process_time()
         diagnosis = diagnose_arm(recording, arm)
         longest = max(longest, time.process_time() - began)
         right += diagnosis.selected == (recording.name,)
         print(f"{recording.name:32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
     for run in range(runs // 3):
-        diagnosis = diagnose_arm(simulate(200 + run), arm)
+        diagnosis = diagnose_arm(simulate(200 + run, rubs=drawn(100 + run)), arm)
         alarms += bool(diagnosis.selected)
         print(f"{'nothing':32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
     print(f"named right: {right} of {len(hidden_ones)}; false alarms: {alarms} of {runs // 3}")

@@ -17,7 +17,7 @@ from pendulum_env.words import plus_minus
 if TYPE_CHECKING:  # which needs the errors of this module
     from pendulum_env.recording.origin import Origin
 
-QUANTITIES = (  # the columns of a recording
+QUANTITIES = (  # the columns of a recording, those first that it needs
     "time",
     "position",
     "torque",
