@@ -18,6 +18,7 @@ from estimators.arms.following import follow
 from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
 from estimators.arms.payload import Payload, find_payload
 from estimators.arms.standard import nearest_body
+from estimators.arms.transmission import find_transmissions
 from estimators.regression.equations import IdentificationError
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body, read_body
@@ -201,13 +202,17 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     body, recordings, held = asked.body, asked.recordings, asked.held
     with terminal.progress("diagnosing") as progress:
         found = diagnose_arm(recordings, body, held, progress, library=library)
-    write_json(arguments.json, found.json())
+        between = find_transmissions(recordings, body.sliding)
+    more = {"transmissions": [one.json() for one in between]} if between else {}
+    write_json(arguments.json, found.json() | more)
     write_model(found.model, arguments.output, asked.fitted, terminal)
     if arguments.report is not None:
         from workbench.report.arm import write_arm_report  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
             write_arm_report(arguments.report, recordings, held, found)
+    for one in between:
+        terminal.say(one.text)
     story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)
     wrote(outputs, terminal)
 
@@ -287,6 +292,7 @@ def story(found: ArmDiagnosis, every: bool = False) -> Story:
     for joint, size in found.unexplained.items():
         where = f"; {said(joint, found.regions[joint].text)}" if joint in found.regions else ""
         lines.append(f"left: {size:.2g} {said(joint, NEWTON_METRE)} at {joint}{where}")
+    lines += found.remarks
     parts: list[tuple[str, Sequence[Table | str]]] = [
         (
             "Torque errors on held-out data, clear of stick and reversals",

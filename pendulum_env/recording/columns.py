@@ -36,8 +36,7 @@ from pendulum_env.recording.vocabulary import (
 )
 from pendulum_env.words import along
 
-QUOTED = 40  # characters of a header, of which a sentence may name a dozen
-OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled")
+OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "link_position")
 UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
 LINKS = "identify and diagnose take an arm's links with --robot ARM.urdf (read_arm_recording), or "
 CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python
@@ -110,7 +109,7 @@ def _factor(quantity: str, unit: str | None) -> float:
 def find_columns(
     headers: Sequence[str], named: Mapping[str, str] | None = None, has_drive: bool = False
 ) -> dict[str, Column]:
-    """Column by quantity: time, position, torque, and velocity, reference, segment, supply and enabled if there are.
+    """Column by quantity: time, position, torque, and those of `OPTIONAL` if there are.
 
     Args:
         headers: names of the columns in the file.
