@@ -19,8 +19,8 @@ from estimators.arms.identification import ArmIdentification, JointError, compar
 from estimators.arms.payload import Payload, find_payload
 from estimators.regression.equations import IdentificationError
 from pendulum_env._typing import JSON
-from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.body import Body, BodyError, read_body
+from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
 from pendulum_env.arms.joints import joint_effects, kind_at
 from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.plane import planar_links
@@ -46,25 +46,12 @@ def record(
 ) -> None:
     """Design a motion, let the simulated arm follow it, and write what it did."""
     _refuse(arguments, "policy", "until", "diagnosis", "replay", "config", "theta")
-    for name, own in (("excitation", "multisine"), ("backend", "pymunk")):
-        if (asked := getattr(arguments, name)) not in (None, own):
-            raise InputError(f"--{name} {asked} is for pendulums: arms know {own} alone, leave it out with --robot")
+    for name, own in (("excitation", ("multisine",)), ("backend", ("pymunk", "mujoco"))):
+        if (asked := getattr(arguments, name)) not in (None, *own):
+            raise InputError(f"--{name} {asked} is for pendulums: arms know {' and '.join(own)} alone")
     body = _body(arguments, Asked(arguments.joints))
     _tell_held(body, [], terminal)
-    try:
-        arm = PlanarArm(
-            planar_links(body),
-            joints=body.joints,
-            effects=arguments.effects,
-            rate=arguments.rate,
-            substeps=max(1, round(STEP_RATE / arguments.rate)),
-            max_torque=MOST_TORQUE,
-            counts=arguments.counts,
-            torque_noise=arguments.noise,
-            velocity="ideal",  # as the controller sees it
-        )
-    except ValueError as error:  # an effect that cannot be there
-        raise InputError(str(error)) from None
+    arm = _simulated(arguments, body)
     motion = design_excitation(
         body,
         min(PERIOD, seconds),
@@ -86,16 +73,44 @@ def record(
     rows = [
         (
             name,
-            f"{joint.position.min():.2f} to {joint.position.max():.2f}",
-            f"{rms:.2g}",
-            f"{np.abs(joint.torque).max():.3g}",
+            f"{joint.position.min():.2f} to {joint.position.max():.2f}{' m' * slides}",
+            f"{rms:.2g}{' m' * slides}",
+            f"{np.abs(joint.torque).max():.3g}{' N' * slides}",
         )
-        for name, joint, rms in zip(recording.names, recording.joints, off.tolist(), strict=True)
+        for name, joint, rms, slides in zip(recording.names, recording.joints, off.tolist(), body.slides, strict=True)
     ]
     terminal.table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
     if arguments.effects:
         terminal.say(f"hidden: {enumerate_words([re.split('[=:]', text)[0] for text in arguments.effects])}")
     wrote([arguments.output], terminal)
+
+
+def _simulated(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
+    """The arm in pymunk if all joints turn in a vertical plane, else, or where that is asked for, in MuJoCo."""
+    seen = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": arguments.noise}
+    links = None
+    if arguments.backend != "mujoco":
+        try:
+            links = planar_links(body)
+        except BodyError:
+            if arguments.backend is not None:
+                raise
+    try:
+        if links is None:
+            return SpatialArm(body, effects=arguments.effects, max_torque=MOST_TORQUE, **seen)
+        return PlanarArm(
+            links,
+            joints=body.joints,
+            effects=arguments.effects,
+            substeps=max(1, round(STEP_RATE / arguments.rate)),
+            max_torque=MOST_TORQUE,
+            velocity="ideal",  # as the controller sees it
+            **seen,
+        )
+    except BodyError:
+        raise
+    except ValueError as error:  # an effect that cannot be there
+        raise InputError(str(error)) from None
 
 
 def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:

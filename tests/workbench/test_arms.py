@@ -8,7 +8,9 @@ import pytest
 
 from benchmarks import six_joint
 from benchmarks.two_link import Multisine, TwoLink
+from pendulum_env.arms.body import read_body
 from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
+from pendulum_env.plant import PAPER
 from tests import robots
 from tests.workbench.pages import Page
 from workbench.cli import main
@@ -234,7 +236,10 @@ def test_a_diagnosis_names_what_is_missing_where_a_joint_slides(capsys, lift):
         (("identify", "wrong.toml"), "unknown joint 'sholder': did you mean shoulder"),
         (("identify", "empty.toml"), "'joints' is 'torso': it has to be a list"),
         (("identify", "study.toml", "--joints", "torso"), "told in two ways"),
-        (("record", "-o", "x.csv", *MOVING), "joint 'torso' does not turn in a vertical plane"),
+        (
+            ("record", "-o", "x.csv", *MOVING, "--backend", "pymunk"),
+            "joint 'torso' does not turn in a vertical plane.*: simulate it in MuJoCo, --backend mujoco",
+        ),
         (("add", "model.json", "cogging@torso", "run.csv"), "cogging is of joints that turn: it cannot be at 'torso'"),
         (
             ("compare", "model.json", "run.csv", "--joints", "shoulder,elbow"),
@@ -271,11 +276,18 @@ def test_record_an_arm_with_an_effect_at_a_joint(capsys, folder):
     assert code == 0 and "Missing: torque_offset@elbow" in out
 
 
-def test_an_arm_in_space_is_recorded_elsewhere(capsys, tmp_path):
+def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(capsys, tmp_path):
     (tmp_path / "arm.urdf").write_text(six_joint.urdf())
-    code, _, err = run(capsys, tmp_path, "record", "-o", "run.csv")
-    assert code == 2 and "joint 'base' does not turn in a vertical plane" in err and err.count("\n") == 1
-    assert not (tmp_path / "run.csv").exists()
+    asked = ("--seconds", "6", "--rate", "500", "--effect", "torque_offset@elbow=2")
+    code, out, _ = run(capsys, tmp_path, "record", *asked, "-o", "run.csv")
+    assert code == 0 and "hidden: torque_offset@elbow" in out
+    code, _, _ = run(capsys, tmp_path, "diagnose", "run.csv", "--only", "torque_offset", "-o", "found.json")
+    theta = json.loads((tmp_path / "found.json").read_text())["theta"]
+    assert code == 0 and theta["torque_offset@elbow"]["value"] == pytest.approx(2.0, rel=0.02)
+    body = read_body(tmp_path / "arm.urdf")
+    for name, value in zip(body.names, body.values.tolist(), strict=True):
+        assert abs(theta[name]["value"] - value) < max(4 * theta[name]["std"], 0.005 * abs(value)), name
+    assert theta["coulomb@base"]["value"] == pytest.approx(PAPER["coulomb"], rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -283,7 +295,7 @@ def test_an_arm_in_space_is_recorded_elsewhere(capsys, tmp_path):
     [
         (("record", "-o", "x.csv", "--effect", "stribeck"), "'stribeck' should say at which joint"),
         (("record", "-o", "x.csv", "--theta", "inertia=1"), "--theta is for pendulums"),
-        (("record", "-o", "x.csv", "--backend", "mujoco"), "arms know pymunk alone"),
+        (("record", "-o", "x.csv", "--backend", "simulated"), "arms know pymunk and mujoco alone"),
         (("record", "-o", "x.csv", "--excitation", "prbs"), "arms know multisine alone"),
         (("record", "-o", "x.csv", "--amplitude", "0"), "needs more torque than the joints have"),
         (("record", "-o", "arm.urdf"), "is one of the inputs"),
