@@ -6,11 +6,10 @@ import argparse
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from pathlib import Path
 
 import numpy as np
 
-from estimators.arguments import chosen_effects
 from estimators.arms.addition import add_arm
 from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
 from estimators.arms.excitation import PERIOD, design_excitation
@@ -19,12 +18,12 @@ from estimators.arms.identification import ArmIdentification, JointError, compar
 from estimators.arms.payload import Payload, find_payload
 from estimators.regression.equations import IdentificationError
 from pendulum_env._typing import JSON
-from pendulum_env.arms.body import Body, BodyError, read_body
+from pendulum_env.arms.body import Body, BodyError
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
-from pendulum_env.arms.joints import joint_effects, kind_at
+from pendulum_env.arms.joints import kind_at
 from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.plane import planar_links
-from pendulum_env.arms.recording import ArmRecording, read_arm_source, write_arm_recording
+from pendulum_env.arms.recording import ArmRecording, write_arm_recording
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.reading import LARGE
 from pendulum_env.recording.record import NEWTON_METRE
@@ -32,12 +31,12 @@ from pendulum_env.recording.study import Source, read_as
 from pendulum_env.words import Table, parameters_table
 from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
 from workbench.mistakes import InputError
+from workbench.robot import RobotFile, held_text, looked_for, straying
 from workbench.story import Story, judged, parameters_line
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words
 
 SAVED = "filtered_dynamic"  # whose model is written, if it was asked for
-AWAY = 0.01  # [rad] or [m], from where a joint is held: beyond, it is said
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
 
 
@@ -49,7 +48,7 @@ def record(
     for name, own in (("excitation", ("multisine",)), ("backend", ("pymunk", "mujoco"))):
         if (asked := getattr(arguments, name)) not in (None, *own):
             raise InputError(f"--{name} {asked} is for pendulums: arms know {' and '.join(own)} alone")
-    body = _body(arguments, Asked(arguments.joints))
+    body = _robot(arguments, Asked(arguments.joints)).body()
     _tell_held(body, [], terminal)
     arm = _simulated(arguments, body)
     motion = design_excitation(
@@ -147,7 +146,8 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     body, recordings = asked.body, [*asked.recordings, *asked.held]
     model = ArmModel.load(arguments.model, body)
     without = [source for name in arguments.without for source in sources_of(name, arguments)]
-    empty = _read([read_as(source, model.log_format, arguments.model) for source in without], body, terminal)
+    sources = [read_as(source, model.log_format, arguments.model) for source in without]
+    empty = read_all(sources, terminal, asked.robot.read)
     with terminal.progress("comparing"):
         errors = compare_arm(model, recordings)
         carried = _carried(model, recordings, empty, arguments.payload)
@@ -208,16 +208,14 @@ def _tell_payload(found: Payload, body: Body, terminal: Terminal) -> None:
 def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print which effects are missing at which joints."""
     limits = "max_torque", "max_angle", "max_speed", "experiment"
-    _refuse(arguments, "model", *limits, "fixed", "bounds", "instruments")
-    try:
-        library = chosen_effects(joint_effects(), arguments.only, arguments.without)
-    except ValueError as error:
-        raise InputError(f"{error} (effects that can sit at a joint)") from None
+    _refuse(arguments, *limits, "fixed", "bounds", "instruments")
     outputs = [arguments.json, arguments.report, arguments.output]
-    asked = _given(arguments, outputs, terminal)
+    asked = _given(arguments, outputs, terminal, arguments.model)
     body, recordings, held = asked.body, asked.recordings, asked.held
+    terms = ArmModel.load(arguments.model, body).terms[1:] if arguments.model else None
+    library = looked_for(body, arguments.only, arguments.without)
     with terminal.progress("diagnosing") as progress:
-        found = diagnose_arm(recordings, body, held, progress, library=library)
+        found = diagnose_arm(recordings, body, held, progress, terms=terms, library=library)
     write_json(arguments.json, found.json())
     write_model(found.model, arguments.output, asked.fitted, terminal)
     if arguments.report is not None:
@@ -319,6 +317,7 @@ def story(found: ArmDiagnosis, every: bool = False) -> Story:
 class _Given:
     """The arm that a command was given, with recordings to fit and to hold out."""
 
+    robot: RobotFile
     body: Body
     recordings: list[ArmRecording]
     held: list[ArmRecording]
@@ -336,42 +335,25 @@ def _given(
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
-    told = replace(told, joints=named.pop() if named else told.joints)
-    body = _body(arguments, told)
-    recordings = _read(sources, body, terminal)
-    if not told.held:
-        seen = {joint: [np.mean(one.still[joint]) for one in recordings if joint in one.still] for joint in body.held}
-        body = _body(arguments, replace(told, held={joint: float(np.mean(at)) for joint, at in seen.items() if at}))
+    robot = _robot(arguments, replace(told, joints=named.pop() if named else told.joints))
+    recordings = read_all(sources, terminal, robot.read)
+    body = robot.body(told.held) if told.held else robot.holding(recordings)
     _tell_held(body, recordings, terminal)
-    return _Given(body, recordings[: len(asked.fitted)], recordings[len(asked.fitted) :], asked.fitted)
+    return _Given(robot, body, recordings[: len(asked.fitted)], recordings[len(asked.fitted) :], asked.fitted)
 
 
-def _body(arguments: argparse.Namespace, told: Asked) -> Body:
+def _robot(arguments: argparse.Namespace, told: Asked) -> RobotFile:
     """The robot as the arguments, or else a model or a study, ask for it."""
-    return read_body(
-        arguments.robot,
-        joints=told.joints,
-        held=told.held,
-        bolted=arguments.base is not None,
-        rotors=True if arguments.rotors else told.rotors,
-    )
+    rotors = True if arguments.rotors else told.rotors
+    return RobotFile(Path(arguments.robot), told.joints, arguments.base is not None, rotors)
 
 
 def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:
     """Say which joints are held, and where recordings have them elsewhere."""
-    units = {joint: body.said(joint, "rad") for joint in body.held}
-    places = [f"{joint} at {f'{q:.4g} {units[joint]}' if q else 'zero'}" for joint, q in body.held.items()]
-    if places:
-        terminal.say(f"held: {', '.join(places)}")
-    for recording, (joint, q) in product(recordings, body.held.items()):
-        if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > AWAY:
-            away = f"{joint} gets {off:.2g} {units[joint]} away from there in {recording.name}"
-            terminal.say(f"warning: {away}: name it in --joints if it moves", style="yellow")
-
-
-def _read(sources: Sequence[Source], body: Body, terminal: Terminal) -> list[ArmRecording]:
-    others = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
-    return read_all(sources, terminal, lambda source: read_arm_source(source, body.joints, others))
+    if text := held_text(body):
+        terminal.say(text)
+    for text in straying(body, recordings):
+        terminal.say(f"warning: {text}", style="yellow")
 
 
 def _refuse(arguments: argparse.Namespace, *options: str) -> None:

@@ -294,8 +294,17 @@ class Gather(argparse.Action):
 
 
 def ids(text: str) -> list[str]:
-    """Ids of effects in a list with commas; raises ValueError if one is unknown."""
-    return [known_effect(id.strip()) for id in text.split(",") if id.strip()]
+    """Ids of effects in a list with commas, perhaps at joints (`stribeck@elbow`); raises ValueError if one is unknown.
+
+    What follows `coupling@elbow,` is its second joint, as long as it is no effect.
+    """
+    found: list[str] = []
+    for id in filter(None, (word.strip() for word in text.split(","))):
+        if found and found[-1].startswith(f"{COUPLING}@") and "," not in found[-1] and "@" not in id:
+            found[-1] += f",{id}"
+        else:
+            found.append(known_effect(id.partition("@")[0]) + "".join(id.partition("@")[1:]))
+    return found
 
 
 def known_effect(id: str, known: Callable[[str], type[Term]] = effect) -> str:

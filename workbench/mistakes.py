@@ -20,7 +20,7 @@ LONGEST = 500  # characters of a sentence
 def sentence(mistake: Exception) -> str:
     """A user's mistake in one line of at most `LONGEST` characters, none of which a terminal would obey.
 
-    Of a longer one the middle is left out.
+    Of a longer one whole words in the middle are left out.
     """
     if isinstance(mistake, OSError) and mistake.strerror is not None:
         where = f"{mistake.filename}: " if mistake.filename is not None else ""
@@ -28,7 +28,10 @@ def sentence(mistake: Exception) -> str:
     else:
         text = str(mistake)
     text = printable(" ".join(text.split()))
-    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2 - 3]} ... {text[-(LONGEST // 2 - 2) :]}"
+    if len(text) <= LONGEST:
+        return text
+    first, last = text[: LONGEST // 2 - 3], text[-(LONGEST // 2 - 2) :]
+    return f"{first.rpartition(' ')[0] or first} ... {last.partition(' ')[2] or last}"
 
 
 def printable(text: str) -> str:

@@ -301,7 +301,7 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(caps
         (("record", "-o", "arm.urdf"), "is one of the inputs"),
         (("identify", "plain.csv", "--align"), "--align is for pendulums"),
         (("identify", "plain.csv", "--fix", "gravity=2"), "--fix is for pendulums"),
-        (("diagnose", "plain.csv", "--only", "backlash"), "unknown effect 'backlash'"),
+        (("diagnose", "plain.csv", "--only", "backlash"), "unknown effect of joints 'backlash'"),
         (("diagnose", "plain.csv", "--experiment", "x.csv"), "--experiment is for pendulums"),
         (("diagnose", "plain.csv", "--report", "x.pdf"), "a report is one HTML page"),
         (("identify", "plain.csv", "--columns", "torque_elbow=torque_elbow:A*?"), "no known load tells the gain"),
