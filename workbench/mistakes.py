@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from pendulum_env.mistake import Mistake
 
 
@@ -15,6 +17,7 @@ class Interrupted(KeyboardInterrupt):
 
 MISTAKES = (Mistake, OSError, ModuleNotFoundError)  # the last of an extra, whose name it tells
 LONGEST = 500  # characters of a sentence
+PART = r"\S{0,40}"  # of a word that a cut would go through
 
 
 def sentence(mistake: Exception) -> str:
@@ -31,7 +34,7 @@ def sentence(mistake: Exception) -> str:
     if len(text) <= LONGEST:
         return text
     first, last = text[: LONGEST // 2 - 3], text[-(LONGEST // 2 - 2) :]
-    return f"{first.rpartition(' ')[0] or first} ... {last.partition(' ')[2] or last}"
+    return f"{re.sub(f' {PART}$', '', first)} ... {re.sub(f'^{PART} ', '', last)}"
 
 
 def printable(text: str) -> str:

@@ -11,6 +11,7 @@ from dash.development.base_component import Component
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from workbench.app import card, recorder
+from workbench.app.arm import ArmState
 from workbench.app.parts import (
     UNWRAP,
     aria,
@@ -54,19 +55,20 @@ def show(session: Session) -> list[Component]:
     """Ways to get recordings, then what they are."""
     state = session.state
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
-    parts.append(html.Div([_upload(state), _record()], className="columns"))
+    parts.append(html.Div([upload(state), _record()], className="columns"))
     if state.loaded:
         plots = [graph(_course(recording, k)) for k, recording in enumerate(state.recordings[:DRAWN])]
-        parts += [_recordings(state), *timing(state), _telling(state), html.Div(plots, className="panel")]
+        parts += [recordings(state), *timing(state), _telling(state), html.Div(plots, className="panel")]
     return parts
 
 
-def _upload(state: Work) -> Component:
+def upload(state: Work) -> Component:
     ways = [
         drop([html.Strong("Choose recordings"), " or drop them here"], "upload", multiple=True),
         html.P(
             f"{FORMATS} with time, position and torque; 0 hangs down. What columns mean is "
-            f"asked where their names do not tell, or told by a {STUDY} among the files. "
+            f"asked where their names do not tell, or told by a {STUDY} among the files. Of an arm, its URDF or MJCF "
+            "among the files tells the links. "
             f"Up to {UPLOAD / 1e6:.0f} MB each; nothing leaves this computer.",
             className="note",
         ),
@@ -105,8 +107,8 @@ def _record() -> Component:
     )
 
 
-def _recordings(state: Work) -> Component:
-    stick = _share_in_stick(state)
+def recordings(state: Work) -> Component:
+    stick = {} if isinstance(state, ArmState) else _share_in_stick(state)
     rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
     how = "how these are read and used, for the command line and to load again with them"
@@ -146,7 +148,7 @@ def _row(one: Loaded, recording: Recording, stick: dict[int, float]) -> tuple[An
         f"{recording.rate:.4g}",
         f"{len(recording):,}".replace(",", " "),
         percent(stick[id(recording)]) if id(recording) in stick else "–",
-        f"{number(float(np.ptp(recording.position)) / (2 * np.pi), 2)}",
+        number(float(np.ptp(recording.position, axis=0).max()) / (2 * np.pi), 2),
         number(float(np.abs(recording.torque).max()), 2),
         html.Div(roles, className="views", role="group"),
         html.Div(ways, className="row"),
@@ -213,7 +215,7 @@ def connect(bench: Bench) -> None:
         Input("upload", "contents"),
         given=(State("upload", "filename"), State("unwrap", "value"), State("chosen", "data")),
     )
-    def upload(session: Session, contents: list[str], names: list[str], unwrap: list[str], chosen: list[str]) -> None:
+    def come(session: Session, contents: list[str], names: list[str], unwrap: list[str], chosen: list[str]) -> None:
         came = zip(names, contents, strict=True)
         order = {name: place for place, name in enumerate(chosen or [])}
         session.receive(sorted(came, key=lambda one: order.get(one[0], len(order))), bool(unwrap))
@@ -233,6 +235,7 @@ def connect(bench: Bench) -> None:
         {
             "demo": lambda session: recorder.start(session, *recorder.DEMO),
             "align": lambda session: align(session, True, "correct the torque"),
+            "leave-robot": Session.leave_robot,
             "align-back": lambda session: align(session, False, "take the torque as it was logged"),
         }
     )
