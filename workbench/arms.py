@@ -328,7 +328,7 @@ def _given(
     arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, model: str | None = None
 ) -> _Given:
     asked = given(arguments)
-    check_outputs(outputs, [*asked.files, *([model] if model else []), arguments.robot])
+    check_outputs(outputs, [*asked.files, arguments.robot])
     told = Asked.of_model(model) if model else Asked()
     asked = asked.read_as(told.log_format, model or "")
     sources = (*asked.fitted, *asked.held_out)

@@ -108,7 +108,7 @@ class ArmState(State):
     def read(self, source: Source) -> ArmRecording:
         """A recording of the robot; raises RecordingError, and InputError if a study has other joints move."""
         if source.joints not in (None, self.robot.joints):
-            raise InputError(f"{source.file.name}: its study has other joints move than those before: drop it first")
+            raise InputError(f"{source.file.name}: its study has other joints move: drop it together with the robot")
         return self.robot.read(replace(source, largest=UNPACKED))
 
     @cached_property

@@ -128,8 +128,8 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
     """Kicker, headline and lead of a state."""
     if not state.loaded:
         what = (
-            "Load recordings of a pendulum or of an arm, see where the model fails, learn which physical effect it lacks, add it, "
-            "and watch the error fall."
+            "Load recordings of a pendulum or an arm, see where the model fails, learn which physical effect it lacks, "
+            "add it, and watch the error fall."
         )
         return "Workbench", "What does your model lack?", [what]
     count = len(state.loaded)

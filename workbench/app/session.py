@@ -14,6 +14,7 @@ from typing import Any
 
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.mistake import Mistake
 from pendulum_env.reading import amount, read_archive
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
@@ -205,7 +206,7 @@ class Session:
         state = ArmState(robot=robot)
         try:
             old = tuple(replace(one, recording=state.read(one.source)) for one in self.state.loaded)
-        except RecordingError as error:
+        except Mistake as error:
             raise InputError(f"what is loaded is not of this robot: {self.told(error)}") from None
         self.change(f"take {robot.file.name} for the robot", replace(state, loaded=old))
         self.cards = ()

@@ -63,6 +63,7 @@ def show(session: Session) -> list[Component]:
 
 
 def upload(state: Work) -> Component:
+    """Where files come in."""
     ways = [
         drop([html.Strong("Choose recordings"), " or drop them here"], "upload", multiple=True),
         html.P(
@@ -108,6 +109,7 @@ def _record() -> Component:
 
 
 def recordings(state: Work) -> Component:
+    """What is loaded, as a table; of an arm, turns and torque are the largest of its joints."""
     stick = {} if isinstance(state, ArmState) else _share_in_stick(state)
     rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."

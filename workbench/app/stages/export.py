@@ -70,6 +70,7 @@ def show(session: Session) -> list[Component]:
 
 
 def code(text: str, id: str) -> Component:
+    """Lines to copy."""
     copy = dcc.Clipboard(target_id=id, title="copy", className="copy")
     return html.Div([html.Pre(text, id=id, tabIndex=0), copy], className="code")
 
