@@ -35,7 +35,7 @@ WIDTHS = (420, 800, 1024, 1280, 1920)  # [px], from a telephone to a large scree
 MS = 1000 * PATIENCE  # as Playwright counts
 STAGES = {
     "data": ".data .js-line",
-    "model": ".model .panel",
+    "model": ".model .js-line",
     "compare": ".compare .js-line",
     "diagnose": "#diagnose",
     "add": "#any",
@@ -583,8 +583,9 @@ def test_an_arm_from_its_file_to_an_effect_at_a_joint(tab: Tab, tmp_path: Path) 
     assert page.locator(".data .js-plotly-plot").count() == 2  # one strip a joint
     assert "joints that move" in page.inner_text("#stage") and "The torque of elbow" in tab.title()
     assert tab.unreadable() == []
-    tab.go("model")
-    assert "Filtered Hamiltonian" in page.inner_text("#stage") and "mz@elbow" in page.inner_text("#stage")
+    page.click("#to-model")
+    page.wait_for_selector("th:has-text('mz@elbow')")  # parameters
+    page.wait_for_selector("th:has-text('Filtered Hamiltonian')")  # schemes
     tab.go("compare")
     assert page.locator(".compare .js-plotly-plot").count() == 6
     tab.go("diagnose")

@@ -21,7 +21,7 @@ from workbench.arms import schemes_table
 from workbench.report.arm import Drawn, joints, parameters, strips, worst
 from workbench.report.figure import Figure, line, stacked, thin
 from workbench.report.sections.candidates import ranked
-from workbench.report.words import listing, number, opening
+from workbench.report.words import listing, name, number, opening
 from workbench.robot import held_text, straying
 
 
@@ -70,7 +70,7 @@ def arm_model(session: Session, state: ArmState) -> list[Component]:
     del session
     about = "The torque of each joint is that of rigid links, M(q) q'' + C(q, q') q' + g(q), with friction and effects."
     found = schemes_table(state.prepared.identification)  # type: ignore[arg-type]
-    headers = {name: k > 0 and name not in found.left for k, name in enumerate(found.headers)}
+    headers = {opening(name(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)}
     return [
         panel("The model", html.P(about)),
         panel("Parameters and how sure they are", fragment(parameters(drawn(state)))),
