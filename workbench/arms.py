@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,10 +26,13 @@ from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.plane import planar_links
 from pendulum_env.arms.recording import ArmRecording, write_arm_recording
 from pendulum_env.excitation import MOST_TORQUE
+from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import Source, read_as
 from pendulum_env.words import Table, parameters_table
+from workbench.export.joints import FORMATS
+from workbench.export.request import Request
 from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
 from workbench.mistakes import InputError
 from workbench.robot import RobotFile, held_text, looked_for, straying
@@ -251,6 +255,24 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terminal.heading("Parameters")
     terminal.table(*parameters_table(added.after.model))
     wrote(outputs, terminal)
+
+
+def export(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Write a model as MuJoCo's XML or as a robot description."""
+    _refuse(arguments, "mass", "armature", "drive", "callback", "check")
+    if arguments.to not in FORMATS:
+        raise InputError(f"an arm is exported to {enumerate_words(list(FORMATS))}, not to {arguments.to}")
+    check_outputs([arguments.output], [arguments.model, arguments.robot])
+    told = Asked.of_model(arguments.model)
+    body = _robot(arguments, replace(told, joints=arguments.joints or told.joints)).body(told.held)
+    found = FORMATS[arguments.to](ArmModel.load(arguments.model, body), Request(arguments.approximate, arguments.step))
+    if arguments.output is None:
+        sys.stdout.write(found.content)
+        return
+    write_whole(arguments.output, found.content)
+    for note in found.notes:
+        terminal.say(note, style="yellow")
+    wrote([arguments.output], terminal)
 
 
 def schemes_table(found: ArmIdentification) -> Table:

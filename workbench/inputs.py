@@ -209,14 +209,13 @@ def _page(text: str) -> str:
     return text
 
 
-def take_robot(parser: argparse.ArgumentParser) -> None:
+def take_robot(
+    parser: argparse.ArgumentParser,
+    meaning: str = "recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns time, "
+    "position_JOINT and torque_JOINT, or numbered",
+) -> None:
     """Declare the links of an arm, of which recordings then are."""
-    parser.add_argument(
-        "--robot",
-        metavar="ARM.urdf",
-        help="recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns time, "
-        "position_JOINT and torque_JOINT, or numbered",
-    )
+    parser.add_argument("--robot", metavar="ARM.urdf", help=meaning)
     parser.add_argument(
         "--rotors",
         action="store_true",

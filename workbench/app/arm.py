@@ -145,6 +145,11 @@ class ArmState(State):
         return (base, ("final model", "--final", self.last)) if len(self.ladder) > 1 else (base,)  # type: ignore[return-value]
 
     @property
+    def fitted(self) -> Fitted:
+        """What models are fitted to; raises InputError as `prepared`."""
+        return self.prepared  # type: ignore[return-value]
+
+    @property
     def rungs(self) -> tuple[Rung, ...]:
         """The ladder."""
         return self.ladder  # type: ignore[return-value]

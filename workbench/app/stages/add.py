@@ -75,9 +75,9 @@ def settled(state: Work) -> str:
     return f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
 
 
-def choice(state: Work, busy: bool, library: Mapping[str, str]) -> Component:
+def choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
     """What the diagnosis calls for, or any effect of the library."""
-    others = {id: label for id, label in library.items() if id not in state.model.effects}
+    others = {id: label for id, label in known.items() if id not in state.model.effects}
     kept: dict[str, Any] = {  # while a job ends and the page is drawn anew; a model with an effect more asks anew
         "persistence": f"beyond {' '.join(state.model.effects)}",
         "persistence_type": "session",

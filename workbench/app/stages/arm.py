@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 from dash import dcc, html
 from dash.development.base_component import Component
 
@@ -14,6 +15,7 @@ from workbench.app import card
 from workbench.app.arm import ArmState
 from workbench.app.asked import NOTHING
 from workbench.app.parts import button, dropdown, fragment, graph, labelled, panel, saves, table
+from workbench.app.recorder import DIAGNOSIS
 from workbench.app.saved import STUDY
 from workbench.app.session import Session
 from workbench.app.stages import add, data, diagnose, export, model
@@ -51,7 +53,7 @@ def _robot(state: ArmState) -> Component:
 def _courses(state: ArmState, k: int) -> list[Figure]:
     """Position and torque of each joint over time."""
     recording, body, found = state.recordings[k], state.body, []
-    for n, (joint, own) in enumerate(zip(body.joints, recording.joints, strict=True)):  # type: ignore[attr-defined]
+    for n, (joint, own) in enumerate(zip(body.joints, recording.joints, strict=True)):
         rad, torque = body.said(joint, "rad"), body.said(joint, "N m")
         kept = [thin(series) for series in (own.position, own.torque)]
         curves = [
@@ -69,7 +71,7 @@ def arm_model(session: Session, state: ArmState) -> list[Component]:
     """What the model is, its parameters, and the schemes side by side."""
     del session
     about = "The torque of each joint is that of rigid links, M(q) q'' + C(q, q') q' + g(q), with friction and effects."
-    found = schemes_table(state.prepared.identification)  # type: ignore[arg-type]
+    found = schemes_table(state.fitted.identification)
     headers = {opening(name(text)): k > 0 and text not in found.left for k, text in enumerate(found.headers)}
     return [
         panel("The model", html.P(about)),
@@ -159,7 +161,7 @@ def arm_export(session: Session, state: ArmState) -> list[Component]:
         (export.REPORT, "report", "one file to share: story, plots and tables; it needs no network and prints"),
         (export.MODEL, "model", "terms and parameters of the ladder's last model, for the command line and Python"),
     ]
-    saved += [(export.DIAGNOSIS, "diagnosis", "verdicts, for programs")] if state.diagnosis is not None else []
+    saved += [(DIAGNOSIS, "diagnosis", "verdicts, for programs")] if state.diagnosis is not None else []
     rows = [html.Li([saves(file, id, primary=id == "report"), html.Span(what)]) for file, id, what in saved]
     robot = html.P(f"{export.BESIDE} {state.robot.file.name} lies there, too.", className="note")
     return [
@@ -180,7 +182,7 @@ def commands(state: ArmState) -> str:
             start = export.MODEL
         else:
             looked = state.asked.options("only", "without")
-            written = ["--report", export.REPORT, "--json", export.DIAGNOSIS]
+            written = ["--report", export.REPORT, "--json", DIAGNOSIS]
             lines.append(["diagnose", STUDY, *robot, "--model", start, *looked, *written])
     return "\n".join(shlex.join([export.PROGRAM, *words]) for words in lines)
 
@@ -225,7 +227,11 @@ def told(state: ArmState) -> tuple[str, str, list[Any]]:
     lead = ["On data it was not fitted to, the model leaves ", html.B(shares(errors)), " of the joints' torque."]
     if state.diagnosis is not None and (state.found or not state.added):
         return kicker, state.diagnosis.headline, lead
-    return kicker, worst(errors), lead
+    if not state.added:
+        return kicker, worst(errors), lead
+    falls = [first.torque_rms / last.torque_rms for first, last in zip(state.rungs[0].holdout, errors, strict=True)]
+    joint, times = errors[int(np.argmax(falls))].joint, f"{number(max(falls), 2)} times smaller"
+    return kicker, f"With {listing(state.added)} the torque error of {joint} is {times}", lead
 
 
 def shares(errors: Sequence[Any]) -> str:
