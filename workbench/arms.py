@@ -15,6 +15,7 @@ from estimators.arms.addition import add_arm
 from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
 from estimators.arms.excitation import PERIOD, design_excitation
 from estimators.arms.following import follow
+from estimators.arms.gains import in_torque
 from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
 from estimators.arms.payload import Payload, find_payload
 from estimators.regression.equations import IdentificationError
@@ -38,7 +39,7 @@ from workbench.mistakes import InputError
 from workbench.robot import RobotFile, held_text, looked_for, straying
 from workbench.story import Story, judged, parameters_line
 from workbench.terminal import Terminal
-from workbench.words import enumerate_words
+from workbench.words import enumerate_words, plus_minus
 
 SAVED = "filtered_dynamic"  # whose model is written, if it was asked for
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
@@ -361,7 +362,26 @@ def _given(
     recordings = read_all(sources, terminal, robot.read)
     body = robot.body(told.held) if told.held else robot.holding(recordings)
     _tell_held(body, recordings, terminal)
-    return _Given(robot, body, recordings[: len(asked.fitted)], recordings[len(asked.fitted) :], asked.fitted)
+    torques = in_torque(recordings, body)
+    for joint, gain in torques.gains.items():
+        size = f"{plus_minus(gain.value, gain.std)} {body.said(joint, gain.unit)}"
+        terminal.say(f"torque gain of {joint}: {size}, as known loads tell it")
+    fitted, held_out = (
+        _without_loads(part, terminal)
+        for part in (torques.recordings[: len(asked.fitted)], torques.recordings[len(asked.fitted) :])
+    )
+    return _Given(robot, body, fitted, held_out, asked.fitted)
+
+
+def _without_loads(recordings: Sequence[ArmRecording], terminal: Terminal) -> list[ArmRecording]:
+    """Recordings of the arm with what it carries least: known loads tell gains, and are no part of the arm."""
+    carried = {0.0 if one.carried is None else one.carried.mass for one in recordings}
+    if len(carried) < 2:
+        return list(recordings)
+    loaded = [one for one in recordings if one.carried is not None and one.carried.mass > min(carried)]
+    names = enumerate_words([one.name for one in loaded])
+    terminal.say(f"not fitted, as a known load is no part of the arm: {names}")
+    return [one for one in recordings if one not in loaded]
 
 
 def _robot(arguments: argparse.Namespace, told: Asked) -> RobotFile:

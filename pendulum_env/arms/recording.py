@@ -18,7 +18,7 @@ from pendulum_env.recording.columns import UNUSED, named_column
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE, ColumnError
 from pendulum_env.recording.storage import write_recording
-from pendulum_env.recording.study import Source
+from pendulum_env.recording.study import Carried, Source
 
 QUANTITIES = ("position", "torque")
 
@@ -32,6 +32,9 @@ class ArmRecording(Recording):
     Attributes:
         names: of the joints that move (n,).
         still: positions (M,) of joints that do not move, of those that have a column, as rows of the file have them.
+        currents: units of joints whose torque is still a current, `A`, or another word of a motor whose gain is to be
+            found.
+        carried: what the arm is known to carry at its last link, if anything is known.
 
     Raises:
         RecordingError: as `Recording` does.
@@ -39,6 +42,20 @@ class ArmRecording(Recording):
 
     names: tuple[str, ...] = ()
     still: Mapping[str, Array] = field(default_factory=dict)
+    currents: Mapping[str, str] = field(default_factory=dict)
+    carried: Carried | None = None
+
+    def refuse_currents(self) -> None:
+        """Refuse what is no torque yet.
+
+        Raises:
+            RecordingError: if a joint's torque is a current whose gain nobody told.
+        """
+        for joint, unit in self.currents.items():
+            raise RecordingError(
+                f"{self.name}: joint '{joint}': torque is in {unit}, and nothing tells its gain: give it, --columns "
+                f"torque_{joint}=NAME:{unit}*0.4, for one, or record with a known load, too, which a study names"
+            )
 
     @classmethod
     def of(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> ArmRecording:
@@ -109,11 +126,6 @@ def read_arm_recording(
         except RecordingError as error:
             text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
             raise RecordingError(f"{path}: joint '{joint}': {text}") from None
-        if single[-1].torque_unit != NEWTON_METRE:
-            raise RecordingError(
-                f"{path}: joint '{joint}': torque is in {single[-1].torque_unit}, and no known load tells the gain of "
-                f"an arm: give it, --columns torque_{joint}=NAME:{single[-1].torque_unit}*0.4, for one"
-            )
     first = single[0]
     for joint, other in zip(joints, single, strict=True):
         same = len(other) == len(first) and other.starts == first.starts
@@ -130,6 +142,9 @@ def read_arm_recording(
         notes=tuple(dict.fromkeys(note for own in single for note in own.notes)),
         starts=first.starts,
         names=tuple(joints),
+        currents={
+            joint: own.torque_unit for joint, own in zip(joints, single, strict=True) if own.torque_unit != NEWTON_METRE
+        },
         still={joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED},
     )
 
@@ -156,12 +171,12 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
     """Read a recording of an arm as a study asks for.
 
     Raises:
-        RecordingError: as `read_arm_recording`, if there is too little within the range, or if a load is told: an arm
-            carries it in its links' parameters.
+        RecordingError: as `read_arm_recording`, if there is too little within the range, or if a load is told as that
+            of one joint.
     """
     if source.load is not None:
-        raise RecordingError(f"{source.file}: a load is of one joint: leave it out, an arm's last link carries it")
-    return source.within_range(_of_arm, tuple(joints), tuple(held))
+        raise RecordingError(f"{source.file}: a load of an arm is told by mass and center = [x, y, z]")
+    return replace(source.within_range(_of_arm, tuple(joints), tuple(held)), carried=source.carried)
 
 
 def _of_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> ArmRecording:

@@ -304,8 +304,8 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(caps
         (("diagnose", "plain.csv", "--only", "backlash"), "unknown effect of joints 'backlash'"),
         (("diagnose", "plain.csv", "--experiment", "x.csv"), "--experiment is for pendulums"),
         (("diagnose", "plain.csv", "--report", "x.pdf"), "a report is one HTML page"),
-        (("identify", "plain.csv", "--columns", "torque_elbow=torque_elbow:A*?"), "no known load tells the gain"),
-        (("identify", "loaded.toml"), "plain.csv: a load is of one joint"),
+        (("identify", "plain.csv", "--columns", "torque_elbow=torque_elbow:A*?"), "nothing tells its gain"),
+        (("identify", "loaded.toml"), "plain.csv: a load of an arm is told by mass and center"),
         (("compare", "none.json", "plain.csv"), "none.json"),
     ],
 )
