@@ -36,7 +36,7 @@ from workbench.export.joints import FORMATS
 from workbench.export.request import Request
 from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
 from workbench.mistakes import InputError
-from workbench.robot import RobotFile, held_text, looked_for, straying
+from workbench.robot import RobotFile, held_text, looked_for, meaning, straying
 from workbench.story import Story, judged, parameters_line
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words, plus_minus
@@ -366,6 +366,8 @@ def _given(
     for joint, gain in torques.gains.items():
         size = f"{plus_minus(gain.value, gain.std)} {body.said(joint, gain.unit)}"
         terminal.say(f"torque gain of {joint}: {size}, as known loads tell it")
+    for text in meaning(torques.recordings, body):
+        terminal.say(f"warning: {text}", style="yellow")
     fitted, held_out = (
         _without_loads(part, terminal)
         for part in (torques.recordings[: len(asked.fitted)], torques.recordings[len(asked.fitted) :])
@@ -387,7 +389,8 @@ def _without_loads(recordings: Sequence[ArmRecording], terminal: Terminal) -> li
 def _robot(arguments: argparse.Namespace, told: Asked) -> RobotFile:
     """The robot as the arguments, or else a model or a study, ask for it."""
     rotors = True if arguments.rotors else told.rotors
-    return RobotFile(Path(arguments.robot), told.joints, arguments.base is not None, rotors)
+    light = arguments.no_gravity or told.weightless
+    return RobotFile(Path(arguments.robot), told.joints, arguments.base is not None, rotors, light)
 
 
 def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:

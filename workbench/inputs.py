@@ -231,6 +231,11 @@ def take_robot(
     parser.add_argument(
         "--base", choices=("fixed",), help="with --robot: a base that floats in the file is bolted down"
     )
+    parser.add_argument(
+        "--no-gravity",
+        action="store_true",
+        help="with --robot: the driver takes the torque that gravity asks for off what is logged",
+    )
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -398,9 +403,9 @@ def given(arguments: argparse.Namespace) -> Given:
         InputError: if one is named twice, or none is to be fitted.
         StudyError: if a study makes no sense.
     """
-    for name in ("joints", "base"):
-        if getattr(arguments, name, None) is not None and arguments.robot is None:
-            raise InputError(f"--{name} is of an arm: give its links with --robot ARM.urdf")
+    for name in ("joints", "base", "no_gravity", "rotors"):
+        if getattr(arguments, name, None) not in (None, False) and arguments.robot is None:
+            raise InputError(f"--{name.replace('_', '-')} is of an arm: give its links with --robot ARM.urdf")
     names, held = list(arguments.recordings), list(getattr(arguments, "holdout", []))
     sources = [source for name in names for source in sources_of(name, arguments)]
     sources += [replace(source, role="holdout") for name in held for source in sources_of(name, arguments)]

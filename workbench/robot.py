@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimators.arms.meaning import shares
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.joints import at_joints, joint_effects, kind_at
 from pendulum_env.arms.recording import ArmRecording, read_arm_source
@@ -17,6 +18,7 @@ from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term
 from pendulum_env.recording import Source
+from pendulum_env.words import listing
 
 AWAY = 0.01  # [rad] or [m], from where a joint is held: beyond, it is said
 FORMATS = (".urdf", ".xml", ".mjcf")
@@ -31,12 +33,14 @@ class RobotFile:
         joints: that move; None: all that can.
         bolted: whether a base that floats is bolted down.
         rotors: whether motors have inertia of their own; None: as the file has it.
+        weightless: whether the driver takes gravity's torque off what it logs.
     """
 
     file: Path
     joints: tuple[str, ...] | None = None
     bolted: bool = False
     rotors: bool | None = None
+    weightless: bool = False
 
     def body(self, held: Mapping[str, float] | None = None) -> Body:
         """Its links, other joints held where they are told to be, or at zero; raises BodyError as `read_body`."""
@@ -56,7 +60,30 @@ class RobotFile:
 
 @lru_cache(maxsize=8)
 def _body(robot: RobotFile, held: tuple[tuple[str, float], ...]) -> Body:
-    return read_body(robot.file, joints=robot.joints, held=dict(held), bolted=robot.bolted, rotors=robot.rotors)
+    body = read_body(robot.file, joints=robot.joints, held=dict(held), bolted=robot.bolted, rotors=robot.rotors)
+    return body.weightless if robot.weightless else body
+
+
+def meaning(recordings: Sequence[ArmRecording], body: Body) -> list[str]:
+    """What the torques of recordings seem to be, where they are not those that the joints need, a question each."""
+    found = [] if any(one.currents for one in recordings) else shares(recordings, body)
+    weightless = [one.joint for one in found if one.is_weightless]
+    texts = []
+    if weightless:
+        joints = f"joint{'s' * (len(weightless) > 1)} {listing(weightless)}"
+        texts.append(f"no gravity in the torque of {joints}: does the driver take it off? Then say --no-gravity")
+    for one in found:
+        if one.is_geared:
+            texts.append(
+                f"the torque of joint {one.joint} is {one.weight:.2g} times what the links of the file need: is it the "
+                f"motor's, before its gear? Then say --columns torque_{one.joint}=NAME*{1 / one.weight:.3g}"
+            )
+        if one.is_reversed:
+            texts.append(
+                f"joint {one.joint} seems to carry the weight of its links upwards: does its torque, or its position, "
+                f"count the other way? Then say --columns torque_{one.joint}=-NAME, for one"
+            )
+    return texts
 
 
 def held_text(body: Body) -> str:

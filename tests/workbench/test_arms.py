@@ -148,6 +148,19 @@ def test_a_coupling_is_added_and_looked_for_as_any_effect(capsys, folder):
     assert main(["diagnose", str(folder / "hidden.csv"), "--only", "coupling"]) == 2  # a pendulum has no two joints
 
 
+def test_where_the_driver_takes_gravity_off_the_model_has_none(capsys, folder):
+    chosen = ("--seconds", "4", "--rate", "500", "--no-gravity", "-o", "light.csv")
+    code, _, _ = run(capsys, folder, "record", *chosen)
+    assert code == 0
+    code, out, _ = run(capsys, folder, "identify", "light.csv", "--scheme", "filtered_dynamic")
+    assert code == 0 and "no gravity in the torque of joints shoulder and elbow" in out
+    chosen = ("--no-gravity", "--scheme", "filtered_dynamic", "-o", "light.json")
+    code, out, _ = run(capsys, folder, "identify", "light.csv", *chosen)
+    assert code == 0 and "no gravity" not in out
+    code, out, _ = run(capsys, folder, "compare", "light.json", "light.csv")  # the model knows
+    assert code == 0 and all(float(line.split()[-2]) < 2 for line in out.splitlines() if line.endswith("%"))
+
+
 def test_what_is_compared_with_a_model_has_rotors_where_it_has(capsys, folder):
     chosen = ("--scheme", "filtered_dynamic", "-o", "rotors.json")
     code, _, _ = run(capsys, folder, "identify", "plain.csv", "--rotors", *chosen)

@@ -79,6 +79,7 @@ def _robot(arguments: argparse.Namespace, asked: Given) -> RobotFile | None:
         told.pop() if told else None,
         bolted=arguments.base is not None,
         rotors=arguments.rotors or None,
+        weightless=arguments.no_gravity,
     )
     robot.body()  # complains now
     return robot

@@ -139,8 +139,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         seconds = arguments.seconds or SECONDS
         arms.record(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
         return
-    for name in ("max_angle", "max_speed", "joints", "base"):
-        if getattr(arguments, name) is not None:
+    for name in ("max_angle", "max_speed", "joints", "base", "no_gravity", "rotors"):
+        if getattr(arguments, name) not in (None, False):
             raise InputError(f"--{name.replace('_', '-')} goes with --robot only: it is of an arm")
     rig = configured(arguments)
     rate = arguments.rate if rig is None else rig.rate
