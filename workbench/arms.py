@@ -42,6 +42,7 @@ from workbench.terminal import Terminal
 from workbench.words import enumerate_words, plus_minus
 
 SAVED = "filtered_dynamic"  # whose model is written, if it was asked for
+TIMES = "errors, times the least"  # a row that tells which schemes to trust
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
 
 
@@ -128,6 +129,8 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     _tell_body(body, terminal)
     terminal.heading("Estimates ± standard errors")
     terminal.table(*schemes_table(found))
+    if len(found.schemes) > 1:
+        terminal.say(f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1")
     for one in found.schemes.values():
         if one.hardly:
             terminal.say(
@@ -284,11 +287,11 @@ def schemes_table(found: ArmIdentification) -> Table:
         for name, own in first.estimates.items()
     ]
     rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
+    if len(found.schemes) == 1:
+        return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
     errors = np.array([[own.std for own in one.model.estimates.values()] for one in found.schemes.values()])
-    times = np.median(
-        errors / np.maximum(errors.min(axis=0), 1e-300), axis=1
-    )  # where few lie near 1, those are to trust
-    rows.append(("errors, times the least", *(f"{own:.2g}" for own in times.tolist()), ""))
+    times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
+    rows.append((TIMES, *(f"{own:.2g}" for own in times.tolist()), ""))
     return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
 
 

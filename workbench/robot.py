@@ -75,8 +75,8 @@ def meaning(recordings: Sequence[ArmRecording], body: Body) -> list[str]:
     for one in found:
         if one.is_geared:
             texts.append(
-                f"the torque of joint {one.joint} is {one.weight:.2g} times what the links of the file need: is it the "
-                f"motor's, before its gear? Then say --columns torque_{one.joint}=NAME*{1 / one.weight:.3g}"
+                f"the torque of joint {one.joint} is about {one.weight:.1g} times what the links of the file need: is "
+                f"it the motor's, before its gear? Then say --columns torque_{one.joint}=NAME*RATIO"
             )
         if one.is_reversed:
             texts.append(

@@ -123,7 +123,7 @@ class ArmState(State):
         if not train:
             return "every recording is held out: keep one to fit the model to" if holdout else NO_RECORDING
         try:
-            return fit_arm(self.body, tuple(train), tuple(holdout), self.terms)  # type: ignore[arg-type]
+            return fit_arm(self.body, tuple(train), tuple(holdout), self.terms)
         except (Mistake, IdentificationError) as error:
             return str(error)
 

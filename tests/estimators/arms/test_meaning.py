@@ -45,8 +45,7 @@ def test_a_driver_that_takes_gravity_off_is_noticed(plain):
 
 def test_torques_before_a_gear_and_of_another_sign_are_noticed(plain):
     body = six_joint.body()
-    (text,) = meaning([column(plain, "elbow", 1 / 80)], body)
-    assert "torque of joint elbow is 0.012" in text and "before its gear" in text
-    assert 75 < float(text.rpartition("*")[2]) < 85
+    (text,) = meaning([column(plain, "shoulder", 1 / 80)], body)
+    assert "torque of joint shoulder is about 0.01 times" in text and "before its gear" in text
     (text,) = meaning([column(plain, "shoulder", -1.0)], body)
     assert "joint shoulder seems to carry the weight of its links upwards" in text

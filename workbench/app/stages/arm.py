@@ -52,7 +52,8 @@ def _robot(state: ArmState) -> Component:
 
 def _courses(state: ArmState, k: int) -> list[Figure]:
     """Position and torque of each joint over time."""
-    recording, body, found = state.recordings[k], state.body, []
+    recording: Any = state.recordings[k]
+    body, found = state.body, []
     for n, (joint, own) in enumerate(zip(body.joints, recording.joints, strict=True)):
         rad, torque = body.said(joint, "rad"), body.said(joint, "N m")
         kept = [thin(series) for series in (own.position, own.torque)]

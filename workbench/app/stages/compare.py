@@ -87,7 +87,10 @@ def _regions(points: Points, shown: int) -> Component:
         for k, region in enumerate(_standing_out(points, shown))
     ]
     listed = html.Ul([html.Li(row) for row in rows], className="regions-list")
-    return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."))
+    overlap = [html.P("Regions of different quantities may be of the same moments.", className="note")] * (
+        len(rows) > 1
+    )
+    return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."), *overlap)
 
 
 def _alike(state: Work, points: Points, shown: int) -> Component:
