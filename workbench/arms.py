@@ -362,6 +362,7 @@ def _given(
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
     robot = _robot(arguments, replace(told, joints=named.pop() if named else told.joints))
+    body = robot.body()  # what is wrong with it is told first
     recordings = read_all(sources, terminal, robot.read)
     body = robot.body(told.held) if told.held else robot.holding(recordings)
     _tell_held(body, recordings, terminal)

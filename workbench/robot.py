@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -14,6 +14,7 @@ from estimators.arms.meaning import shares
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.joints import at_joints, joint_effects, kind_at
 from pendulum_env.arms.recording import ArmRecording, read_arm_source
+from pendulum_env.arms.robot import pinocchio
 from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term
@@ -44,7 +45,10 @@ class RobotFile:
 
     def body(self, held: Mapping[str, float] | None = None) -> Body:
         """Its links, other joints held where they are told to be, or at zero; raises BodyError as `read_body`."""
-        return _body(self, tuple((held or {}).items()))
+        pinocchio()
+        status = self.file.stat() if self.file.exists() else None
+        changed = (status.st_mtime_ns, status.st_size) if status else None
+        return _body(self, tuple((held or {}).items()), changed)
 
     def read(self, source: Source) -> ArmRecording:
         """A recording of it; raises RecordingError as `read_arm_source`."""
@@ -59,7 +63,8 @@ class RobotFile:
 
 
 @lru_cache(maxsize=8)
-def _body(robot: RobotFile, held: tuple[tuple[str, float], ...]) -> Body:
+def _body(robot: RobotFile, held: tuple[tuple[str, float], ...], changed: Hashable) -> Body:
+    """Links of a file of that time and size; the last ones are kept."""
     body = read_body(robot.file, joints=robot.joints, held=dict(held), bolted=robot.bolted, rotors=robot.rotors)
     return body.weightless if robot.weightless else body
 
