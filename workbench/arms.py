@@ -43,6 +43,7 @@ from workbench.words import enumerate_words, plus_minus
 
 SAVED = "filtered_dynamic"  # whose model is written, if it was asked for
 TIMES = "errors, times the least"  # a row that tells which schemes to trust
+TRUST = f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1"
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
 
 
@@ -130,7 +131,7 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terminal.heading("Estimates ± standard errors")
     terminal.table(*schemes_table(found))
     if len(found.schemes) > 1:
-        terminal.say(f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1")
+        terminal.say(TRUST)
     for one in found.schemes.values():
         if one.hardly:
             terminal.say(

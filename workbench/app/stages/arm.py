@@ -19,7 +19,7 @@ from workbench.app.recorder import DIAGNOSIS
 from workbench.app.saved import STUDY
 from workbench.app.session import Session
 from workbench.app.stages import add, data, diagnose, export, model
-from workbench.arms import schemes_table
+from workbench.arms import TRUST, schemes_table
 from workbench.report.arm import Drawn, joints, parameters, strips, worst
 from workbench.report.figure import Figure, line, stacked, thin
 from workbench.report.sections.candidates import ranked
@@ -77,7 +77,7 @@ def arm_model(session: Session, state: ArmState) -> list[Component]:
     return [
         panel("The model", html.P(about)),
         panel("Parameters and how sure they are", fragment(parameters(drawn(state)))),
-        panel("Schemes side by side", table(headers, found.rows, "Schemes")),
+        panel("Schemes side by side", table(headers, found.rows, "Schemes"), html.P(f"{opening(TRUST)}.")),
         model.begin_anew(state),
     ]
 
