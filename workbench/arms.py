@@ -15,7 +15,7 @@ from estimators.arms.addition import add_arm
 from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
 from estimators.arms.excitation import PERIOD, design_excitation
 from estimators.arms.following import follow
-from estimators.arms.gains import in_torque
+from estimators.arms.gains import in_torque, without_loads
 from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
 from estimators.arms.payload import Payload, find_payload
 from estimators.regression.equations import IdentificationError
@@ -51,7 +51,7 @@ def record(
     arguments: argparse.Namespace, seconds: float, samples: int, rng: np.random.Generator, terminal: Terminal
 ) -> None:
     """Design a motion, let the simulated arm follow it, and write what it did."""
-    _refuse(arguments, "policy", "until", "diagnosis", "replay", "config", "theta")
+    _refuse(arguments)
     for name, own in (("excitation", ("multisine",)), ("backend", ("pymunk", "mujoco"))):
         if (asked := getattr(arguments, name)) not in (None, *own):
             raise InputError(f"--{name} {asked} is for pendulums: arms know {' and '.join(own)} alone")
@@ -121,7 +121,7 @@ def _simulated(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
 
 def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print base parameters and friction as each scheme finds them."""
-    _refuse(arguments, "align", "instruments", "fixed", "bounds")
+    _refuse(arguments)
     outputs = [arguments.json, arguments.output]
     asked = _given(arguments, outputs, terminal)
     body, recordings = asked.body, asked.recordings
@@ -147,7 +147,7 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print how far the torque of a model is from recordings, joint by joint."""
-    _refuse(arguments, "align", "loop")
+    _refuse(arguments)
     if arguments.without and arguments.payload is None:
         raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]
@@ -216,8 +216,7 @@ def _tell_payload(found: Payload, body: Body, terminal: Terminal) -> None:
 
 def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print which effects are missing at which joints."""
-    limits = "max_torque", "max_angle", "max_speed", "experiment"
-    _refuse(arguments, *limits, "fixed", "bounds", "instruments")
+    _refuse(arguments)
     outputs = [arguments.json, arguments.report, arguments.output]
     asked = _given(arguments, outputs, terminal, arguments.model)
     body, recordings, held = asked.body, asked.recordings, asked.held
@@ -238,7 +237,7 @@ def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit a model without and with one more effect at a joint."""
-    _refuse(arguments, "align", "fixed", "bounds")
+    _refuse(arguments)
     outputs = [arguments.output]
     asked = _given(arguments, outputs, terminal, arguments.model)
     body, recordings, held = asked.body, asked.recordings, asked.held
@@ -264,7 +263,7 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def export(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Write a model as MuJoCo's XML or as a robot description."""
-    _refuse(arguments, "mass", "armature", "drive", "callback", "check")
+    _refuse(arguments)
     if arguments.to not in FORMATS:
         raise InputError(f"an arm is exported to {enumerate_words(list(FORMATS))}, not to {arguments.to}")
     check_outputs([arguments.output], [arguments.model, arguments.robot])
@@ -382,13 +381,10 @@ def _given(
 
 def _without_loads(recordings: Sequence[ArmRecording], terminal: Terminal) -> list[ArmRecording]:
     """Recordings of the arm with what it carries least: known loads tell gains, and are no part of the arm."""
-    carried = {0.0 if one.carried is None else one.carried.mass for one in recordings}
-    if len(carried) < 2:
-        return list(recordings)
-    loaded = [one for one in recordings if one.carried is not None and one.carried.mass > min(carried)]
-    names = enumerate_words([one.name for one in loaded])
-    terminal.say(f"not fitted, as a known load is no part of the arm: {names}")
-    return [one for one in recordings if one not in loaded]
+    left = without_loads(recordings)
+    if loaded := [one.name for one in recordings if one not in left]:
+        terminal.say(f"not fitted, as a known load is no part of the arm: {enumerate_words(loaded)}")
+    return left
 
 
 def _robot(arguments: argparse.Namespace, told: Asked) -> RobotFile:
@@ -406,9 +402,9 @@ def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Termina
         terminal.say(f"warning: {text}", style="yellow")
 
 
-def _refuse(arguments: argparse.Namespace, *options: str) -> None:
+def _refuse(arguments: argparse.Namespace) -> None:
     """Refuse options that say nothing of an arm."""
-    for option in options:
+    for option in arguments.of_pendulums:
         if getattr(arguments, option) not in (None, False, {}):
             name = {"fixed": "fix", "bounds": "bound"}.get(option, option.replace("_", "-"))
             raise InputError(f"--{name} is for pendulums: leave it out with --robot")

@@ -238,6 +238,14 @@ def take_robot(
     )
 
 
+def of_pendulums(parser: argparse.ArgumentParser, *options: str) -> None:
+    """Declare, once all options are, which of them say nothing of an arm: see `arms._refuse`."""
+    for action in parser._actions:
+        if action.dest in options:
+            action.help = f"{action.help} [not with --robot]"
+    parser.set_defaults(of_pendulums=options)
+
+
 def _names(text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):

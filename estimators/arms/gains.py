@@ -70,6 +70,12 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
     return Torques(tuple(_converted(recording, gains) for recording in recordings), gains)
 
 
+def without_loads(recordings: Sequence[ArmRecording]) -> list[ArmRecording]:
+    """Recordings of the arm with what it carries least, which is part of it: known loads are not."""
+    least = min((0.0 if one.carried is None else one.carried.mass for one in recordings), default=0.0)
+    return [one for one in recordings if one.carried is None or one.carried.mass <= least]
+
+
 def _standard(carried: Carried, body: Body) -> Array:
     """Standard parameters (S,) of a weight that is small, in the frame of the last joint."""
     m, c = carried.mass, np.array(carried.center)

@@ -20,6 +20,7 @@ from pendulum_env.arms.recording import ArmRecording
 FAST = 0.05  # of a joint's largest speed, from which friction has its full size
 NOTABLE = 0.2  # share of the file's torque that weight is at least, for anything to be said
 LITTLE, SURE = 0.2, 4.0  # share of the weight below which it is not there, and standard errors that make it sure
+POINTS = 2000  # samples that are looked at
 BLOCKS = 20  # of neighbouring samples, which err alike
 
 
@@ -68,19 +69,21 @@ def shares(recordings: Sequence[ArmRecording], body: Body) -> list[Share]:
     """
     found = []
     parts = [m for recording in recordings for m in measure_arm(recording)]
-    moves = [motion(m) for m in parts]
-    torques = [[(body.torque(q, v * moving, a * moving) @ body.values) for moving in (0.0, 1.0)] for q, v, a in moves]
+    step = max(1, sum(len(m[0]) for m in parts) // POINTS)
+    moves = [tuple(series[::step] for series in motion(m)) for m in parts]
+    still = np.concatenate([body.torque(q, 0 * v, 0 * a) @ body.values for q, v, a in moves])  # (N, n)
+    moved = np.concatenate([body.torque(q, v, a) @ body.values for q, v, a in moves]) - still
+    speed = np.concatenate([v for _, v, _ in moves])
+    torque, moving = (
+        np.concatenate([np.column_stack([getattr(m[k], what)[::step] for k in range(len(m))]) for m in parts])
+        for what in ("torque", "moving")
+    )
     for k, joint in enumerate(body.joints):
-        rows = [
-            (np.column_stack([still[:, k], (moved - still)[:, k], v[:, k], np.sign(v[:, k]), np.ones(len(v))]), m[k])
-            for m, (_, v, _), (still, moved) in zip(parts, moves, torques, strict=True)
-        ]
-        fast = FAST * max(float(np.abs(m.velocity).max()) for _, m in rows)
-        use = [m.moving & (np.abs(m.velocity) > fast) for _, m in rows]
-        phi = np.concatenate([columns[own] for (columns, _), own in zip(rows, use, strict=True)])
-        y = np.concatenate([m.torque[own] for (_, m), own in zip(rows, use, strict=True)])
-        notable = len(y) > BLOCKS and np.std(phi[:, 0]) > NOTABLE * np.std(phi[:, 0] + phi[:, 1])
-        value, std = _weighed(phi, y) if notable else (np.full(5, np.nan), np.full(5, np.nan))
+        v = speed[:, k]
+        use = moving[:, k] & (np.abs(v) > FAST * np.abs(v).max())
+        phi = np.column_stack([still[:, k], moved[:, k], v, np.sign(v), np.ones(len(v))])[use]
+        notable = use.sum() > BLOCKS and np.std(phi[:, 0]) > NOTABLE * np.std(phi[:, 0] + phi[:, 1])
+        value, std = _weighed(phi, torque[use, k]) if notable else (np.full(5, np.nan), np.full(5, np.nan))
         found.append(Share(joint, float(value[0]), float(std[0]), float(value[1])))
     return found
 

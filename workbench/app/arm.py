@@ -10,6 +10,7 @@ from typing import Any
 
 from estimators.arms.addition import ArmAddition, add_arm
 from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm, parted
+from estimators.arms.gains import in_torque, without_loads
 from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
 from estimators.progress import Progress
 from estimators.regression.equations import IdentificationError
@@ -21,7 +22,7 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import TABLES
-from pendulum_env.recording import Source
+from pendulum_env.recording import Recording, Source
 from workbench.app.asked import Asked
 from workbench.app.jobs import Task
 from workbench.app.state import NO_RECORDING, State
@@ -29,7 +30,7 @@ from workbench.app.uploads import UNPACKED
 from workbench.mistakes import InputError
 from workbench.report.arm import render_arm, render_arm_comparison
 from workbench.report.words import name, opening
-from workbench.robot import RobotFile, looked_for
+from workbench.robot import RobotFile, looked_for, meaning, straying
 
 SCHEMES = for_arms([scheme(id) for id in ("dynamic", "filtered_dynamic", "filtered_hamiltonian")])  # the sure ones
 SAVED = "filtered_dynamic"  # the scheme whose model is the base model, as of `identify --robot`
@@ -117,12 +118,24 @@ class ArmState(State):
         return self.robot.holding([one.recording for one in self.loaded if isinstance(one.recording, ArmRecording)])
 
     @cached_property
+    def _torques(self) -> tuple[ArmRecording, ...]:
+        """What is loaded, currents turned into torques where known loads tell the gains."""
+        return in_torque([one.recording for one in self.loaded], self.body).recordings  # type: ignore[misc]
+
+    @property
+    def recordings(self) -> list[Recording]:
+        """Those that are loaded, in N m as far as that is known."""
+        return list(self._torques)
+
+    @cached_property
     def _prepared(self) -> Fitted | str:  # type: ignore[override]
-        parts = ([one.recording for one in self.loaded if one.held_out == held] for held in (False, True))
-        train, holdout = parts
-        if not train:
-            return "every recording is held out: keep one to fit the model to" if holdout else NO_RECORDING
         try:
+            both = list(zip(self.loaded, self._torques, strict=True))
+            train, holdout = (
+                without_loads([own for one, own in both if one.held_out == held]) for held in (False, True)
+            )
+            if not train:
+                return "every recording is held out: keep one to fit the model to" if holdout else NO_RECORDING
             return fit_arm(self.body, tuple(train), tuple(holdout), self.terms)
         except (Mistake, IdentificationError) as error:
             return str(error)
@@ -148,6 +161,12 @@ class ArmState(State):
     def fitted(self) -> Fitted:
         """What models are fitted to; raises InputError as `prepared`."""
         return self.prepared  # type: ignore[return-value]
+
+    @cached_property
+    def questions(self) -> list[str]:
+        """What is doubtful in the recordings, a sentence or a question each."""
+        away = straying(self.body, self._torques)
+        return away if self.trouble else [*away, *meaning(self._torques, self.body)]
 
     @property
     def rungs(self) -> tuple[Rung, ...]:

@@ -11,6 +11,7 @@ from workbench.inputs import (
     check_outputs,
     given,
     in_time,
+    of_pendulums,
     read_model,
     read_recordings,
     take_align,
@@ -57,6 +58,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with --payload: a recording without it (may be repeated), to which the model is fitted anew",
     )
     parser.add_argument("--json", metavar="FILE", help="write errors, profiles and regions")
+    of_pendulums(parser, "align", "loop", "drive")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -19,6 +19,7 @@ from workbench.inputs import (
     ids,
     in_torque,
     number,
+    of_pendulums,
     read_model,
     read_recordings,
     refuse_joint,
@@ -81,6 +82,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
     take_report(parser)
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
+    of_pendulums(
+        parser, "max_torque", "max_angle", "max_speed", "experiment", "fixed", "bounds", "instruments", "drive"
+    )
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

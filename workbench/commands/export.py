@@ -17,6 +17,7 @@ from workbench.export.request import Language
 from workbench.inputs import (
     check_outputs,
     number,
+    of_pendulums,
     read_model,
     read_recordings,
     sources_of,
@@ -74,6 +75,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     take_reading(parser)
     take_robot(parser, "the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf")
+    of_pendulums(parser, "mass", "armature", "drive", "callback", "check")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -24,7 +24,7 @@ from workbench.report.arm import Drawn, joints, parameters, strips, worst
 from workbench.report.figure import Figure, line, stacked, thin
 from workbench.report.sections.candidates import ranked
 from workbench.report.words import listing, name, number, opening
-from workbench.robot import held_text, straying
+from workbench.robot import held_text
 
 
 def arm_data(session: Session, state: ArmState) -> list[Component]:
@@ -42,7 +42,7 @@ def _robot(state: ArmState) -> Component:
     said = [
         f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters.",
         *([f"{opening(text)}."] if (text := held_text(body)) else []),
-        *(f"{opening(text.partition(':')[0])}." for text in straying(body, [one.recording for one in state.loaded])),  # type: ignore[misc]
+        *(f"{opening(text)}." for text in state.questions),
         *([f"{opening(state.trouble)}."] if state.trouble else []),
         "Columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
         "(joints) and what other columns mean.",
@@ -107,7 +107,7 @@ def arm_compare(session: Session, state: ArmState) -> list[Component]:
 
 def views(state: ArmState, id: str) -> list[Component]:
     """Residuals of a recording, joint by joint, under the ends of the ladder."""
-    recording = state.find(id).recording
+    recording = state.recordings[state.loaded.index(state.find(id))]
     section = strips(drawn(state), gather_arm([recording], state.last.model.terms))  # type: ignore[list-item]
     parts = []
     for strip in section.content["strips"]:
