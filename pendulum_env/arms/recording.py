@@ -199,7 +199,7 @@ def _told(
             find("column of the arm", name, dict.fromkeys(["time", *wanted]))
         except ValueError as error:
             raise ColumnError(f"{path}: {error}") from None
-    plain = {re.split(r"[\[(]", header)[0].strip(): header for header in headers}  # without units
+    plain = without_units(headers)
     found = {name: plain[name] for name in wanted if name in plain} | given
     for quantity in QUANTITIES:
         numbered = sorted(
@@ -210,17 +210,22 @@ def _told(
         if len(missing) == len(joints) == len(numbered):
             found |= {f"{quantity}_{joint}": plain[name] for joint, name in zip(joints, numbered, strict=True)}
         elif missing:
-            raise RecordingError(
+            raise ColumnError(
                 f"{path}: {len(joints)} joints need as many columns of {quantity}, there is none for "
                 f"{', '.join(missing)}: name them {quantity}_{missing[0]} and so on, say which with --columns, or hold "
                 "joints by naming those that move, --joints A,B,C (joints=)"
             )
         for header in plain:
             if header.startswith(f"{quantity}_") and header not in wanted and plain[header] not in found.values():
-                raise RecordingError(
+                raise ColumnError(
                     f"{path}: column '{header}' is of no joint of the robot, which has {', '.join((*joints, *held))}"
                 )
     return found
+
+
+def without_units(headers: Sequence[str]) -> dict[str, str]:
+    """Headers by their names alone: `position_lift` of `position_lift [mm]`."""
+    return {re.split(r"[\[(]", header)[0].strip(): header for header in headers}
 
 
 def write_arm_recording(recording: ArmRecording, path: str | os.PathLike[str]) -> None:

@@ -102,6 +102,11 @@ class ArmState(State):
         return self.robot.joints
 
     @property
+    def moving(self) -> tuple[str, ...]:
+        """Joints that recordings are of."""
+        return self.robot.body().joints
+
+    @property
     def files(self) -> set[Path]:
         """Files that the state speaks of."""
         return {*super().files, self.robot.file}

@@ -227,11 +227,8 @@ class Session:
             try:
                 loaded.append(Loaded.of(source, [*self.state.loaded, *loaded], read=self.state.read))
             except ColumnError as error:
-                if isinstance(self.state, ArmState):  # the card knows no joints
-                    refused.append(sentence(error))
-                    continue
                 try:
-                    self.cards = (*self.cards, Card.of(source, why=self.told(error)))
+                    self.cards = (*self.cards, Card.of(source, why=self.told(error), joints=self.state.moving))
                 except RecordingError:
                     refused.append(sentence(error))
             except MISTAKES as mistake:
@@ -282,7 +279,7 @@ class Session:
         Raises:
             RecordingError: if there is nothing to choose.
         """
-        card = Card.of(self.state.find(id).source, known=id)
+        card = Card.of(self.state.find(id).source, known=id, joints=self.state.moving)
         self.cards = (card, *(other for other in self.cards if other.known != id))
 
     def answer(self, card: Card) -> None:

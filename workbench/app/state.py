@@ -177,6 +177,11 @@ class State:
         return None
 
     @property
+    def moving(self) -> tuple[str, ...]:
+        """Joints of an arm that recordings are of; none of a pendulum."""
+        return ()
+
+    @property
     def files(self) -> set[Path]:
         """Files that the state speaks of."""
         return {one.source.file for one in self.loaded}

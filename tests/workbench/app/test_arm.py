@@ -17,6 +17,7 @@ from workbench.cli import main
 pytest.importorskip("dash")
 
 from workbench.app.arm import ArmState
+from workbench.app.mapping import Choice
 from workbench.app.session import Session
 from workbench.app.stages import arm
 from workbench.app.stages.export import FILES
@@ -101,11 +102,33 @@ def test_a_robot_may_come_after_its_recordings_and_be_left(session, tmp_path):
     assert isinstance(session.state, ArmState) and [one.id for one in session.state.loaded] == ["run.csv"]
     assert not session.cards and files_of(session) == ["arm.urdf", "run.csv"]
     upload(session, "swing.csv", b"time,position,torque\n0,0,1\n0.01,0.1,1\n0.02,0.3,1\n")
-    assert "swing.csv" in session.notice and "position_shoulder" in session.notice
+    (card,) = session.cards
+    assert "position_shoulder" in card.why and card.roles[1:3] == ("position_shoulder", "torque_shoulder")
+    session.cards = ()
     session.act(session.leave_robot)
     assert session.state.loaded == () and type(session.state) is State
     session.act(session.undo)
     assert isinstance(session.state, ArmState) and len(session.state.loaded) == 1
+
+
+def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
+    robot, run = two_link(tmp_path, 4.0)
+    header, rows = run.read_text().split("\n", 1)
+    assert header == "time,position_shoulder,position_elbow,torque_shoulder,torque_elbow"
+    run.write_text(f"time,position_shoulder,enc2,torque_shoulder,i2\n{rows}")
+    drop(session, robot, run)
+    (card,) = session.cards
+    assert [choice.role for choice in card.choices] == ["time", "position_shoulder", "", "torque_shoulder", ""]
+    assert stage_text(session).count("on the side of the joint") == 1
+    choices = list(card.choices)
+    choices[2], choices[4] = Choice("position_elbow"), Choice("torque_elbow", "A", "*0.5")
+    session.act(lambda: session.answer(card.told(choices, False, (None, None))))
+    assert session.notice == "" and not session.cards and not session.state.trouble
+    assert session.state.loaded[0].source.columns["torque_elbow"] == "i2:A*0.5"
+
+
+def stage_text(session) -> str:
+    return str(arm.STAGES["data"](session, session.state))
 
 
 def test_joints_of_a_study_move_and_others_are_held_where_the_recordings_have_them(session, tmp_path):

@@ -111,10 +111,10 @@ def views(state: ArmState, id: str) -> list[Component]:
     section = strips(drawn(state), gather_arm([recording], state.last.model.terms))  # type: ignore[list-item]
     parts = []
     for strip in section.content["strips"]:
-        told = [
-            html.P(f"Under the {own['label']}: {listing(own['regions']) or 'nothing stands out'}.", className="note")
-            for own in strip["regions"]
-        ]
+        told = []
+        for own in strip["regions"]:
+            told.append(html.P(f"Under the {own['label']}{':' if own['regions'] else ' nothing stands out.'}"))
+            told.append(html.Ul([html.Li(opening(text)) for text in own["regions"]], className="regions-list"))
         plots = [graph(figure) for figure in strip["figures"]]
         parts.append(panel(strip["joint"], html.Div(plots, className="grid strip"), *told))
     return parts
