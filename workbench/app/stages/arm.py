@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from workbench.app.session import Session
 from workbench.app.stages import add, data, diagnose, export, model
 from workbench.arms import TRUST, schemes_table
 from workbench.report.arm import Drawn, joints, parameters, strips, worst
-from workbench.report.figure import Figure, line, stacked, thin
+from workbench.report.figure import Figure
 from workbench.report.sections.candidates import ranked
 from workbench.report.words import listing, name, number, opening
 from workbench.robot import held_text
@@ -53,19 +54,11 @@ def _robot(state: ArmState) -> Component:
 def _courses(state: ArmState, k: int) -> list[Figure]:
     """Position and torque of each joint over time."""
     recording: Any = state.recordings[k]
-    body, found = state.body, []
-    for n, (joint, own) in enumerate(zip(body.joints, recording.joints, strict=True)):
-        rad, torque = body.said(joint, "rad"), body.said(joint, "N m")
-        kept = [thin(series) for series in (own.position, own.torque)]
-        curves = [
-            line(own.time[kept[0]], own.position[kept[0]], "position", "--final", rad, yaxis="y", showlegend=False),
-            line(own.time[kept[1]], own.torque[kept[1]], "torque", "--train", torque, yaxis="y2", showlegend=False),
-        ]
-        layout = stacked(f"position [{rad}]", f"torque [{torque}]", "time [s]")
-        title = f"{joint}, {recording.name}"
-        layout |= {"margin": {"t": 40}, "title": {"text": title, "x": 0, "xref": "paper", "font": {"size": 14}}}
-        found.append(Figure(f"course-{k}-{n}", f"Position and torque over time, {title}", curves, layout, 260))
-    return found
+    joints = zip(state.body.joints, recording.joints, strict=True)
+    return [
+        data.course(own, f"course-{k}-{n}", f"{joint}, {recording.name}", partial(state.body.said, joint), 260)
+        for n, (joint, own) in enumerate(joints)
+    ]
 
 
 def arm_model(session: Session, state: ArmState) -> list[Component]:
@@ -111,7 +104,7 @@ def views(state: ArmState, id: str) -> list[Component]:
     section = strips(drawn(state), gather_arm([recording], state.last.model.terms))  # type: ignore[list-item]
     parts = []
     for strip in section.content["strips"]:
-        told = []
+        told: list[Component] = []
         for own in strip["regions"]:
             told.append(html.P(f"Under the {own['label']}{':' if own['regions'] else ' nothing stands out.'}"))
             told.append(html.Ul([html.Li(opening(text)) for text in own["regions"]], className="regions-list"))

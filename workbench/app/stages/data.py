@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,10 @@ def show(session: Session) -> list[Component]:
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
     parts.append(html.Div([upload(state), _record()], className="columns"))
     if state.loaded:
-        plots = [graph(_course(recording, k)) for k, recording in enumerate(state.recordings[:DRAWN])]
+        plots = [
+            graph(course(recording, f"course-{k}", recording.name))
+            for k, recording in enumerate(state.recordings[:DRAWN])
+        ]
         parts += [recordings(state), *timing(state), _telling(state), html.Div(plots, className="panel")]
     return parts
 
@@ -194,19 +198,19 @@ def timing(state: Work) -> list[Component]:
     return [panel("Torque and motion in time", *said, *press)] if said else []
 
 
-def _course(r: Recording, k: int) -> Figure:
-    """Position and torque over time."""
+def course(r: Recording, id: str, title: str, said: Callable[[str], str] = str, height: int = 340) -> Figure:
+    """Position and torque over time; `said` is a unit as it is for the joint."""
     data = []
     for series, label, color, unit, where in (
         (r.position, "position", "--final", "rad", "y"),
         (r.torque, "torque", "--train", "N m", "y2"),
     ):
         kept = thin(series)
-        data.append(line(r.time[kept], series[kept], label, color, unit, yaxis=where, showlegend=False))
-    layout = stacked("position [rad]", "torque [N m]", "time [s]")
+        data.append(line(r.time[kept], series[kept], label, color, said(unit), yaxis=where, showlegend=False))
+    layout = stacked(said("position [rad]"), said("torque [N m]"), "time [s]")
     layout["margin"] = {"t": 40}
-    layout["title"] = {"text": r.name, "x": 0, "xref": "paper", "font": {"size": 14}}
-    return Figure(f"course-{k}", f"Position and torque over time, {r.name}", data, layout, 340)
+    layout["title"] = {"text": title, "x": 0, "xref": "paper", "font": {"size": 14}}
+    return Figure(id, f"Position and torque over time, {title}", data, layout, height)
 
 
 def connect(bench: Bench) -> None:
