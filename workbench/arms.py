@@ -41,7 +41,7 @@ from workbench.story import Story, judged, parameters_line
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words, plus_minus
 
-SAVED = "filtered_dynamic"  # whose model is written, if it was asked for
+SAVED = "filtered_dynamic"  # whose model is written, or the base model
 TIMES = "errors, times the least"  # a row that tells which schemes to trust
 TRUST = f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1"
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least

@@ -27,13 +27,13 @@ from workbench.app.asked import Asked
 from workbench.app.jobs import Task
 from workbench.app.state import NO_RECORDING, State
 from workbench.app.uploads import UNPACKED
+from workbench.arms import SAVED
 from workbench.mistakes import InputError
 from workbench.report.arm import render_arm, render_arm_comparison
 from workbench.report.words import name, opening
 from workbench.robot import RobotFile, looked_for, meaning, straying
 
 SCHEMES = for_arms([scheme(id) for id in ("dynamic", "filtered_dynamic", "filtered_hamiltonian")])  # the sure ones
-SAVED = "filtered_dynamic"  # the scheme whose model is the base model, as of `identify --robot`
 
 
 @dataclass(frozen=True, eq=False)

@@ -85,6 +85,9 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
         same()
         assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
 
+    session.act(lambda: session.begin_from("model.json", url(Path("model.json").read_bytes())))
+    assert session.notice == "" and session.state.terms[-1].id == "torque_offset@elbow" and not session.state.trouble
+    session.act(session.undo)
     file, packed = FILES["session"](state, "")
     again = Session(tmp_path / "again", session.workers)
     again.act(lambda: again.open(file, url(packed)))

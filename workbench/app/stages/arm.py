@@ -20,7 +20,7 @@ from workbench.app.recorder import DIAGNOSIS
 from workbench.app.saved import STUDY
 from workbench.app.session import Session
 from workbench.app.stages import add, data, diagnose, export, model
-from workbench.arms import TRUST, schemes_table
+from workbench.arms import SAVED, TRUST, schemes_table
 from workbench.report.arm import Drawn, joints, parameters, strips, worst
 from workbench.report.figure import Figure
 from workbench.report.sections.candidates import ranked
@@ -169,7 +169,7 @@ def commands(state: ArmState) -> str:
     """Command lines that come to the same model."""
     robot = ["--robot", state.robot.file.name, "--base", "fixed"]
     start = state.model_file or export.MODEL
-    lines = [] if state.model_file else [["identify", STUDY, *robot, "--scheme", "filtered_dynamic", "-o", start]]
+    lines = [] if state.model_file else [["identify", STUDY, *robot, "--scheme", SAVED, "-o", start]]
     for effect in export.moves(state):
         if effect:
             lines.append(["add", start, effect, STUDY, *robot, "-o", export.MODEL])
@@ -200,7 +200,7 @@ def snippet(state: ArmState) -> str:
         "    [read_arm_source(one, body.joints, others) for one in sources if one.role == role]",
         '    for role in ("fit", "holdout")',
         ")",
-        f'model = identify_arm(fitted, body, {terms})["filtered_dynamic"].model',
+        f"model = identify_arm(fitted, body, {terms})[{SAVED!r}].model",
     ]
     for effect in moves:
         if effect:
