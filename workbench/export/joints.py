@@ -143,6 +143,8 @@ def _friction(
         missing += [f"{text} (at {joint})" for text in (*joints[joint].missing, *tables)]
     if Coupling.id not in held:
         missing += [f"{own.id}: it is left out" for own in model.terms if isinstance(own, Coupling)]
+    if format == "urdf" and not model.body.model.gravity.linear.any():
+        missing.append("that the driver takes gravity off: switch it off where the robot is simulated")
     if format == "urdf" and model.body.rotors:
         missing.append("rotors' inertia: it is left out")
     if missing and not request.approximate:
