@@ -210,18 +210,21 @@ def diagnose_arm(
     holdout: ArmRecording | Sequence[ArmRecording] = (),
     progress: Progress = no_progress,
     *,
+    terms: Sequence[Term] | None = None,
     library: Mapping[str, type[Term]] | None = None,
     criterion: Criterion | None = None,
     rng: np.random.Generator | None = None,
 ) -> ArmDiagnosis:
-    """Find the effects at joints that a rigid body with viscous and Coulomb friction lacks.
+    """Find the effects at joints that a model of an arm lacks.
 
     Args:
         recordings: to fit.
         body: its links.
         holdout: to predict; without any, the last 30 % of each recording.
         progress: told what is being done.
-        library: effects that may be named, by id; by default all that can sit at a joint.
+        terms: of the model at joints, beside the links; viscous and Coulomb friction at each by default.
+        library: effects that may be named, by id; at the joint where it is placed or at all;
+            by default all that can sit at a joint.
         criterion: what they have to achieve.
         rng: of the bootstrap.
 
@@ -229,8 +232,9 @@ def diagnose_arm(
         IdentificationError: if a joint hardly moves.
     """
     train, held = parted(recordings, holdout)
+    base = (Links(body), *(friction(body) if terms is None else terms))
     placed = at_joints((joint_effects() if library is None else library).values(), body)
-    base = (Links(body), *friction(body))
+    placed = [kind for kind in placed if kind.id not in {term.id for term in base}]
     tables = at_joints(TABLES.values(), body)
     models = models_of_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress, tables)
     found = select(models)

@@ -166,11 +166,14 @@ def joint_effects() -> dict[str, type[Term]]:
 
 
 def at_joints(kinds: Iterable[type[Term]], body: Body) -> list[type[Term]]:
-    """Effects at each joint of an arm where they make sense; a coupling at each pair that follows each other."""
+    """Effects at each joint of an arm where they make sense; a coupling at each pair that follows each other.
+
+    Those that are at a joint already stay there.
+    """
     joints, kinds = zip(body.joints, body.slides, strict=True), list(kinds)
-    alone = [kind for kind in kinds if kind is not Coupling]
+    alone = [kind for kind in kinds if kind is not Coupling and not kind.at]
     placed = [at_joint(kind, joint, slides) for joint, slides in joints for kind in alone if can_sit(kind.id, slides)]
-    return [*placed, *(couplings(body) if Coupling in kinds else ())]
+    return [*placed, *(couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
 
 
 def kind_at(text: str, body: Body) -> type[Term]:

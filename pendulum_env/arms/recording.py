@@ -20,7 +20,7 @@ from pendulum_env.recording.columns import UNUSED, named_column
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE, ColumnError
 from pendulum_env.recording.storage import write_recording
-from pendulum_env.recording.study import Source
+from pendulum_env.recording.study import Carried, Source
 
 QUANTITIES = ("position", "torque")
 OF_JOINTS = (*QUANTITIES, "temperature", "link_position")  # the last two where there are any
@@ -35,6 +35,9 @@ class ArmRecording(Recording):
     Attributes:
         names: of the joints that move (n,).
         still: positions (M,) of joints that do not move, of those that have a column, as rows of the file have them.
+        currents: units of joints whose torque is still a current, `A`, or another word of a motor whose gain is to be
+            found.
+        carried: what the arm is known to carry at its last link, if anything is known.
 
     Raises:
         RecordingError: as `Recording` does.
@@ -42,6 +45,20 @@ class ArmRecording(Recording):
 
     names: tuple[str, ...] = ()
     still: Mapping[str, Array] = field(default_factory=dict)
+    currents: Mapping[str, str] = field(default_factory=dict)
+    carried: Carried | None = None
+
+    def refuse_currents(self) -> None:
+        """Refuse what is no torque yet.
+
+        Raises:
+            RecordingError: if a joint's torque is a current whose gain nobody told.
+        """
+        for joint, unit in self.currents.items():
+            raise RecordingError(
+                f"{self.name}: joint '{joint}': torque is in {unit}, and nothing tells its gain: give it, --columns "
+                f"torque_{joint}=NAME:{unit}*0.4, for one, or record with a known load, too, which a study names"
+            )
 
     @classmethod
     def of(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> ArmRecording:
@@ -118,11 +135,6 @@ def read_arm_recording(
         except RecordingError as error:
             text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
             raise RecordingError(f"{path}: joint '{joint}': {text}") from None
-        if single[-1].torque_unit != NEWTON_METRE:
-            raise RecordingError(
-                f"{path}: joint '{joint}': torque is in {single[-1].torque_unit}, and no known load tells the gain of "
-                f"an arm: give it, --columns torque_{joint}=NAME:{single[-1].torque_unit}*0.4, for one"
-            )
     first = single[0]
     for joint, other in zip(joints, single, strict=True):
         same = len(other) == len(first) and other.starts == first.starts
@@ -144,6 +156,9 @@ def read_arm_recording(
         temperature=None if all(own is None for own in measured) else warm,
         starts=first.starts,
         names=tuple(joints),
+        currents={
+            joint: own.torque_unit for joint, own in zip(joints, single, strict=True) if own.torque_unit != NEWTON_METRE
+        },
         still={joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED},
     )
 
@@ -170,12 +185,12 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
     """Read a recording of an arm as a study asks for.
 
     Raises:
-        RecordingError: as `read_arm_recording`, if there is too little within the range, or if a load is told: an arm
-            carries it in its links' parameters.
+        RecordingError: as `read_arm_recording`, if there is too little within the range, or if a load is told as that
+            of one joint.
     """
     if source.load is not None:
-        raise RecordingError(f"{source.file}: a load is of one joint: leave it out, an arm's last link carries it")
-    return source.within_range(_of_arm, tuple(joints), tuple(held))
+        raise RecordingError(f"{source.file}: a load of an arm is told by mass and center = [x, y, z]")
+    return replace(source.within_range(_of_arm, tuple(joints), tuple(held)), carried=source.carried)
 
 
 def _of_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> ArmRecording:
@@ -198,7 +213,7 @@ def _told(
             find("column of the arm", name, dict.fromkeys(["time", *wanted]))
         except ValueError as error:
             raise ColumnError(f"{path}: {error}") from None
-    plain = {re.split(r"[\[(]", header)[0].strip(): header for header in headers}  # without units
+    plain = without_units(headers)
     found = {name: plain[name] for name in wanted if name in plain} | given
     for quantity in OF_JOINTS:
         numbered = sorted(
@@ -209,17 +224,22 @@ def _told(
         if len(missing) == len(joints) == len(numbered):
             found |= {f"{quantity}_{joint}": plain[name] for joint, name in zip(joints, numbered, strict=True)}
         elif missing and quantity in QUANTITIES:
-            raise RecordingError(
+            raise ColumnError(
                 f"{path}: {len(joints)} joints need as many columns of {quantity}, there is none for "
                 f"{', '.join(missing)}: name them {quantity}_{missing[0]} and so on, say which with --columns, or hold "
                 "joints by naming those that move, --joints A,B,C (joints=)"
             )
         for header in plain:
             if header.startswith(f"{quantity}_") and header not in wanted and plain[header] not in found.values():
-                raise RecordingError(
+                raise ColumnError(
                     f"{path}: column '{header}' is of no joint of the robot, which has {', '.join((*joints, *held))}"
                 )
     return found
+
+
+def without_units(headers: Sequence[str]) -> dict[str, str]:
+    """Headers by their names alone: `position_lift` of `position_lift [mm]`."""
+    return {re.split(r"[\[(]", header)[0].strip(): header for header in headers}
 
 
 def write_arm_recording(recording: ArmRecording, path: str | os.PathLike[str]) -> None:

@@ -36,6 +36,7 @@ from pendulum_env.recording.vocabulary import (
 )
 from pendulum_env.words import along
 
+QUOTED = 40  # characters of a header, of which a sentence may name a dozen
 OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "link_position")
 UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
 LINKS = "identify and diagnose take an arm's links with --robot ARM.urdf (read_arm_recording), or "
