@@ -404,13 +404,12 @@ def read_arrays(path: str | os.PathLike[str], hint: str, most: int = ARRAYS) -> 
     Raises:
         Unreadable: as `read_archive`.
     """
+    files = read_archive(path, hint, most)
     try:
         return {
             name.removesuffix(".npy"): np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
-            for name, content in read_archive(path, hint, most).items()
+            for name, content in files.items()
             if name.endswith(".npy")
         }
-    except Unreadable:
-        raise
     except Exception as error:  # an array's description may hold anything
         raise Unreadable(f"{path}: is damaged, or no ZIP archive ({one_line(error)}); {hint}") from None

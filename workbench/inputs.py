@@ -8,6 +8,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,6 +35,7 @@ from workbench.terminal import Terminal
 from workbench.words import enumerate_words, plus_minus
 
 T = TypeVar("T")
+Number = TypeVar("Number", int, float)
 Logged = TypeVar("Logged", bound=Recording)
 COUPLING = "coupling"  # of two joints: no effect of a pendulum
 FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
@@ -54,30 +56,20 @@ def argument(convert: Callable[[str], T]) -> Callable[[str], T]:
 
 def number(low: float, high: float = LARGE) -> Callable[[str], float]:
     """Converter for argparse: a number from low to high."""
-
-    def converted(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{shown(text)} should be a number from {low:g} to {high:g}")
-        return value
-
-    return converted
+    return _within(float, low, high, f"a number from {low:g} to {high:g}")
 
 
 def whole(low: int, high: int = 10**DIGITS) -> Callable[[str], int]:
     """Converter for argparse: a whole number from low to high."""
+    return _within(int, low, high, f"a whole number from {low} to {high}")
 
-    def converted(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{shown(text)} should be a whole number from {low} to {high}")
-        return value
+
+def _within(kind: Callable[[str], Number], low: Number, high: Number, asked: str) -> Callable[[str], Number]:
+    def converted(text: str) -> Number:
+        with suppress(ValueError):
+            if low <= (value := kind(text)) <= high:
+                return value
+        raise argparse.ArgumentTypeError(f"{shown(text)} should be {asked}")
 
     return converted
 

@@ -98,7 +98,7 @@ class Scene:
 OF_ALL = (("fault", "the drive reports.*(over-temperature|fault, on Dev1)"), ("freeze 1", "250 ms.*check"))
 OF_CABLES = (("unplug", "(lost|did not answer).*check"),)
 OF_SERIAL = (
-    ("corrupt 0.01", "did not answer within 250 ms.*damaged frames.*check cable"),
+    ("corrupt 0.03", "did not answer within 250 ms.*damaged frames.*check cable"),
     ("push 12", r"rad/s, 20 are allowed \(limits.hard_velocity\).*look for what drives it"),
 )
 each = pytest.mark.parametrize("kind", slow.but_first(KINDS))
