@@ -52,34 +52,35 @@ class LookAhead:
     def __init__(self, constraint: Constraint, torques: int, ticks: int, levels: Sequence[float]) -> None:
         """Take how many torques a sequence has, how long each is held [ticks], and their levels."""
         self.constraint, self.ticks = constraint, ticks
-        self._sequences = np.array(list(itertools.product(levels, repeat=torques))).T  # (torques, C)
+        self.sequences = np.array(list(itertools.product(levels, repeat=torques))).T  # (torques, C)
 
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Batch, State]:
         """Torques (B, 1)."""
+        shares, gain = self.foreseen(observation)
+        return shares[np.arange(len(gain)), gain.argmax(axis=1), None].astype(np.float32), state
+
+    def foreseen(self, observation: Any) -> tuple[Array, Array]:
+        """First torques of the sequences, shares of the peak, and what these are worth [nat], both (B, C)."""
         seen = read(observation)
-        most = np.full(len(observation), self.constraint.peak)
+        most = np.ones(len(observation))
         if self.constraint.rms is not None:
             pace = np.sqrt(np.maximum(seen.budget_left, 0.0) / np.maximum(seen.time_left, 1e-3))
-            most = np.minimum(most, self.constraint.rms * pace)
-        most = most * seen.strength
-        torque = self._sequences[:, None] * most[:, None]  # (torques, B, C)
-        held = np.repeat(torque, self.ticks, axis=0)  # (ticks, B, C)
+            most = np.minimum(most, self.constraint.rms / self.constraint.peak * pace)
+        shares = self.sequences[:, None] * most[:, None]  # (torques, B, C)
+        held = np.repeat(shares, self.ticks, axis=0) * (self.constraint.peak * seen.strength)[:, None]  # (ticks, B, C)
         size = np.maximum(seen.estimates, 0.3)  # early estimates may be impossible
         rows, usable = foresee(held, size * NOMINAL, seen.position, seen.velocity)
         rows = rows * usable[..., None]
         learnt = seen.information[:, None] + np.einsum("tbci,tbcj->bcij", rows, rows)
         gain = worth(learnt, size[:, None])
-        if self.constraint.rms is not None:
-            gain = gain - self._cost(seen.time_left)
-        first = torque[0][np.arange(len(gain)), gain.argmax(axis=1)] / (self.constraint.peak * seen.strength)
-        return first[:, None].astype(np.float32), state
+        return shares[0], gain if self.constraint.rms is None else gain - self._cost(seen.time_left)
 
     def _cost(self, time_left: Array) -> Array:
         """What the energy of the sequences is worth by now (B, C) [nat]."""
         step = HEAD_START + (1.0 - time_left) * EPISODE / TICK
-        energy = self.ticks * (self._sequences**2).sum(axis=0)  # in that of an even step
+        energy = self.ticks * (self.sequences**2).sum(axis=0)  # in that of an even step
         return (COUNT / step)[:, None] * energy
 
 
