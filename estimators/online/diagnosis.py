@@ -3,7 +3,7 @@
 All models are fitted to the first seconds of motion. From then on the running model, alone and with each effect,
 predicts every bin before its update (`rivals`). The gains in log predictive density per second of motion are judged as
 offline, by a Bayesian bootstrap over these blocks (`estimators.selection.score`). An effect is reported as missing once
-the e-process passes its threshold (`evidence`), which sets the accepted false alarms per hour.
+the e-process passes its threshold (`evidence`), which follows from the accepted false alarms per hour.
 """
 
 from __future__ import annotations
