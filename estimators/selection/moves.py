@@ -77,8 +77,7 @@ def refined(models: Models, terms: Terms, id: str) -> Terms:
 
 
 def loosened(models: Models, terms: Terms) -> Terms:
-    """The terms with shape parameters released from their usual values, as long as predictions improve
-    significantly."""
+    """The terms with shape parameters released from their usual values, while that is significant."""
     for looser in sorted(freer(models, terms), key=models.promise):
         if models.is_sure(looser, terms) and models.is_possible(looser):
             return loosened(models, looser)
