@@ -223,31 +223,16 @@ def interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) ->
     return float(low), float(high)
 
 
-def evaluation_json(outcomes: Mapping[str, Outcome], base: str, trained: Sequence[str] = (), **setting: object) -> JSON:
+def evaluation_json(outcomes: Mapping[str, Outcome], base: str, **setting: object) -> JSON:
     """All policies beside a baseline, for programs; what is infinite or unknown is null.
 
     Args:
         outcomes: by name of the policy.
         base: name of the baseline.
-        trained: policies of one training with several seeds, of which median and worst are told as well.
         setting: what else is to be written down.
     """
     told = {name: _policy_json(outcome, outcomes[base]) for name, outcome in outcomes.items()}
-    written: JSON = {"schema": SCHEMA, **setting, "baseline": base, "policies": told}
-    if len(trained) > 1:
-        written["trainings"] = {
-            "policies": list(trained),
-            "gain": {
-                name: _median_and_worst([told[policy]["gain"][name]["ratio"] for policy in trained])
-                for name in told[base]["gain"]
-            },
-        }
-    return written
-
-
-def _median_and_worst(ratios: Sequence[float | None]) -> JSON:
-    known = [0.0 if ratio is None else ratio for ratio in ratios]  # what half the plants never reach
-    return {"median": float(np.median(known)), "worst": min(known)}
+    return {"schema": SCHEMA, **setting, "baseline": base, "policies": told}
 
 
 def _policy_json(outcome: Outcome, base: Outcome) -> JSON:

@@ -7,7 +7,7 @@ everything that the rest depends on, pendulums and random numbers included.
 from __future__ import annotations
 
 import random
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,6 @@ from stable_baselines3.common.callbacks import BaseCallback
 from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.network import Network
-from agents.observer import CONSTRAINTS
 from agents.tasks import FinalWorth, Forwards, PriceTorque, in_levels
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
@@ -31,9 +30,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.reading import Unreadable, read_own
 
 CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
-TUNING = 2**21  # added to seeds, for plants that neither training nor evaluation draws
 SPREAD = 0.5  # within which plants are drawn
-STRETCHES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
 
 
 class CheckpointError(Mistake):
@@ -61,8 +58,7 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
         model.tensorboard_log = log
         callback, left = _Watch(config, tell, folder), config.steps - model.num_timesteps
         model.learn(left, callback, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="training")
-    network = export(model, config)
-    return network if CONSTRAINTS[config.constraint].rms is None else stretched(network, config)
+    return export(model, config)
 
 
 def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
@@ -116,23 +112,6 @@ def export(model: PPO, config: Config) -> Network:
         *((layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in layers), strict=True
     )
     return Network(weights, biases, np.array(config.levels), config.constraint)
-
-
-def stretched(network: Network, config: Config) -> Network:
-    """Policy with its levels as far apart as it learns most with: without chance, it may not spend the whole budget."""
-    stretches = [replace(network, levels=network.levels * factor) for factor in STRETCHES]
-    return max(stretches, key=lambda candidate: learnt(candidate, config))
-
-
-def learnt(network: Network, config: Config, count: int = 64) -> float:
-    """Mean of what an episode adds to what counts, on plants of no training and no evaluation [nat]."""
-    env = ExcitationDesignVector(count, constraint=network.constraint)
-    observation, _ = env.reset(seed=TUNING + config.seed)
-    total = 0.0
-    for _ in range(env.observer.ticks):
-        observation, reward, *_ = env.step(network.predict(observation)[0])
-        total += float(reward.mean())
-    return total
 
 
 # ------------------------------------------------------------------------------------------------------- checkpoints

@@ -2,10 +2,10 @@
 
     python -m benchmarks.six_joint [RUNS]
 
-The arm is of our own making: links of plausible size, viscous friction, dry friction and a rotor at each joint,
-angles from encoders of 2^20 counts, torque logged with noise. A position controller follows a multisine. What is hidden
-acts on MuJoCo's own forces: `frictionloss` where friction changes, applied torque otherwise. A verdict is right if the
-effect is the only one named, at its joint.
+The arm is of our own making: links of plausible size, a rotor, viscous and dry friction at each joint, these drawn in
+each run, angles from encoders of 2^20 counts, torque logged with noise. A position controller follows a multisine. What
+is hidden acts on MuJoCo's own forces: `frictionloss` where friction changes, applied torque otherwise. A verdict is
+right if the effect is the only one named, at its joint.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,8 @@ SWEEP = (0.9, 0.5, 0.6, 0.9, 0.8, 1.1)  # [rad], of the reference
 MIDDLE = (0.0, -0.6, 0.7, 0.0, 0.4, 0.0)  # [rad]
 COUNTS = 2**20
 RATE, STEP = 500.0, 2e-4  # [Hz], [s]
+WARMER, WARM_UP = np.array([18, 14, 16, 12, 15, 10.0]), np.array([9, 12, 7, 10, 8, 11.0])  # [K], [s], of each joint
+VISCOUS_SHARE, COULOMB_SHARE = -0.025, 0.012  # of friction at 25 deg C, by which it changes with each kelvin
 EFFECTS = ("stribeck", "cogging", "torque_offset", "quadratic_drag", "load_dependent_friction", "spring")
 
 
@@ -111,11 +113,12 @@ class Hidden:
             motor.damping[0], motor.frictionloss = 0.5 * VISCOUS[j], self.share * COULOMB[j]
             motor.armature = 0.3 * ROTORS[j + 1]
 
-    def forces(self) -> Callable[[float, float, float], tuple[float, float]]:
-        """Torque that acts, and dry friction, from position, velocity and torque of the motor."""
-        dry, size = COULOMB[self.joint], self.share * COULOMB[self.joint]
+    def forces(self, rubs: float = 1.0) -> Callable[[float, float, float, float], tuple[float, float]]:
+        """Torque that acts, and dry friction, from position, velocity, torque of the motor and how warm it is [K]."""
+        dry, viscous = rubs * COULOMB[self.joint], rubs * VISCOUS[self.joint]
+        size = self.share * dry
 
-        def law(q: float, v: float, torque: float) -> tuple[float, float]:
+        def law(q: float, v: float, torque: float, warmer: float) -> tuple[float, float]:
             match self.effect:
                 case "stribeck":
                     return 0.0, dry + 1.5 * size * float(np.exp(-((v / 0.2) ** 2)))
@@ -127,6 +130,8 @@ class Hidden:
                     return -size * v * abs(v), dry
                 case "load_dependent_friction":
                     return 0.0, dry + 0.08 * abs(torque)
+                case "temperature_dependent_friction":
+                    return -VISCOUS_SHARE * viscous * warmer * v, dry * (1.0 + COULOMB_SHARE * warmer)
                 case "spring":
                     return -size * (q - 0.3), dry
                 case "cable":  # that pulls where it is bent, as no effect of the library does
@@ -138,8 +143,15 @@ class Hidden:
         return law
 
 
-def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0, load: Load | None = None) -> ArmRecording:
-    """A recording of the arm in MuJoCo."""
+def simulate(
+    seed: int,
+    hidden: Hidden | None = None,
+    seconds: float = 20.0,
+    load: Load | None = None,
+    thermometers: bool = False,
+    rubs: Sequence[float] = (1.0,) * 6,
+) -> ArmRecording:
+    """A recording of the arm in MuJoCo, perhaps with temperatures of its joints, and so many times their friction."""
     import mujoco
 
     rng = np.random.default_rng(seed)
@@ -149,11 +161,12 @@ def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0, loa
     model = spec.compile()
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    model.dof_damping[:], model.dof_frictionloss[:], model.dof_armature[:] = VISCOUS, COULOMB, ROTORS
+    model.dof_damping[:], model.dof_frictionloss[:] = np.multiply(rubs, VISCOUS), np.multiply(rubs, COULOMB)
+    model.dof_armature[:] = ROTORS
     model.dof_solref[:], model.dof_solimp[:, :3] = (2 * STEP, 1.0), (0.95, 0.999, 1e-4)
     model.tendon_solref_fri[:], model.tendon_solimp_fri[:, :3] = model.dof_solref[:1], model.dof_solimp[:1, :3]
     data = mujoco.MjData(model)
-    law = hidden.forces() if hidden is not None else None
+    law = hidden.forces(rubs[hidden.joint]) if hidden is not None else None
     harmonics = np.arange(1, 7)
     amplitude = rng.normal(size=(6, 6)) / harmonics**0.5
     amplitude *= (np.array(SWEEP) / np.abs(amplitude).sum(axis=1))[:, None]
@@ -167,6 +180,7 @@ def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0, loa
     data.qpos[:], data.qvel[:] = reference(0.0)
     steps, substeps = round(seconds * RATE), round(1 / RATE / STEP)
     positions, torques = np.empty((2, steps, 6))
+    warmer = WARMER * (1.0 - np.exp(-np.arange(steps)[:, None] / RATE / WARM_UP))  # (steps, 6)
     for k in range(steps):
         q, v = reference(k / RATE)
         mujoco.mj_forward(model, data)
@@ -176,16 +190,16 @@ def simulate(seed: int, hidden: Hidden | None = None, seconds: float = 20.0, loa
             data.qfrc_applied[:] = torque
             if hidden is not None and law is not None:
                 j = hidden.joint
-                force, dry = law(float(data.qpos[j]), float(data.qvel[j]), float(torque[j]))
+                force, dry = law(float(data.qpos[j]), float(data.qvel[j]), float(torque[j]), float(warmer[k, j]))
                 data.qfrc_applied[j] += force
                 model.dof_frictionloss[j] = dry
             mujoco.mj_step(model, data)
     count = 2 * np.pi / COUNTS
     positions = np.round(positions / count) * count
     torques = torques + np.array(NOISE) * rng.normal(size=torques.shape)
-    return ArmRecording.of(
-        hidden.name if hidden else f"null {seed}", JOINTS, np.arange(steps) / RATE, positions, torques
-    )
+    name = hidden.name if hidden else f"null {seed}"
+    recording = ArmRecording.of(name, JOINTS, np.arange(steps) / RATE, positions, torques)
+    return replace(recording, temperature=25.0 + warmer) if thermometers else recording
 
 
 def body() -> Body:
@@ -194,6 +208,11 @@ def body() -> Body:
         path = Path(folder) / "six.urdf"
         path.write_text(urdf())
         return read_body(path, rotors=True)
+
+
+def drawn(run: int) -> list[float]:
+    """Factors on the friction of the joints, another arm in each run."""
+    return np.random.default_rng(run).uniform(0.5, 1.6, 6).tolist()
 
 
 def main(arguments: Sequence[str] = ()) -> int:
@@ -212,14 +231,14 @@ def main(arguments: Sequence[str] = ()) -> int:
     hidden_ones = [Hidden(EFFECTS[run % 6], (run + run // 6) % 6) for run in range(runs)]
     hidden_ones += [Hidden("coupling", run % 5) for run in range(runs // 6)]
     for run, hidden in enumerate(hidden_ones):
-        recording = simulate(100 + run, hidden)
+        recording = simulate(100 + run, hidden, rubs=drawn(run))
         began = time.process_time()
         diagnosis = diagnose_arm(recording, arm)
         longest = max(longest, time.process_time() - began)
         right += diagnosis.selected == (recording.name,)
         print(f"{recording.name:32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
     for run in range(runs // 3):
-        diagnosis = diagnose_arm(simulate(200 + run), arm)
+        diagnosis = diagnose_arm(simulate(200 + run, rubs=drawn(100 + run)), arm)
         alarms += bool(diagnosis.selected)
         print(f"{'nothing':32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
     print(f"named right: {right} of {len(hidden_ones)}; false alarms: {alarms} of {runs // 3}")

@@ -21,6 +21,6 @@ def find(kind: str, name: str, known: Mapping[str, T]) -> T:
     if name not in known:
         name = name if len(name) <= LONGEST else f"{name[: LONGEST - 3]}..."
         near = difflib.get_close_matches(name, known, n=1)
-        hint = f" did you mean {near[0]}?" if near else ""
-        raise Mistake(f"unknown {kind} '{name}':{hint} Known: {', '.join(sorted(known))}")
+        hint = f": did you mean {near[0]}? Known: " if near else "; known: "
+        raise Mistake(f"unknown {kind} '{name}'{hint}{', '.join(sorted(known))}")
     return known[name]

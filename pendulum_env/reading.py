@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from pendulum_env.files import at_once
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
+from pendulum_env.mistake import Mistake, one_line
 
 LARGEST = 500_000_000  # bytes that a recording may take, as a file and in memory: some 8 million rows of CSV
 REMEDY = "shorten it, or allow more by --max-size (largest=)"  # on the command line and in Python
@@ -45,12 +45,14 @@ class Unreadable(Mistake):
     """A file that cannot be read, or a value in it that cannot be; the message is one sentence."""
 
 
-def shown(value: object) -> str:
-    """A value as a sentence quotes it."""
+def shown(value: object, most: int = SHOWN) -> str:
+    """A value as a sentence quotes it, up to so many characters."""
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 10**DIGITS:
         return f"a number of more than {DIGITS} digits"
+    if isinstance(value, str) and len(value) > most - 2:
+        value = f"{value[: most - 5]}..."  # between quotes
     text = repr(value) if not isinstance(value, dict | list | tuple | set) else _shallow(value)
-    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def _shallow(value: dict[Any, Any] | list[Any] | tuple[Any, ...] | set[Any]) -> str:
@@ -187,7 +189,7 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise Unreadable(f"{path}: is not TOML: {' '.join(str(error).split())[:200]}") from None
+        raise Unreadable(f"{path}: is not TOML: {one_line(error)}") from None
     except ValueError:  # Python reads no whole number of 4,300 digits
         raise Unreadable(f"{path}: holds a number of more than {DIGITS} digits: write it shorter") from None
     except RecursionError:
@@ -381,7 +383,7 @@ def read_archive(path: str | os.PathLike[str], hint: str, most: int) -> dict[str
     """What is in the files of a ZIP archive, by name; the hint says which file is meant, as in `read_json`.
 
     Raises:
-        Unreadable: as `regular_size`, if it holds more than `most` bytes, is none, damaged, or names a file twice.
+        Unreadable: as `regular_size`, if it holds more than `most` bytes, is none, or damaged.
     """
     regular_size(path, most)
     try:
@@ -389,14 +391,11 @@ def read_archive(path: str | os.PathLike[str], hint: str, most: int) -> dict[str
             size = sum(info.file_size for info in archive.infolist())  # of each no more than this is unpacked
             if size > most:
                 raise Unreadable(f"holds {amount(size)}, of which at most {amount(most)} are read")
-            names = archive.namelist()
-            if len(set(names)) < len(names):
-                raise Unreadable("names a file twice")
-            return {name: archive.read(name) for name in names}
+            return {name: archive.read(name) for name in archive.namelist()}
     except Unreadable as error:
         raise Unreadable(f"{path}: {error}; {hint}") from None
     except Exception as error:  # a damaged file may fail anywhere in zipfile and zlib
-        raise Unreadable(f"{path}: is damaged, or no ZIP archive ({_told(error)}); {hint}") from None
+        raise Unreadable(f"{path}: is damaged, or no ZIP archive ({one_line(error)}); {hint}") from None
 
 
 def read_arrays(path: str | os.PathLike[str], hint: str, most: int = ARRAYS) -> dict[str, NDArray[Any]]:
@@ -414,8 +413,4 @@ def read_arrays(path: str | os.PathLike[str], hint: str, most: int = ARRAYS) -> 
     except Unreadable:
         raise
     except Exception as error:  # an array's description may hold anything
-        raise Unreadable(f"{path}: is damaged, or no ZIP archive ({_told(error)}); {hint}") from None
-
-
-def _told(error: Exception) -> str:
-    return " ".join(str(error).split())[:100] or type(error).__name__
+        raise Unreadable(f"{path}: is damaged, or no ZIP archive ({one_line(error)}); {hint}") from None

@@ -174,8 +174,9 @@ def read_fleet(path: Path) -> Fleet:
         dataset.create()
         content = path.read_bytes()
         if path.suffix == ".txt":
-            row = {}
+            row: dict[str, Any] = {}
             for name, value in (line.partition(" ")[::2] for line in content.decode(errors="replace").split("\n")):
+                row[name] = None
                 with suppress(ValueError, RecursionError):
                     row[name] = json.loads(value)
             buffer = io.BytesIO()

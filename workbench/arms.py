@@ -4,41 +4,48 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from pathlib import Path
 
 import numpy as np
 
-from estimators.arguments import chosen_effects
 from estimators.arms.addition import add_arm
 from estimators.arms.diagnosis import ArmDiagnosis, diagnose_arm
 from estimators.arms.excitation import PERIOD, design_excitation
 from estimators.arms.following import follow
+from estimators.arms.gains import in_torque, without_loads
 from estimators.arms.identification import ArmIdentification, JointError, compare_arm, for_arms, identify_arm
 from estimators.arms.payload import Payload, find_payload
 from estimators.arms.standard import nearest_body
+from estimators.arms.transmission import find_transmissions
 from estimators.regression.equations import IdentificationError
 from pendulum_env._typing import JSON
-from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.joints import joint_effects, kind_at
+from pendulum_env.arms.body import Body, BodyError
+from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
+from pendulum_env.arms.joints import kind_at
 from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.plane import planar_links
-from pendulum_env.arms.recording import ArmRecording, read_arm_source, write_arm_recording
+from pendulum_env.arms.recording import ArmRecording, write_arm_recording
 from pendulum_env.excitation import MOST_TORQUE
+from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.recording.study import Source, read_as
 from pendulum_env.words import Table, parameters_table
+from workbench.export.joints import FORMATS
+from workbench.export.request import Request
 from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
 from workbench.mistakes import InputError
+from workbench.robot import RobotFile, held_text, looked_for, meaning, straying
 from workbench.story import Story, judged, parameters_line
 from workbench.terminal import Terminal
-from workbench.words import enumerate_words
+from workbench.words import enumerate_words, plus_minus
 
-SAVED = "filtered_dynamic"  # whose model is written, if it was asked for
-AWAY = 0.01  # [rad] or [m], from where a joint is held: beyond, it is said
+SAVED = "filtered_dynamic"  # whose model is written, or the base model
+TIMES = "errors, times the least"  # a row that tells which schemes to trust
+TRUST = f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1"
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
 
 
@@ -46,26 +53,13 @@ def record(
     arguments: argparse.Namespace, seconds: float, samples: int, rng: np.random.Generator, terminal: Terminal
 ) -> None:
     """Design a motion, let the simulated arm follow it, and write what it did."""
-    _refuse(arguments, "policy", "until", "diagnosis", "replay", "config", "theta")
-    for name, own in (("excitation", "multisine"), ("backend", "pymunk")):
-        if (asked := getattr(arguments, name)) not in (None, own):
-            raise InputError(f"--{name} {asked} is for pendulums: arms know {own} alone, leave it out with --robot")
-    body = _body(arguments, Asked(arguments.joints))
+    _refuse(arguments)
+    for name, own in (("excitation", ("multisine",)), ("backend", ("pymunk", "mujoco"))):
+        if (asked := getattr(arguments, name)) not in (None, *own):
+            raise InputError(f"--{name} {asked} is for pendulums: arms know {' and '.join(own)} alone")
+    body = _robot(arguments, Asked(arguments.joints)).body()
     _tell_held(body, [], terminal)
-    try:
-        arm = PlanarArm(
-            planar_links(body),
-            joints=body.joints,
-            effects=arguments.effects,
-            rate=arguments.rate,
-            substeps=max(1, round(STEP_RATE / arguments.rate)),
-            max_torque=MOST_TORQUE,
-            counts=arguments.counts,
-            torque_noise=arguments.noise,
-            velocity="ideal",  # as the controller sees it
-        )
-    except ValueError as error:  # an effect that cannot be there
-        raise InputError(str(error)) from None
+    arm = _simulated(arguments, body)
     motion = design_excitation(
         body,
         min(PERIOD, seconds),
@@ -87,11 +81,11 @@ def record(
     rows = [
         (
             name,
-            f"{joint.position.min():.2f} to {joint.position.max():.2f}",
-            f"{rms:.2g}",
-            f"{np.abs(joint.torque).max():.3g}",
+            f"{joint.position.min():.2f} to {joint.position.max():.2f}{' m' * slides}",
+            f"{rms:.2g}{' m' * slides}",
+            f"{np.abs(joint.torque).max():.3g}{' N' * slides}",
         )
-        for name, joint, rms in zip(recording.names, recording.joints, off.tolist(), strict=True)
+        for name, joint, rms, slides in zip(recording.names, recording.joints, off.tolist(), body.slides, strict=True)
     ]
     terminal.table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
     if arguments.effects:
@@ -99,9 +93,37 @@ def record(
     wrote([arguments.output], terminal)
 
 
+def _simulated(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
+    """The arm in pymunk if all joints turn in a vertical plane, else, or where that is asked for, in MuJoCo."""
+    seen = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": arguments.noise}
+    links = None
+    if arguments.backend != "mujoco":
+        try:
+            links = planar_links(body)
+        except BodyError:
+            if arguments.backend is not None:
+                raise
+    try:
+        if links is None:
+            return SpatialArm(body, effects=arguments.effects, max_torque=MOST_TORQUE, **seen)
+        return PlanarArm(
+            links,
+            joints=body.joints,
+            effects=arguments.effects,
+            substeps=max(1, round(STEP_RATE / arguments.rate)),
+            max_torque=MOST_TORQUE,
+            velocity="ideal",  # as the controller sees it
+            **seen,
+        )
+    except BodyError:
+        raise
+    except ValueError as error:  # an effect that cannot be there
+        raise InputError(str(error)) from None
+
+
 def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print base parameters and friction as each scheme finds them."""
-    _refuse(arguments, "align", "instruments", "fixed", "bounds")
+    _refuse(arguments)
     outputs = [arguments.json, arguments.output]
     asked = _given(arguments, outputs, terminal)
     body, recordings = asked.body, asked.recordings
@@ -110,6 +132,8 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     _tell_body(body, terminal)
     terminal.heading("Estimates ± standard errors")
     terminal.table(*schemes_table(found))
+    if len(found.schemes) > 1:
+        terminal.say(TRUST)
     for doubt in found.doubts:
         terminal.say(f"warning: {doubt.text}", style="yellow")
     chosen = found.schemes.get(SAVED, next(iter(found.schemes.values())))
@@ -122,7 +146,7 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print how far the torque of a model is from recordings, joint by joint."""
-    _refuse(arguments, "align", "loop")
+    _refuse(arguments)
     if arguments.without and arguments.payload is None:
         raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]
@@ -130,7 +154,8 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     body, recordings = asked.body, [*asked.recordings, *asked.held]
     model = ArmModel.load(arguments.model, body)
     without = [source for name in arguments.without for source in sources_of(name, arguments)]
-    empty = _read([read_as(source, model.log_format, arguments.model) for source in without], body, terminal)
+    sources = [read_as(source, model.log_format, arguments.model) for source in without]
+    empty = read_all(sources, terminal, asked.robot.read)
     with terminal.progress("comparing"):
         errors = compare_arm(model, recordings)
         carried = _carried(model, recordings, empty, arguments.payload)
@@ -190,31 +215,32 @@ def _tell_payload(found: Payload, body: Body, terminal: Terminal) -> None:
 
 def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print which effects are missing at which joints."""
-    limits = "max_torque", "max_angle", "max_speed", "experiment"
-    _refuse(arguments, "model", *limits, "fixed", "bounds", "instruments")
-    try:
-        library = chosen_effects(joint_effects(), arguments.only, arguments.without)
-    except ValueError as error:
-        raise InputError(f"{error} (effects that can sit at a joint)") from None
+    _refuse(arguments)
     outputs = [arguments.json, arguments.report, arguments.output]
-    asked = _given(arguments, outputs, terminal)
+    asked = _given(arguments, outputs, terminal, arguments.model)
     body, recordings, held = asked.body, asked.recordings, asked.held
+    terms = ArmModel.load(arguments.model, body).terms[1:] if arguments.model else None
+    library = looked_for(body, arguments.only, arguments.without)
     with terminal.progress("diagnosing") as progress:
-        found = diagnose_arm(recordings, body, held, progress, library=library)
-    write_json(arguments.json, found.json())
+        found = diagnose_arm(recordings, body, held, progress, terms=terms, library=library)
+        between = find_transmissions(recordings, body.sliding)
+    more = {"transmissions": [one.json() for one in between]} if between else {}
+    write_json(arguments.json, found.json() | more)
     write_model(found.model, arguments.output, asked.fitted, terminal)
     if arguments.report is not None:
         from workbench.report.arm import write_arm_report  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
             write_arm_report(arguments.report, recordings, held, found)
+    for one in between:
+        terminal.say(one.text)
     story(found, arguments.all).tell(terminal, arguments.verbose or arguments.all, more=arguments.report is None)
     wrote(outputs, terminal)
 
 
 def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit a model without and with one more effect at a joint."""
-    _refuse(arguments, "align", "fixed", "bounds")
+    _refuse(arguments)
     outputs = [arguments.output]
     asked = _given(arguments, outputs, terminal, arguments.model)
     body, recordings, held = asked.body, asked.recordings, asked.held
@@ -238,6 +264,24 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
     wrote(outputs, terminal)
 
 
+def export(arguments: argparse.Namespace, terminal: Terminal) -> None:
+    """Write a model as MuJoCo's XML or as a robot description."""
+    _refuse(arguments)
+    if arguments.to not in FORMATS:
+        raise InputError(f"an arm is exported to {enumerate_words(list(FORMATS))}, not to {arguments.to}")
+    check_outputs([arguments.output], [arguments.model, arguments.robot])
+    told = Asked.of_model(arguments.model)
+    body = _robot(arguments, replace(told, joints=arguments.joints or told.joints)).body(told.held)
+    found = FORMATS[arguments.to](ArmModel.load(arguments.model, body), Request(arguments.approximate, arguments.step))
+    if arguments.output is None:
+        sys.stdout.write(found.content)
+        return
+    write_whole(arguments.output, found.content)
+    for note in found.notes:
+        terminal.say(note, style="yellow")
+    wrote([arguments.output], terminal)
+
+
 def schemes_table(found: ArmIdentification) -> Table:
     """A row a parameter, a column a scheme."""
     first = next(iter(found.schemes.values())).model
@@ -246,11 +290,11 @@ def schemes_table(found: ArmIdentification) -> Table:
         for name, own in first.estimates.items()
     ]
     rows.append(("condition", *(f"{one.condition:.3g}" for one in found.schemes.values()), ""))
+    if len(found.schemes) == 1:
+        return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
     errors = np.array([[own.std for own in one.model.estimates.values()] for one in found.schemes.values()])
-    times = np.median(
-        errors / np.maximum(errors.min(axis=0), 1e-300), axis=1
-    )  # where few lie near 1, those are to trust
-    rows.append(("errors, times the least", *(f"{own:.2g}" for own in times.tolist()), ""))
+    times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
+    rows.append((TIMES, *(f"{own:.2g}" for own in times.tolist()), ""))
     return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
 
 
@@ -287,6 +331,7 @@ def story(found: ArmDiagnosis, every: bool = False) -> Story:
     for joint, size in found.unexplained.items():
         where = f"; {said(joint, found.regions[joint].text)}" if joint in found.regions else ""
         lines.append(f"left: {size:.2g} {said(joint, NEWTON_METRE)} at {joint}{where}")
+    lines += found.remarks
     parts: list[tuple[str, Sequence[Table | str]]] = [
         (
             "Torque errors on held-out data, clear of stick and reversals",
@@ -302,6 +347,7 @@ def story(found: ArmDiagnosis, every: bool = False) -> Story:
 class _Given:
     """The arm that a command was given, with recordings to fit and to hold out."""
 
+    robot: RobotFile
     body: Body
     recordings: list[ArmRecording]
     held: list[ArmRecording]
@@ -312,54 +358,57 @@ def _given(
     arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, model: str | None = None
 ) -> _Given:
     asked = given(arguments)
-    check_outputs(outputs, [*asked.files, *([model] if model else []), arguments.robot])
+    check_outputs(outputs, [*asked.files, arguments.robot])
     told = Asked.of_model(model) if model else Asked()
     asked = asked.read_as(told.log_format, model or "")
     sources = (*asked.fitted, *asked.held_out)
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
-    told = replace(told, joints=named.pop() if named else told.joints)
-    body = _body(arguments, told)
-    recordings = _read(sources, body, terminal)
-    if not told.held:
-        seen = {joint: [np.mean(one.still[joint]) for one in recordings if joint in one.still] for joint in body.held}
-        body = _body(arguments, replace(told, held={joint: float(np.mean(at)) for joint, at in seen.items() if at}))
+    robot = _robot(arguments, replace(told, joints=named.pop() if named else told.joints))
+    body = robot.body()  # what is wrong with it is told first
+    recordings = read_all(sources, terminal, robot.read)
+    body = robot.body(told.held) if told.held else robot.holding(recordings)
     _tell_held(body, recordings, terminal)
-    return _Given(body, recordings[: len(asked.fitted)], recordings[len(asked.fitted) :], asked.fitted)
-
-
-def _body(arguments: argparse.Namespace, told: Asked) -> Body:
-    """The robot as the arguments, or else a model or a study, ask for it."""
-    return read_body(
-        arguments.robot,
-        joints=told.joints,
-        held=told.held,
-        bolted=arguments.base is not None,
-        rotors=True if arguments.rotors else told.rotors,
+    torques = in_torque(recordings, body)
+    for joint, gain in torques.gains.items():
+        size = f"{plus_minus(gain.value, gain.std)} {body.said(joint, gain.unit)}"
+        terminal.say(f"torque gain of {joint}: {size}, as known loads tell it")
+    for text in meaning(torques.recordings, body):
+        terminal.say(f"warning: {text}", style="yellow")
+    fitted, held_out = (
+        _without_loads(part, terminal)
+        for part in (torques.recordings[: len(asked.fitted)], torques.recordings[len(asked.fitted) :])
     )
+    return _Given(robot, body, fitted, held_out, asked.fitted)
+
+
+def _without_loads(recordings: Sequence[ArmRecording], terminal: Terminal) -> list[ArmRecording]:
+    """Recordings of the arm with what it carries least: known loads tell gains, and are no part of the arm."""
+    left = without_loads(recordings)
+    if loaded := [one.name for one in recordings if one not in left]:
+        terminal.say(f"not fitted, as a known load is no part of the arm: {enumerate_words(loaded)}")
+    return left
+
+
+def _robot(arguments: argparse.Namespace, told: Asked) -> RobotFile:
+    """The robot as the arguments, or else a model or a study, ask for it."""
+    rotors = True if arguments.rotors else told.rotors
+    light = arguments.no_gravity or told.weightless
+    return RobotFile(Path(arguments.robot), told.joints, arguments.base is not None, rotors, light)
 
 
 def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:
     """Say which joints are held, and where recordings have them elsewhere."""
-    units = {joint: body.said(joint, "rad") for joint in body.held}
-    places = [f"{joint} at {f'{q:.4g} {units[joint]}' if q else 'zero'}" for joint, q in body.held.items()]
-    if places:
-        terminal.say(f"held: {', '.join(places)}")
-    for recording, (joint, q) in product(recordings, body.held.items()):
-        if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > AWAY:
-            away = f"{joint} gets {off:.2g} {units[joint]} away from there in {recording.name}"
-            terminal.say(f"warning: {away}: name it in --joints if it moves", style="yellow")
+    if text := held_text(body):
+        terminal.say(text)
+    for text in straying(body, recordings):
+        terminal.say(f"warning: {text}", style="yellow")
 
 
-def _read(sources: Sequence[Source], body: Body, terminal: Terminal) -> list[ArmRecording]:
-    others = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
-    return read_all(sources, terminal, lambda source: read_arm_source(source, body.joints, others))
-
-
-def _refuse(arguments: argparse.Namespace, *options: str) -> None:
+def _refuse(arguments: argparse.Namespace) -> None:
     """Refuse options that say nothing of an arm."""
-    for option in options:
+    for option in arguments.of_pendulums:
         if getattr(arguments, option) not in (None, False, {}):
             name = {"fixed": "fix", "bounds": "bound"}.get(option, option.replace("_", "-"))
             raise InputError(f"--{name} is for pendulums: leave it out with --robot")

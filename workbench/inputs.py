@@ -209,14 +209,13 @@ def _page(text: str) -> str:
     return text
 
 
-def take_robot(parser: argparse.ArgumentParser) -> None:
+def take_robot(
+    parser: argparse.ArgumentParser,
+    meaning: str = "recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns time, "
+    "position_JOINT and torque_JOINT, or numbered",
+) -> None:
     """Declare the links of an arm, of which recordings then are."""
-    parser.add_argument(
-        "--robot",
-        metavar="ARM.urdf",
-        help="recordings are of an arm with these links, URDF or MJCF (needs the extra arms), with columns time, "
-        "position_JOINT and torque_JOINT, or numbered",
-    )
+    parser.add_argument("--robot", metavar="ARM.urdf", help=meaning)
     parser.add_argument(
         "--rotors",
         action="store_true",
@@ -232,6 +231,19 @@ def take_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--base", choices=("fixed",), help="with --robot: a base that floats in the file is bolted down"
     )
+    parser.add_argument(
+        "--no-gravity",
+        action="store_true",
+        help="with --robot: the driver takes the torque that gravity asks for off what is logged",
+    )
+
+
+def of_pendulums(parser: argparse.ArgumentParser, *options: str) -> None:
+    """Declare, once all options are, which of them say nothing of an arm: see `arms._refuse`."""
+    for action in parser._actions:
+        if action.dest in options:
+            action.help = f"{action.help} [not with --robot]"
+    parser.set_defaults(of_pendulums=options)
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -294,8 +306,17 @@ class Gather(argparse.Action):
 
 
 def ids(text: str) -> list[str]:
-    """Ids of effects in a list with commas; raises ValueError if one is unknown."""
-    return [known_effect(id.strip()) for id in text.split(",") if id.strip()]
+    """Ids of effects in a list with commas, perhaps at joints (`stribeck@elbow`); raises ValueError if one is unknown.
+
+    What follows `coupling@elbow,` is its second joint, as long as it is no effect.
+    """
+    found: list[str] = []
+    for id in filter(None, (word.strip() for word in text.split(","))):
+        if found and found[-1].startswith(f"{COUPLING}@") and "," not in found[-1] and "@" not in id:
+            found[-1] += f",{id}"
+        else:
+            found.append(known_effect(id.partition("@")[0]) + "".join(id.partition("@")[1:]))
+    return found
 
 
 def known_effect(id: str, known: Callable[[str], type[Term]] = effect) -> str:
@@ -390,9 +411,9 @@ def given(arguments: argparse.Namespace) -> Given:
         InputError: if one is named twice, or none is to be fitted.
         StudyError: if a study makes no sense.
     """
-    for name in ("joints", "base"):
-        if getattr(arguments, name, None) is not None and arguments.robot is None:
-            raise InputError(f"--{name} is of an arm: give its links with --robot ARM.urdf")
+    for name in ("joints", "base", "no_gravity", "rotors"):
+        if getattr(arguments, name, None) not in (None, False) and arguments.robot is None:
+            raise InputError(f"--{name.replace('_', '-')} is of an arm: give its links with --robot ARM.urdf")
     names, held = list(arguments.recordings), list(getattr(arguments, "holdout", []))
     sources = [source for name in names for source in sources_of(name, arguments)]
     sources += [replace(source, role="holdout") for name in held for source in sources_of(name, arguments)]

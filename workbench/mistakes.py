@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from pendulum_env.mistake import Mistake
 
 
@@ -15,12 +17,13 @@ class Interrupted(KeyboardInterrupt):
 
 MISTAKES = (Mistake, OSError, ModuleNotFoundError)  # the last of an extra, whose name it tells
 LONGEST = 500  # characters of a sentence
+PART = r"\S{0,40}"  # of a word that a cut would go through
 
 
 def sentence(mistake: Exception) -> str:
     """A user's mistake in one line of at most `LONGEST` characters, none of which a terminal would obey.
 
-    Of a longer one the middle is left out.
+    Of a longer one whole words in the middle are left out.
     """
     if isinstance(mistake, OSError) and mistake.strerror is not None:
         where = f"{mistake.filename}: " if mistake.filename is not None else ""
@@ -28,7 +31,10 @@ def sentence(mistake: Exception) -> str:
     else:
         text = str(mistake)
     text = printable(" ".join(text.split()))
-    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2 - 3]} ... {text[-(LONGEST // 2 - 2) :]}"
+    if len(text) <= LONGEST:
+        return text
+    first, last = text[: LONGEST // 2 - 3], text[-(LONGEST // 2 - 2) :]
+    return f"{re.sub(f' {PART}$', '', first)} ... {re.sub(f'^{PART} ', '', last)}"
 
 
 def printable(text: str) -> str:

@@ -15,6 +15,7 @@ from estimators.arms.identification import (
 from estimators.arms.online import ArmEstimator
 from estimators.arms.payload import Payload, find_payload
 from estimators.arms.standard import Nearest, nearest_body, standard_parameters
+from estimators.arms.transmission import Transmission, find_transmissions
 
 __all__ = [
     "ARM_SCHEMES",
@@ -28,11 +29,13 @@ __all__ = [
     "JointError",
     "Nearest",
     "Payload",
+    "Transmission",
     "add_arm",
     "compare_arm",
     "design_excitation",
     "diagnose_arm",
     "find_payload",
+    "find_transmissions",
     "follow",
     "identify_arm",
     "nearest_body",

@@ -46,7 +46,8 @@ class ArmView:
 
 
 def measure_arm(recording: ArmRecording) -> list[Joints]:
-    """Measurements of each segment of a recording, see `measure_joints`."""
+    """Measurements of each segment of a recording, see `measure_joints`; raises RecordingError for a current."""
+    recording.refuse_currents()
     return measure_joints(recording.joints)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,14 +14,16 @@ from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import KEPT, SETTLED, UNNAMED, Candidate
 from estimators.diagnosis.setting import HELD_OUT
 from estimators.progress import Progress, no_progress
+from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion
-from estimators.selection.data import Evidence
+from estimators.selection.data import Evidence, inertias
 from estimators.selection.left import Terms
 from estimators.selection.models import Models
 from estimators.selection.moves import explaining
 from estimators.selection.search import select
-from estimators.weak_form.dataset import NEGLIGIBLE
+from estimators.weak_form.dataset import HALF_WIDTHS, NEGLIGIBLE
 from estimators.weak_form.links import prepare_arm
+from estimators.weak_form.windows import in_a_row
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links, at_joints, friction, joint_effects, kind_at
@@ -32,6 +34,7 @@ from pendulum_env.physics.table import TABLES
 from pendulum_env.words import listing
 
 SCHEMA = "pendulum-ident/arm-diagnosis@2"
+HEAVIER = 1.2  # times, by which a joint feels heavier in slow motion without its friction being the reason
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +51,7 @@ class ArmDiagnosis:
         unexplained: torque that is left of joints and is no noise [N m]: what neighbouring windows share, or all.
         regions: where it stands out most, of these joints where it does.
         tables: functions that no effect is and that would explain most of it, `torque_by_angle@elbow`.
+        heavier: joints that feel heavier in slow motion than in all, and how many times.
     """
 
     base: ArmModel
@@ -60,6 +64,18 @@ class ArmDiagnosis:
     unexplained: Mapping[str, float]
     regions: Mapping[str, Region] = field(default_factory=dict)
     tables: tuple[str, ...] = ()
+    heavier: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What else is seen of what is left, in sentences."""
+        slow = 0.5 / HALF_WIDTHS[-1]
+        return tuple(
+            f"{joint} feels {times:.2g} times as heavy below {slow:.2g} Hz as in all of its motion, as behind an "
+            "elastic transmission, on a base that gives, or where the encoder adds more than white noise: trust slow "
+            "motion"
+            for joint, times in self.heavier.items()
+        )
 
     @property
     def headline(self) -> str:
@@ -99,6 +115,7 @@ class ArmDiagnosis:
             "unexplained": dict(self.unexplained),
             "regions": {joint: region.json() for joint, region in self.regions.items()},
             "tables": list(self.tables),
+            "heavier": dict(self.heavier),
             "model": self.model.json(),
         }
 
@@ -131,12 +148,15 @@ def parted(
     return [first for first, _ in pairs], [last for _, last in pairs]
 
 
-def gather_arm(recordings: Sequence[ArmRecording], terms: Sequence[type[Term] | Term]) -> Evidence:
+def gather_arm(
+    recordings: Sequence[ArmRecording], terms: Sequence[type[Term] | Term], shortest: float = 0.0
+) -> Evidence:
     """Evidence of recordings of an arm, which no simulation follows, with the columns of terms that two joints share.
 
     Args:
         recordings: of the arm.
         terms: that may be fitted to it, the links first.
+        shortest: half a window at least [s].
 
     Raises:
         IdentificationError: if a joint hardly moves clear of stick.
@@ -144,7 +164,8 @@ def gather_arm(recordings: Sequence[ArmRecording], terms: Sequence[type[Term] | 
     links = terms[0]
     assert isinstance(links, Links)
     kinds = dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms)
-    return Evidence(prepare_arm(recordings, links, [kind for kind in kinds if issubclass(kind, Coupling)]), ())
+    shared = [kind for kind in kinds if issubclass(kind, Coupling)]
+    return Evidence(prepare_arm(recordings, links, shared, shortest), ())
 
 
 def models_of_arm(
@@ -168,6 +189,16 @@ def models_of_arm(
     return Models(fitted, checked, progress, library, criterion, rng, base=base, tables=tables)
 
 
+def heavier_when_slow(models: Models, train: Sequence[ArmRecording], joints: Collection[str]) -> dict[str, float]:
+    """Of some joints those that feel surely heavier in the longest windows, and how many times."""
+    try:
+        slow = inertias(gather_arm(train, models.base, HALF_WIDTHS[-1]).screen, models.base)
+    except IdentificationError:  # they are too few
+        return {}
+    times = {at: slow[at] / max(models.left.inertia[at], 1e-300) for at in joints}
+    return {at: ratio for at, ratio in times.items() if ratio > HEAVIER}
+
+
 def of_arm(model: Model) -> ArmModel:
     """A model of links and of terms at joints as that of an arm."""
     return ArmModel(model.terms, model.estimates, correlation=model.correlation)
@@ -179,18 +210,21 @@ def diagnose_arm(
     holdout: ArmRecording | Sequence[ArmRecording] = (),
     progress: Progress = no_progress,
     *,
+    terms: Sequence[Term] | None = None,
     library: Mapping[str, type[Term]] | None = None,
     criterion: Criterion | None = None,
     rng: np.random.Generator | None = None,
 ) -> ArmDiagnosis:
-    """Find the effects at joints that a rigid body with viscous and Coulomb friction lacks.
+    """Find the effects at joints that a model of an arm lacks.
 
     Args:
         recordings: to fit.
         body: its links.
         holdout: to predict; without any, the last 30 % of each recording.
         progress: told what is being done.
-        library: effects that may be named, by id; by default all that can sit at a joint.
+        terms: of the model at joints, beside the links; viscous and Coulomb friction at each by default.
+        library: effects that may be named, by id; at the joint where it is placed or at all;
+            by default all that can sit at a joint.
         criterion: what they have to achieve.
         rng: of the bootstrap.
 
@@ -198,8 +232,9 @@ def diagnose_arm(
         IdentificationError: if a joint hardly moves.
     """
     train, held = parted(recordings, holdout)
+    base = (Links(body), *(friction(body) if terms is None else terms))
     placed = at_joints((joint_effects() if library is None else library).values(), body)
-    base = (Links(body), *friction(body))
+    placed = [kind for kind in placed if kind.id not in {term.id for term in base}]
     tables = at_joints(TABLES.values(), body)
     models = models_of_arm(train, held, base, {kind.id: kind for kind in placed}, criterion, rng, progress, tables)
     found = select(models)
@@ -214,7 +249,7 @@ def diagnose_arm(
     }
     last = found.steps[-1].model
     lacking, model = of_arm(found.steps[0].model), of_arm(last.biased() if unexplained else last)
-    seen = (data.part(at).samples for at in data.joints)
+    seen = (in_a_row([w.samples for w in data.part(at).windows]) for at in data.joints)
     parts = ((x.position, x.velocity, x.torque) for x in seen)
     model = model.withholding(untold(model, *map(np.column_stack, zip(*parts, strict=True))))
     return ArmDiagnosis(
@@ -226,6 +261,7 @@ def diagnose_arm(
         before=compare_arm(lacking, held),
         after=compare_arm(model, held),
         unexplained=unexplained,
+        heavier=heavier_when_slow(models, train, unexplained) if unexplained else {},
         regions=where_it_stands_out(models, found.terms, list(unexplained)),
         tables=tuple(
             filter(

@@ -116,12 +116,13 @@ def design_excitation(
         if anew:
             waves, at = rng.normal(size=waves.shape) * alike, rng.uniform(0.4, 0.6, len(low))
         middle = low + (high - low) * at
-        q, v, _ = Excited(body, np.zeros(len(low)), *waves, period, np.inf)(time)
+        q, v, _ = Excited(body, np.zeros(len(low)), waves[0], waves[1], period, np.inf)(time)
         room = np.minimum(high - middle, middle - low)
         scale = MARGIN * np.minimum(room / np.abs(q).max(axis=0), speed / np.abs(v).max(axis=0))
         known = -np.inf
         for share in SHARES:
-            tried = Excited(body, middle, *(waves * scale * share), period, np.inf)
+            sines, cosines = waves * scale * share
+            tried = Excited(body, middle, sines, cosines, period, np.inf)
             rows = _rows(tried, time)
             if np.all(np.abs(rows[..., : len(body.values)] @ body.values) <= MARGIN * most):
                 phi = rows.reshape(-1, rows.shape[-1])

@@ -12,7 +12,7 @@ import numpy as np
 from estimators.arms.excitation import Excited
 from estimators.progress import Progress, no_progress
 from pendulum_env._typing import Array
-from pendulum_env.arms.env import PlanarArm
+from pendulum_env.arms.env import SimulatedArm
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.policy import measure, transitions
 
@@ -49,7 +49,7 @@ class Follow:
 
 
 def follow(
-    arm: PlanarArm,
+    arm: SimulatedArm,
     motion: Excited,
     samples: int,
     max_torque: float | None = None,

@@ -12,7 +12,7 @@ from estimators.arms.balance import VIEWS, Joints, measure_arm, motion, rows
 from estimators.arms.untold import untold
 from estimators.checks.identifiability import Doubt, inseparable
 from estimators.regression.equations import Equations, IdentificationError
-from estimators.regression.least_squares import Fit, solve
+from estimators.regression.least_squares import Fit, least_squares, solve
 from estimators.regression.recursive import evenly
 from estimators.schemes.identification import (
     CLUSTER,
@@ -219,11 +219,11 @@ def _fit(scheme: Scheme, data: Stack, terms: tuple[Term, ...], lender: ArmModel 
 def weighted(equations: Equations, joint: Index, clusters: Index) -> tuple[Fit, Array]:
     """Least squares in which joints with less noise count more, and the weight of each joint [1/(N m)]."""
     clusters = np.unique(clusters, return_inverse=True)[1]
-    weights = 1.0 / _levels(equations.y, joint)
-    for _ in range(2):
-        fit = solve(equations, weights[joint], clusters)
-        weights = 1.0 / _levels(fit.residual, joint)
-    return fit, weights
+    phi, y = equations.phi, equations.y
+    w = 1.0 / _levels(y, joint)[joint]
+    theta = least_squares(phi * w[:, None], y * w)
+    fit = solve(equations, 1.0 / _levels(y - phi @ theta, joint)[joint], clusters)
+    return fit, 1.0 / _levels(fit.residual, joint)
 
 
 def _levels(values: Array, joint: Index) -> Array:

@@ -86,15 +86,6 @@ class Suggestion:
         }
 
     @classmethod
-    def from_json(cls, data: JSON) -> Suggestion:
-        """Suggestion from a dictionary that `json` made.
-
-        Raises:
-            ValueError: if it is none.
-        """
-        return cls.of(Value("the suggestion", "", data))
-
-    @classmethod
     def of(cls, data: Value) -> Suggestion:
         """Suggestion from what stands in a diagnosis.
 

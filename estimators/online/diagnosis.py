@@ -295,18 +295,17 @@ class EffectMonitor:
     def _fit(self) -> None:
         """Fit all models to what is kept: they predict from now on."""
         bins = self._bins(self._kept)
-        width = sum(len(term.columns) for term in self.terms)
-        base = Family(self.terms, (), bins, width + 2)
+        base = Family(self.terms, (), bins, 0)
         if len(self._joints) > 1:
-            squares = [np.mean(base.residual[bins.at == name] ** 2) for name in self._joints if name in bins.at]
-            self._scale[[name in bins.at for name in self._joints]] = np.sqrt(np.maximum(squares, 1e-12))
+            for joint in {one.joint for one in self._kept}:
+                own = base.residual[bins.at == self._joints[joint]]
+                self._scale[joint] = np.sqrt(max(float(np.mean(own**2)), 1e-12))
             self._scale /= self._scale.mean()
             bins = self._bins(self._kept)
-            base = Family(self.terms, (), bins, width + 2)
-        families = [base]
-        for id, variants in self._grids(base, bins):
-            if id not in self._added and variants:
-                families.append(Family(self.terms, thinned(variants), bins, width + 2))
+            base = Family(self.terms, (), bins, 0)
+        grids = [thinned(variants) for id, variants in self._grids(base, bins) if id not in self._added and variants]
+        width = max((len(variants[0].columns) for variants in grids), default=0)
+        families = [Family(self.terms, variants, bins, width) for variants in [(), *grids]]
         self._fitted = len(bins.y)
         self._rivals, self._bets = Rivals(families, self._fitted), Bets(len(families) - 1)
 
@@ -330,15 +329,14 @@ class EffectMonitor:
         assert self._rivals is not None
         bins = self._bins(self._kept)
         base, *families = self._rivals.families
-        width = base.width
-        fresh = dict(self._grids(Family(self.terms, (), bins, width), bins))
+        fresh = dict(self._grids(Family(self.terms, (), bins, 0), bins))
         renewed = [base]
         for family in families:
             first = family.variants[0]
             if all(shape.integer for shape in first.shapes):
                 renewed.append(family)
                 continue
-            new = Family(self.terms, refined(family, fresh[first.id]), bins, width)
+            new = Family(self.terms, refined(family, fresh[first.id]), bins, base.width)
             old = dict(zip(family.variants, family.weight.tolist(), strict=True))
             share = -np.log(len(new.variants))  # the best one's weight, shared among those that are new
             new.weight = np.array([old.get(variant, share) for variant in new.variants])

@@ -26,6 +26,7 @@ class SquareRootLeastSquares:
         error: last a-priori errors (B, S), 0 where an equation was not used.
         squares: sum of squared errors, discounted like the equations (B, S).
         count: equations taken in, discounted likewise (B, S).
+        variance: of the last a-priori errors for unit noise, 1 + phi' P phi (B, S).
     """
 
     def __init__(self, batch: tuple[int, int], parameters: int, prior: float = PRIOR, forgetting: float = 1.0) -> None:
@@ -39,7 +40,7 @@ class SquareRootLeastSquares:
         self._machine = Machine(_update, (parameters, forgetting, prior), int(np.prod(batch)))
         self.theta = np.zeros((*batch, parameters))
         self.root = np.sqrt(prior) * np.tile(np.eye(parameters), (*batch, 1, 1))
-        self.error, self.squares, self.count = np.zeros((3, *batch))
+        self.error, self.squares, self.count, self.variance = np.zeros((4, *batch))
         self._turn = 0
 
     @property
@@ -94,7 +95,7 @@ class SquareRootLeastSquares:
     def _told(self) -> None:
         now = self._machine.now
         self._theta = now["theta"].T.copy().reshape(*self._batch, -1)  # what was handed out stays as it is
-        self.error, self.squares, self.count = now["sums"].copy().reshape(3, *self._batch)
+        self.error, self.squares, self.count, self.variance = now["sums"].copy().reshape(4, *self._batch)
 
     def widen(self, increase: Array) -> None:
         """Add a diagonal (B, S, P) to P: the parameters may have moved since."""
@@ -125,7 +126,7 @@ def check_ranges(prior: float, forgetting: float) -> None:
 def _update(size: int, forgetting: float, prior: float) -> Step:
     """One equation y = phi' theta taken in, in symbols; what is not used changes nothing."""
     given = {"phi": names("phi", size), "y": names("y"), "used": names("used")}
-    theta, root, sums = names("theta", size), names("root", size, size), names("sums", 3)
+    theta, root, sums = names("theta", size), names("root", size, size), names("sums", 4)
     used = given["used"]
     row, power = given["phi"] * used, 1.0 if forgetting == 1 else np.where(used > 0, forgetting, 1.0)
     # f = S' phi;  lambda + phi' P phi = lambda + f' f;  raised = P phi
@@ -140,8 +141,8 @@ def _update(size: int, forgetting: float, prior: float) -> Step:
     if forgetting < 1:
         given["turn"] = names("turn", size)
         left = _forget(left / np.sqrt(power), given["turn"] * used, size * (1.0 - forgetting) / prior)
-    _, squares, count = sums
-    told = np.array([error, power * (squares + error * relative), power * count + used])
+    _, squares, count, _ = sums
+    told = np.array([error, power * (squares + error * relative), power * count + used, total])
     after = {"theta": theta + raised * relative, "root": left, "sums": told}
     return Step(given, {"theta": theta, "root": root, "sums": sums}, after)
 

@@ -1,11 +1,19 @@
 """Competing models, sample by sample: the running model, alone and with each variant of each effect.
 
-All regressions are one batch of the square-root recursion, padded to equal length. Rows are those of the Hamiltonian
-scheme, averaged over a bin of a few samples; laws are evaluated for all variants of an effect and all samples of a bin
-at once. Each a-priori error has a Student t density. An effect predicts by the mixture of its variants, weighted by
-their past likelihoods: the weights include the penalty for a choice among many, and no variant is chosen in advance.
+Rows are those of the Hamiltonian scheme, averaged over a bin of a few samples; laws are evaluated for all variants of
+an effect and all samples of a bin at once. The running model's recursion is made once for all: y and an effect's own
+columns c are regressed on its rows phi, and what is left of y on what is left of c,
 
-Source: Dawid, JRSS A 147(2), 1984 (prequential); Herbster and Warmuth, Machine Learning 32, 1998 (mixtures that share).
+    a <- a + K (y - phi' a)       G <- G + K (c - phi' G)'      K = P phi / (1 + phi' P phi)
+    S <- S + r r' / (1 + phi' P phi)    t <- t + r e / (1 + phi' P phi)    r = c - G' phi,  e = y - phi' a
+
+which is recursive least squares in phi and c with parameters a - G delta and delta = S^-1 t, and costs a variant its
+own columns alone. Each a-priori error has a Student t density. An effect predicts by the mixture of its variants,
+weighted by their past likelihoods: the weights include the penalty for a choice among many, and no variant is chosen in
+advance.
+
+Source: Frisch and Waugh, Econometrica 1(4), 1933; Dawid, JRSS A 147(2), 1984 (prequential); Herbster and Warmuth,
+Machine Learning 32, 1998 (mixtures that share).
 """
 
 from __future__ import annotations
@@ -48,11 +56,6 @@ class Rows(NamedTuple):
     y: Array
     slope: Array
     passed: Array
-
-    def error(self, theta: Array) -> Array:
-        """Prediction error of the torque with parameters (V, P), (R, V) [N m]."""
-        left = self.passed - np.einsum("rvp,vp->rv", self.slope, theta)
-        return (self.y - np.einsum("rvp,vp->rv", self.phi, theta)) / np.maximum(left, LEAST_SLOPE)
 
 
 @dataclass(frozen=True)
@@ -150,16 +153,6 @@ def _average(length: int) -> Array:
     return np.column_stack([np.r_[np.zeros(k), mean, np.zeros(length - 4 - k)] for k in range(length - MARGIN)])
 
 
-def _joined(base: Rows, own: Rows, y: Array, width: int) -> Rows:
-    """Equations of the running model with those of V variants beside it, padded to `width` columns."""
-    shape = (*own.y.shape, width)
-    phi, slope = np.zeros((2, *shape))
-    first, last = base.phi.shape[-1], base.phi.shape[-1] + own.phi.shape[-1]
-    phi[..., :first], slope[..., :first] = base.phi, base.slope
-    phi[..., first:last], slope[..., first:last] = own.phi, own.slope
-    return Rows(phi, base.y + own.y - y[:, None], slope, base.passed + own.passed - 1.0)
-
-
 def _stacked(variants: Sequence[Term]) -> Term:
     """All variants of an effect as one term, whose shape parameters are (V, 1, 1)."""
     if len(variants) == 1:
@@ -169,40 +162,71 @@ def _stacked(variants: Sequence[Term]) -> Term:
 
 
 class Family:
-    """Regressions of the running model with each variant of one effect; the running model alone is a family, too."""
+    """Regressions of one effect's V variants beside the running model, which is itself the family without a variant.
+
+    Attributes:
+        width: K, columns of an effect, padded with zeros.
+        of_y: parameters of the running model, fitted to y alone (V, P).
+        of_own: the same, fitted to the variants' own columns (V, K, P).
+        information: S of what is left of these (V, K, K).
+        told: t (V, K).
+        square: of the errors' scale (V,) [(N m)^2].
+        weight: log of the variants' (V,).
+    """
 
     def __init__(self, terms: Sequence[Term], variants: Sequence[Term], bins: Bins, width: int) -> None:
-        """Fit V models with `width` columns at most to R bins; of equal weight so far."""
+        """Fit V models, of K columns at most each, to R bins; of equal weight so far."""
         self.terms, self.variants, self.width = tuple(terms), tuple(variants), width
         self._stacked = [_stacked(variants)] if variants else []
         own = [column for variant in variants[:1] for column in variant.columns]
-        self.first = sum(len(term.columns) for term in terms)
-        self.least, self.most = (np.array([getattr(c, name) for c in own]) for name in ("least", "most"))
-        rows = self.rows(bins, bins.rows(terms))
-        # J = sum phi phi' + 1 / P(0) = L L', of columns scaled to length one;  S = L'^-1, theta = S S' sum phi y
-        scale = np.sqrt(np.einsum("rvp,rvp->vp", rows.phi, rows.phi) + 1.0 / PRIOR)
-        phi = rows.phi / scale
-        information = np.einsum("rvp,rvq->vpq", phi, phi, optimize=True)
-        information += np.eye(width) * (RIDGE + 1.0 / (PRIOR * scale**2))[..., None]
-        self.root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(information)), 1, 2) / scale[..., None]
-        told = np.einsum("rvp,rv->vp", rows.phi, rows.y)
-        self.theta = (self.root @ (np.swapaxes(self.root, 1, 2) @ told[..., None]))[..., 0]
-        self.residual = rows.error(self.theta)  # (R, V)
-        squares = self.residual**2
+        self.least, self.most = np.full((2, width), -np.inf)
+        self.most[:] = np.inf
+        for j, column in enumerate(own):
+            self.least[j], self.most[j] = column.least, column.most
+        base = bins.rows(terms)
+        rows, phi = self.rows(bins), base.phi[:, 0]
+        y = base.y + rows.y - bins.y[:, None]
+        # J = sum phi phi' + 1 / P(0), of columns scaled to length one
+        weak = _weak(np.einsum("rp,rp->p", phi, phi))
+        scale = np.sqrt(np.einsum("rp,rp->p", phi, phi) + 1.0 / PRIOR)
+        information = (phi / scale).T @ (phi / scale) + np.diag(weak / scale**2)
+        self.root = np.linalg.inv(np.linalg.cholesky(information)).T / scale[:, None]  # S S' = P
+        spread = self.root @ self.root.T
+        self.of_y = y.T @ phi @ spread
+        self.of_own = np.einsum("rvk,rp->vkp", rows.phi, phi, optimize=True) @ spread
+        error, left = y - phi @ self.of_y.T, rows.phi - np.einsum("rp,vkp->rvk", phi, self.of_own, optimize=True)
+        own_weak = _weak(np.einsum("rvk,rvk->vk", rows.phi, rows.phi))
+        self.information = np.einsum("rvk,rvl->vkl", left, left) + own_weak[..., None] * np.eye(width)
+        self.information += np.einsum("vkp,p,vlp->vkl", self.of_own, weak, self.of_own, optimize=True)
+        self.told = np.einsum("rvk,rv->vk", left, error)
+        self.told += np.einsum("vkp,p,vp->vk", self.of_own, weak, self.of_y, optimize=True)
+        theta = self.theta
+        passed = base.passed + rows.passed - 1.0 - np.einsum("rp,vp->rv", base.slope[:, 0], theta[:, : len(weak)])
+        passed -= np.einsum("rvk,vk->rv", rows.slope, theta[:, len(weak) :])
+        self.residual = (error - np.einsum("rvk,vk->rv", left, theta[:, len(weak) :])) / np.maximum(passed, LEAST_SLOPE)
+        squares = self.residual**2  # (R, V)
         square = np.maximum(squares.mean(axis=0), 1e-12)
         for _ in range(TURNS):
             square = np.maximum(((NU + 1) * squares / (NU + squares / square)).mean(axis=0), 1e-12)
-        self.square = square * len(squares) / max(1, len(squares) - width)
-        self.weight = np.zeros(len(self.theta))  # log
+        self.square = square * len(squares) / max(1, len(squares) - len(weak) - width)
+        self.weight = np.zeros(len(self.of_y))
 
-    def rows(self, bins: Bins, base: Rows) -> Rows:
-        """Equations of the V models, from those of the running one."""
-        return _joined(base, bins.rows(self._stacked, max(1, len(self.variants))), bins.y, self.width)
+    def rows(self, bins: Bins) -> Rows:
+        """What the V variants add to equations of the running model, padded to K columns."""
+        rows = bins.rows(self._stacked, max(1, len(self.variants)))
+        phi, slope = np.zeros((2, *rows.y.shape, self.width))
+        phi[..., : rows.phi.shape[-1]], slope[..., : rows.phi.shape[-1]] = rows.phi, rows.slope
+        return Rows(phi, rows.y, slope, rows.passed)
+
+    @property
+    def theta(self) -> Array:
+        """Parameters of the running model and own ones (V, P + K)."""
+        return _theta(self.of_y, self.of_own, self.information, self.told)
 
     @property
     def possible(self) -> Array:
         """Whether the effect is physically possible in each variant (V,)."""
-        own = self.theta[:, self.first : self.first + len(self.least)]
+        own = self.theta[:, self.of_y.shape[1] :]
         return np.asarray(((own >= self.least) & (own <= self.most)).all(axis=1))
 
     @property
@@ -211,29 +235,44 @@ class Family:
         return int(np.argmax(np.where(self.possible, self.weight, self.weight - 1e6)))
 
 
+def _theta(of_y: Array, of_own: Array, information: Array, told: Array) -> Array:
+    delta = np.linalg.solve(information, told[..., None])[..., 0]
+    return np.concatenate([of_y - np.einsum("vk,vkp->vp", delta, of_own), delta], axis=1)
+
+
+def _weak(squares: Array) -> Array:
+    """Information on each parameter before any equation, for sums of squares of its column."""
+    return 1.0 / PRIOR + RIDGE * (squares + 1.0 / PRIOR)
+
+
 class Rivals:
     """The running model and the families of effects beside it, as one batch."""
 
     def __init__(self, families: Sequence[Family], count: int) -> None:
         """Take the families, the running model's own first, and the number of bins that they were fitted to."""
         self.families = tuple(families)
-        sizes = [len(family.theta) for family in families]
-        width, total, ends = families[0].width, sum(sizes), np.cumsum(sizes, dtype=np.intp)
+        sizes = [len(family.of_y) for family in families]
+        ends = np.cumsum(sizes, dtype=np.intp)
         self._starts: Index = ends - sizes
         self._of = np.repeat(np.arange(len(sizes)), sizes)  # family of each model
-        self._slices = [slice(*pair) for pair in zip(self._starts.tolist(), ends.tolist(), strict=True)]
-        self._squares = SquareRootLeastSquares((1, total), width)
-        self._squares.theta = np.concatenate([family.theta for family in families])[None]
-        self._squares.root = np.concatenate([family.root for family in families])[None]
-        self._square = np.concatenate([family.square for family in families])
-        self._weight = np.concatenate([family.weight for family in families])
-        self._least, self._most = np.full((2, total, width), -np.inf)
-        self._most[:] = np.inf
-        for family, own in zip(families, self._slices, strict=True):
-            columns = slice(family.first, family.first + len(family.least))
-            self._least[own, columns], self._most[own, columns] = family.least, family.most
+        for name in ("of_y", "of_own", "information", "told", "square", "weight"):
+            both = np.concatenate([getattr(family, name) for family in families])
+            setattr(self, f"_{name}", both)
+            for family, first, end in zip(families, self._starts.tolist(), ends.tolist(), strict=True):
+                setattr(family, name, both[first:end])  # a view, which stays current
+        self._least, self._most = (
+            np.repeat([getattr(family, name) for family in families], sizes, axis=0) for name in ("least", "most")
+        )
+        self._running = SquareRootLeastSquares((1, 1), self._of_y.shape[1])
+        self._running.root = families[0].root[None, None]
         self._count = count
-        self._usable = np.ones((1, total), dtype=bool)
+
+    _of_y: Array
+    _of_own: Array
+    _information: Array
+    _told: Array
+    _square: Array
+    _weight: Array
 
     def take(self, bins: Bins) -> tuple[Array, Array]:
         """Predict R bins one after the other, with an update after each.
@@ -242,38 +281,46 @@ class Rivals:
             Log density of each under each family (R, F), and the running model's errors (R,) [N m].
         """
         base = bins.rows(self.families[0].terms)
-        parts = [family.rows(bins, base) for family in self.families]
-        rows = Rows(*(np.concatenate(series, axis=1) for series in zip(*parts, strict=True)))
-        told = [self._take(Rows(*(series[r : r + 1] for series in rows))) for r in range(len(bins.y))]
-        for family, own in zip(self.families, self._slices, strict=True):
-            family.theta, family.root = self._squares.theta[0, own], self._squares.root[0, own]
-            family.square, family.weight = self._square[own], self._weight[own]
-        densities, errors = zip(*told, strict=True)
+        parts = [family.rows(bins) for family in self.families]
+        own = Rows(*(np.concatenate(series, axis=1) for series in zip(*parts, strict=True)))
+        y, passed = base.y + own.y - bins.y[:, None], base.passed + own.passed - 1.0
+        rows = zip(base.phi[:, 0], base.slope[:, 0], own.phi, own.slope, y, passed, strict=True)
+        densities, errors = zip(*(self._take(*row) for row in rows), strict=True)
         return np.array(densities), np.array(errors) * bins.scale
 
-    def _take(self, rows: Rows) -> tuple[Array, float]:
+    def _take(
+        self, phi: Array, slope: Array, own: Array, own_slope: Array, y: Array, passed: Array
+    ) -> tuple[Array, float]:
         """Predict one bin by all models, then update them."""
-        squares = self._squares
-        error = rows.error(squares.theta[0])[0]
-        # e is predicted to scatter by scale^2 (1 + phi' P phi)
-        f = (rows.phi[0, :, None] @ squares.root[0])[:, 0]
-        spread = 1.0 + np.einsum("vq,vq->v", f, f)
-        relative = error**2 / spread
-        density = -0.5 * np.log(self._square * spread) - (NU + 1) / 2 * np.log1p(relative / (NU * self._square))
-        densities = self._mixed(density)
+        running, theta = self._running, _theta(self._of_y, self._of_own, self._information, self._told)
+        base, delta = theta[:, : len(phi)], theta[:, len(phi) :]
+        gain = running.root[0, 0] @ (phi @ running.root[0, 0])
+        spread = 1.0 + phi @ gain
+        error, left = y - self._of_y @ phi, own - self._of_own @ phi  # (V,), (V, K)
+        after = passed - base @ slope - np.einsum("vk,vk->v", own_slope, delta)
+        missed = (error - np.einsum("vk,vk->v", left, delta)) / np.maximum(after, LEAST_SLOPE)
+        # the error is predicted to scatter by scale^2 times this
+        unsure = spread + np.einsum("vk,vk->v", left, np.linalg.solve(self._information, left[..., None])[..., 0])
+        relative = missed**2 / unsure
+        density = -0.5 * np.log(self._square * unsure) - (NU + 1) / 2 * np.log1p(relative / (NU * self._square))
+        densities = self._mixed(density, delta)
         self._count += 1
         step = (NU + 1) / (NU + relative / self._square) * relative - self._square
-        self._square = np.maximum(self._square + step / min(self._count, MEMORY), 1e-12)
-        squares.take(rows.phi[:1], rows.y[:1], self._usable)
-        return densities, float(error[0])
+        self._square[:] = np.maximum(self._square + step / min(self._count, MEMORY), 1e-12)
+        running.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
+        self._of_y += error[:, None] * (gain / spread)
+        self._of_own += left[..., None] * (gain / spread)
+        self._information += left[:, :, None] * left[:, None] / spread
+        self._told += left * error[:, None] / spread
+        return densities, float(missed[0])
 
-    def _mixed(self, density: Array) -> Array:
+    def _mixed(self, density: Array, own: Array) -> Array:
         """Log density of each mixture (F,), and new weights; impossible variants have that of the running model."""
-        theta, starts = self._squares.theta[0], self._starts
-        possible = ((theta >= self._least) & (theta <= self._most)).all(axis=1)
+        starts = self._starts
+        possible = ((own >= self._least) & (own <= self._most)).all(axis=1)
         before = np.where(possible, self._weight, -np.inf)
         weight = self._weight + density
-        self._weight = np.maximum(weight - np.maximum.reduceat(weight, starts)[self._of], WEAKEST)
+        self._weight[:] = np.maximum(weight - np.maximum.reduceat(weight, starts)[self._of], WEAKEST)
         known = np.logaddexp.reduceat(before, starts)
         told = np.logaddexp.reduceat(before + density, starts) - np.where(np.isfinite(known), known, 0.0)
         usable = np.isfinite(known) & np.isfinite(told)

@@ -67,13 +67,21 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
     phi = equations.phi * weights[:, None]
     theta = least_squares(phi, equations.y * weights)
     residual = equations.y - equations.phi @ theta
-    scale = np.linalg.norm(phi, axis=0)
-    scale[scale == 0] = 1.0
-    singular, directions = np.linalg.svd(np.linalg.qr(phi / scale, mode="r"))[1:]
+    condition, direction = worst_direction(phi)
     full = phi if jacobian is None else np.column_stack([phi, jacobian * weights[:, None]])
     covariance = robust_covariance(full, residual * weights, clusters)
-    condition = float(singular[0] / max(singular[-1], 1e-300)) if len(singular) else 1.0
-    return Fit(theta, covariance, residual, directions[-1], condition)
+    return Fit(theta, covariance, residual, direction, condition)
+
+
+def worst_direction(phi: Array) -> tuple[float, Array]:
+    """Condition number of columns (R, P) scaled to equal length, and the unit vector (P,) that says least in them."""
+    scale = np.linalg.norm(phi, axis=0)
+    scale[scale == 0] = 1.0
+    values, vectors = np.linalg.eigh((gram := phi.T @ phi) / np.outer(scale, scale))
+    if len(gram) and values[0] > DISTINCT:
+        return float(np.sqrt(values[-1] / values[0])), vectors[:, 0]
+    singular, directions = np.linalg.svd(np.linalg.qr(phi / scale, mode="r"))[1:]
+    return float(singular[0] / max(singular[-1], 1e-300)) if len(singular) else 1.0, directions[-1]
 
 
 def is_converged(residual: Array, change: Array) -> bool:
@@ -114,15 +122,15 @@ def jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Arra
     phi = phi / size
     bread = np.linalg.pinv(phi.T @ phi, rcond=1e-12, hermitian=True)
     count = int(clusters.max()) + 1
-    parts = [phi[clusters == cluster] for cluster in range(count)]
-    if max(len(own) for own in parts) < len(bread):  # the same by matrices as small as the clusters are
-        alone = np.array([_alone(own, residual[clusters == k], np.asarray(bread)) for k, own in enumerate(parts)])
+    parts = [(phi[rows], residual[rows]) for rows in (clusters == cluster for cluster in range(count))]
+    grams = np.array([own.T @ own for own, _ in parts])
+    if max(len(own) for own, _ in parts) < len(bread):  # the same by matrices as small as the clusters are
+        alone = np.array([_alone(own, left, np.asarray(bread)) for own, left in parts])
     else:
-        scores = np.zeros((count, phi.shape[1]))
-        np.add.at(scores, clusters, phi * residual[:, None])
-        kept = np.eye(len(bread)) - np.array([own.T @ own for own in parts]) @ bread
+        scores = np.array([own.T @ left for own, left in parts])
+        kept = np.eye(len(bread)) - grams @ bread
         alone = (np.linalg.pinv(kept, rcond=1e-6) @ scores[:, :, None])[:, :, 0]
-    told = np.array([np.sum((own @ bread) ** 2, axis=0) for own in parts])
+    told = np.einsum("ij,kji->ki", bread, grams @ bread)
     meat = alone.T @ alone
     covariance = (count - 1) / count * bread @ meat @ bread
     return np.asarray(covariance / np.outer(size, size)), told

@@ -7,15 +7,23 @@ from itertools import pairwise
 from math import comb
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from pendulum_env._typing import Array, Mask
 from pendulum_env.filters import savitzky_golay
 from pendulum_env.recording import Recording
 
+STILL = 1e-9  # [rad] or any unit, change of a signal from sample to sample that is rounding alone
 
-def scatter(series: Array) -> float:
-    """Standard deviation of white noise on a signal that is smooth, or constant between steps, most of the time."""
-    return float(np.median(np.abs(np.diff(series, 4))) / 0.6745 / np.sqrt(comb(8, 4)))
+
+def scatter(series: Array, where: Mask | slice = np.s_[:]) -> float:
+    """Standard deviation of white noise on a signal that is smooth, or constant between steps, most of the time.
+
+    Args:
+        series: the signal (N,).
+        where: differences of four steps (N - 4,) that are looked at.
+    """
+    return float(np.median(np.abs(np.diff(series, 4))[where]) / 0.6745 / np.sqrt(comb(8, 4)))
 
 
 def white_noise(series: Array) -> float:
@@ -24,6 +32,13 @@ def white_noise(series: Array) -> float:
     steps = np.abs(np.diff(series))
     quantum = float(steps[steps > 1e-12].min(initial=np.inf))
     return max(spread, quantum / np.sqrt(12)) if np.isfinite(quantum) else spread
+
+
+def encoder_noise(position: Array) -> float:
+    """Standard deviation of an encoder's noise [rad]; a coarse one shows none while the joint rests."""
+    moved = np.abs(np.diff(position)) > STILL
+    near = np.asarray(sliding_window_view(moved, 4).any(axis=1))  # of each difference of four steps
+    return max(white_noise(position), scatter(position, near)) if near.any() else white_noise(position)
 
 
 def near_turns(velocity: Array, moving: Mask, distance: int) -> Mask:
@@ -78,7 +93,7 @@ def from_position(recording: Recording, window: Array, half_width: int) -> Motio
     q, v = smooth_motion(recording, recording.position, half_width)
     a = np.zeros_like(q)
     a[1:-1] = np.diff(recording.position, 2) / period**2
-    noise = white_noise(recording.position)
+    noise = encoder_noise(recording.position)
     # slope of the cubic fit: variance 28.1 / (2 s)^3 per unit of position noise, for large s
     slope = noise * np.sqrt(28.1 / (2 * half_width) ** 3) / period
     curvature = np.convolve(window, [1.0, -2.0, 1.0]) / period**2

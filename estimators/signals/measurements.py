@@ -18,12 +18,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.regression.equations import IdentificationError
-from estimators.signals.differentiation import near_turns, scatter, white_noise
+from estimators.signals.differentiation import encoder_noise, near_turns, scatter
 from estimators.weak_form.dataset import HALF_WIDTHS
 from estimators.weak_form.windows import LEAD_IN, SLOWEST, known_load
-from pendulum_env._typing import Array, Mask
+from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.physics import KnownLoad, Samples, Term
-from pendulum_env.physics.term import UNLOADED, Memory
+from pendulum_env.physics.term import ROOM, UNLOADED, Memory
 from pendulum_env.recording import Recording
 
 SPARE = 30  # samples that a recording is longer than the filter
@@ -71,6 +71,7 @@ class Measurements:
     reach: int
     memory: Mapping[str, Memory] = field(default_factory=dict)
     load: KnownLoad = UNLOADED
+    temperature: ArrayLike = ROOM
 
     def __len__(self) -> int:
         return len(self.time)
@@ -83,7 +84,7 @@ class Measurements:
     @property
     def samples(self) -> Samples:
         """What a column depends on, (N,) each."""
-        return Samples(self.time, self.position, self.velocity, self.torque, self.memory, self.load)
+        return Samples(self.time, self.position, self.velocity, self.torque, self.memory, self.load, self.temperature)
 
     def clear(self, guard: float | None) -> Mask:
         """Samples at least `guard` [s], and the filter's reach, away from stick and reversals; None keeps both, (N,).
@@ -196,6 +197,9 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
         torque_noise=scatter(recording.torque) * _length(before),
         reach=smoothing.reach + 1,
         load=known_load(recording),
+        temperature=ROOM
+        if recording.temperature is None
+        else recording.temperature[smoothing.reach : -smoothing.reach],
     )
 
 
@@ -244,7 +248,7 @@ def choose_smoothing(recording: Recording) -> Smoothing:
     Short windows keep more samples near reversals, where friction shows; but the second difference of a coarse encoder
     is all noise, which falls with the window's length to the power -2.5.
     """
-    noise = white_noise(recording.position)
+    noise = encoder_noise(recording.position)
     longest = (len(recording) - SPARE) // 2
     widths = sorted({min(longest, max(2, round(width * recording.rate))) for width in HALF_WIDTHS})
     for m in widths:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.signals.differentiation import white_noise
+from estimators.signals.differentiation import encoder_noise
 from estimators.simulation.free_running import Segments
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
@@ -54,7 +54,7 @@ class Innovations:
         perturbed *= np.where(turns, TURNING, 1.0)
         moved = interval**2 * (1 / 3 - 1 / (12 * every**2))  # held over each period, not white in between
         process = perturbed[:, :, None, None] * np.array([[moved, interval / 2], [interval / 2, 1.0]])
-        measured = max(white_noise(recording.position), INTEGRATED) ** 2
+        measured = max(encoder_noise(recording.position), INTEGRATED) ** 2
         gain, spread = np.empty(transition.shape[:3]), np.empty(transition.shape[:2])
         covariance = np.zeros((index.shape[1], 2, 2))  # the initial state is fitted
         for k, step in enumerate(transition):

@@ -28,7 +28,7 @@ from scipy.sparse import block_diag, csr_array
 from estimators.signals.differentiation import from_position, from_velocity, near_turns, shared, white_noise
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
-from pendulum_env.physics.term import LOAD, UNLOADED, traces
+from pendulum_env.physics.term import LOAD, ROOM, UNLOADED, traces
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
@@ -119,6 +119,7 @@ def in_a_row(parts: Sequence[Samples]) -> Samples:
         np.concatenate([x.torque for x in parts]),
         memory,
         KnownLoad(*loads),
+        np.concatenate([np.broadcast_to(x.temperature, x.time.shape) for x in parts]),
     )
 
 
@@ -230,7 +231,8 @@ class Windows:
     def at_centers(self) -> Samples:
         """Samples at the windows' centres, (R,) each."""
         x, c = self.samples, self.centers
-        return Samples(x.time[c], x.position[c], x.velocity[c], x.torque[c], load=x.load)
+        warm = np.broadcast_to(x.temperature, x.time.shape)[c]
+        return Samples(x.time[c], x.position[c], x.velocity[c], x.torque[c], load=x.load, temperature=warm)
 
     def noise(self, inertia: float) -> float:
         """Standard deviation of a window's residual due to noise [N m]; inertia of known loads is added."""
@@ -325,7 +327,14 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     held = np.convolve(window, [0.5, 0.5])
     return Windows(
         recording=recording,
-        samples=Samples(recording.time, motion.position, v, torque, load=known_load(recording)),
+        samples=Samples(
+            recording.time,
+            motion.position,
+            v,
+            torque,
+            load=known_load(recording),
+            temperature=ROOM if recording.temperature is None else recording.temperature,
+        ),
         acceleration=motion.acceleration,
         kernel=window,
         centers=candidates[~stuck],

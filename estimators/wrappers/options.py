@@ -11,7 +11,7 @@ import numpy as np
 from estimators.arguments import chosen_schemes, chosen_terms
 from estimators.online import JointState, OnlineEstimator
 from estimators.schemes.six import SCHEMES, Scheme
-from estimators.signals.differentiation import white_noise
+from estimators.signals.differentiation import encoder_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, of_steps
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.interface import note_identifier
@@ -80,7 +80,7 @@ def position_noise_of(env: AnyEnv) -> float:
     """Standard deviation of the measured position [rad]; of the paper's encoder if the environment says nothing."""
     recording = _attribute(env, "recording")
     if isinstance(recording, Recording):
-        return white_noise(recording.position)
+        return encoder_noise(recording.position)
     counts = _attribute(env, "counts")
     return of_steps(COUNTS if counts is None else counts)
 

@@ -15,7 +15,7 @@ Automation 6(3), 1990, for the base parameters; Carpentier et al., SII 2019, for
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -75,6 +75,11 @@ class Body(Robot):
     def slides(self) -> tuple[bool, ...]:
         """Whether each joint slides, (n,), instead of turning."""
         return tuple(joint in self.sliding for joint in self.joints)
+
+    @property
+    def weightless(self) -> Body:
+        """The same links where nothing has weight, or where something else holds it."""
+        return replace(self, model=self._weightless)
 
     def said(self, joint: str, text: str) -> str:
         """A text about a joint that turns, such as the unit `N m`, as it is for this one."""

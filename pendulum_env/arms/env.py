@@ -1,19 +1,23 @@
-"""A planar arm as a Gymnasium environment, simulated by pymunk."""
+"""Simulated arms as Gymnasium environments: a planar one by pymunk, any other by MuJoCo."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 from pendulum_env._typing import Array, Mask
+from pendulum_env.arms.body import Body
 from pendulum_env.arms.planar import TWO_LINK, Link, PlanarBodies, joint_models, joint_names, urdf
+from pendulum_env.arms.plane import friction_of
+from pendulum_env.arms.world import SpatialBodies
 from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.interface import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond, warn_learner
 from pendulum_env.lookup import find
+from pendulum_env.plant import PAPER
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.words import listing
 
@@ -23,12 +27,29 @@ Observation = NDArray[np.float32]
 Action = NDArray[np.floating[Any]]
 
 
-class PlanarArm(gym.Env[Observation, Action]):
-    """An arm of n links in a vertical plane with a torque at each joint, seen through its encoders: a plant, no task.
+class Bodies(Protocol):
+    """What moves: positions and velocities (n,) of the joints [rad] and [rad/s], in m and m/s where they slide."""
 
-    Joint angles are relative to the link before, and all zero where the arm hangs down. Action: torques [N m], held
-    for one period and limited to +-max_torque, shape (n,). Observation: cosines, sines and velocities [rad/s] of the
-    joints, shape (3 n,).
+    @property
+    def position(self) -> Array:
+        """Of the joints now."""
+
+    @property
+    def velocity(self) -> Array:
+        """Of the joints now."""
+
+    def start(self, position: Array, velocity: Array) -> None:
+        """Begin there."""
+
+    def advance(self, torque: Array) -> None:
+        """Hold torques (n,) [N m] for one period."""
+
+
+class SimulatedArm(gym.Env[Observation, Action]):
+    """An arm of n joints with a torque at each, seen through its encoders: a plant, no task.
+
+    Action: torques [N m], held for one period and limited to +-max_torque, shape (n,). Observation: cosines, sines and
+    velocities [rad/s] of the joints, shape (3 n,).
 
     `info` carries the measurement, as of the pendulum but with arrays (n,): `time` [s], `position` [rad] unwrapped,
     `velocity` [rad/s], `torque` [N m] as applied over the period that ends at `time`, `clipped` and `follows`. The
@@ -42,6 +63,93 @@ class PlanarArm(gym.Env[Observation, Action]):
     """
 
     metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
+
+    def __init__(
+        self, joints: Sequence[str], bodies: Bodies, sensor: Sensor, *, rate: float, max_torque: float
+    ) -> None:
+        """Take joints, what moves, what is seen of it, samples per second [Hz] and the bound of actions [N m]."""
+        self.joints, self.sensor, self._bodies = tuple(joints), sensor, bodies
+        self.rate, self.counts, self.max_torque = float(rate), sensor.counts, float(max_torque)
+        self.metadata = {**self.metadata, "render_fps": self.rate}
+        n = len(self.joints)
+        high = np.repeat(np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32), n)
+        self.observation_space = gym.spaces.Box(-high, high, dtype=np.float32)
+        self.action_space = gym.spaces.Box(-self.max_torque, self.max_torque, (n,), dtype=np.float32)
+        self._running = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode, at rest and hanging down unless `options` has `position` [rad] or `velocity` [rad/s], (n,).
+
+        Raises:
+            ValueError: if an option is unknown, or not n numbers.
+        """
+        super().reset(seed=seed)
+        given = dict(options or {})
+        for name in given:
+            find("option of reset", name, RESET_OPTIONS)
+        position, velocity = (
+            self._numbers(name, given.get(name, np.zeros(len(self.joints)))) for name in RESET_OPTIONS
+        )
+        self._bodies.start(position, velocity)
+        self._count, self._running = 0, True
+        self._before = self.sensor.position(position - velocity / self.rate)
+        none = np.zeros(len(self.joints))
+        observation, info = self._show(none, none > 0)
+        if self.render_mode == "human":
+            self.render()
+        return observation, info
+
+    def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Hold torques for one period.
+
+        Raises:
+            ValueError: if the action is not n numbers.
+        """
+        if not self._running:
+            raise gym.error.ResetNeeded("the arm has not been started: call reset before step")
+        asked = self._numbers("action", action)
+        torque = np.clip(asked, -self.max_torque, self.max_torque)
+        self._bodies.advance(torque)
+        self._count += 1
+        warn_learner(self, self._count)
+        measured = self.sensor.torque(torque, self.np_random)
+        observation, info = self._show(measured, is_beyond(asked, self.max_torque))
+        if self.render_mode == "human":
+            self.render()
+        return observation, 0.0, False, False, info
+
+    def _numbers(self, name: str, values: Any) -> Array:
+        array = np.asarray(values, dtype=float)
+        if array.shape != (len(self.joints),) or not np.isfinite(array).all():
+            raise ValueError(f"{name} of an arm with {len(self.joints)} joints needs as many numbers, got {values}")
+        return array
+
+    def _show(self, torque: Any, clipped: Mask) -> tuple[Observation, dict[str, Any]]:
+        position = self.sensor.position(self._bodies.position)
+        velocity = self.sensor.velocity(self._bodies.velocity)
+        if velocity is None:
+            velocity = (position - self._before) * self.rate
+        self._before = position
+        bounded = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
+        observation = np.concatenate([np.cos(position), np.sin(position), bounded]).astype(np.float32)
+        self._last = {
+            "time": self._count / self.rate,
+            "position": position,
+            "velocity": velocity,
+            "torque": torque,
+            "clipped": clipped,
+            "follows": True,
+        }
+        return observation, self._last
+
+
+class PlanarArm(SimulatedArm):
+    """An arm of n links in a vertical plane, simulated by pymunk.
+
+    Joint angles are relative to the link before, and all zero where the arm hangs down.
+    """
 
     def __init__(
         self,
@@ -77,94 +185,23 @@ class PlanarArm(gym.Env[Observation, Action]):
         check_positive("an arm", rate=rate, substeps=substeps, max_torque=max_torque)
         self._renderer = Renderer(render_mode)
         self.links = tuple(links)
-        self.joints = joint_names(len(links)) if joints is None else tuple(joints)
-        if len(set(self.joints)) != len(self.links):
+        joints = joint_names(len(links)) if joints is None else tuple(joints)
+        if len(set(joints)) != len(self.links):
             raise ValueError(
-                f"an arm of {len(self.links)} links needs as many joints of different names, not {listing(self.joints)}"
+                f"an arm of {len(self.links)} links needs as many joints of different names, not {listing(joints)}"
             )
-        self.sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
+        sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
         hidden = [effects] if isinstance(effects, str) else list(effects)
-        self.models = joint_models(self.links, self.joints, hidden)
-        self.rate, self.counts, self.max_torque = float(rate), counts, float(max_torque)
+        self.models = joint_models([(link.viscous, link.coulomb) for link in self.links], joints, hidden)
+        bodies = PlanarBodies(self.links, self.models, 1.0 / rate, int(substeps))
+        super().__init__(joints, bodies, sensor, rate=rate, max_torque=max_torque)
         self.render_mode = render_mode
         self.overlay: Callable[[], Sequence[str]] = tuple
-        self.metadata = {**self.metadata, "render_fps": self.rate}
-        n = len(self.links)
-        high = np.repeat(np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32), n)
-        self.observation_space = gym.spaces.Box(-high, high, dtype=np.float32)
-        self.action_space = gym.spaces.Box(-self.max_torque, self.max_torque, (n,), dtype=np.float32)
-        self._bodies = PlanarBodies(self.links, self.models, 1.0 / rate, int(substeps))
-        self._running = False
 
     @property
     def urdf(self) -> str:
         """The arm as URDF, for `read_body`."""
         return urdf(self.links, self.joints)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode, at rest and hanging down unless `options` has `position` [rad] or `velocity` [rad/s], (n,).
-
-        Raises:
-            ValueError: if an option is unknown, or not n numbers.
-        """
-        super().reset(seed=seed)
-        given = dict(options or {})
-        for name in given:
-            find("option of reset", name, RESET_OPTIONS)
-        position, velocity = (self._numbers(name, given.get(name, np.zeros(len(self.links)))) for name in RESET_OPTIONS)
-        self._bodies.start(position, velocity)
-        self._count, self._running = 0, True
-        self._before = self.sensor.position(position - velocity / self.rate)
-        none = np.zeros(len(self.links))
-        observation, info = self._show(none, none > 0)
-        if self.render_mode == "human":
-            self.render()
-        return observation, info
-
-    def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Hold torques for one period.
-
-        Raises:
-            ValueError: if the action is not n numbers.
-        """
-        if not self._running:
-            raise gym.error.ResetNeeded("the arm has not been started: call reset before step")
-        asked = self._numbers("action", action)
-        torque = np.clip(asked, -self.max_torque, self.max_torque)
-        self._bodies.advance(torque)
-        self._count += 1
-        warn_learner(self, self._count)
-        measured = self.sensor.torque(torque, self.np_random)
-        observation, info = self._show(measured, is_beyond(asked, self.max_torque))
-        if self.render_mode == "human":
-            self.render()
-        return observation, 0.0, False, False, info
-
-    def _numbers(self, name: str, values: Any) -> Array:
-        array = np.asarray(values, dtype=float)
-        if array.shape != (len(self.links),) or not np.isfinite(array).all():
-            raise ValueError(f"{name} of an arm with {len(self.links)} joints needs as many numbers, got {values}")
-        return array
-
-    def _show(self, torque: Any, clipped: Mask) -> tuple[Observation, dict[str, Any]]:
-        position = self.sensor.position(self._bodies.position)
-        velocity = self.sensor.velocity(self._bodies.velocity)
-        if velocity is None:
-            velocity = (position - self._before) * self.rate
-        self._before = position
-        bounded = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
-        observation = np.concatenate([np.cos(position), np.sin(position), bounded]).astype(np.float32)
-        self._last = {
-            "time": self._count / self.rate,
-            "position": position,
-            "velocity": velocity,
-            "torque": torque,
-            "clipped": clipped,
-            "follows": True,
-        }
-        return observation, self._last
 
     def render(self) -> NDArray[np.uint8] | None:
         """Picture (H, W, 3) of the arm and the torques at its joints; None in mode human."""
@@ -176,3 +213,32 @@ class PlanarArm(gym.Env[Observation, Action]):
         """Let go of the window."""
         self._running = False
         self._renderer.close()
+
+
+class SpatialArm(SimulatedArm):
+    """Any arm that `read_body` reads, with the links and the friction of its file, simulated by MuJoCo.
+
+    A joint without friction in the file has the paper's, and one that moves less than the paper's inertia as much less.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        *,
+        effects: Sequence[str] = (),
+        rate: float = 1000.0,
+        max_torque: float = MAX_TORQUE,
+        counts: int = COUNTS,
+        torque_noise: float = 0.0,
+    ) -> None:
+        """Make the arm of a body; the other arguments are those of `PlanarArm`, velocities are ideal.
+
+        Raises:
+            BodyError: without MuJoCo.
+            ValueError: if an argument is unknown or out of its range.
+        """
+        (mass,) = body.mass_matrix(np.zeros((1, len(body.joints))), body.values)
+        light = np.minimum(1.0, np.diag(mass) / PAPER["inertia"])
+        models = joint_models(friction_of(body, light), body.joints, effects)
+        sensor = Sensor(counts, torque_noise, ideal_velocity=True)
+        super().__init__(body.joints, SpatialBodies(body, models, 1.0 / rate), sensor, rate=rate, max_torque=max_torque)

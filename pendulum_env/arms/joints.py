@@ -18,6 +18,7 @@ from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Column, Term, effects
 from pendulum_env.physics.base import Coulomb, Viscous
+from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.term import loads, one
 from pendulum_env.words import along
@@ -160,15 +161,19 @@ def friction(body: Body) -> tuple[Term, ...]:
 
 def joint_effects() -> dict[str, type[Term]]:
     """Effects of the library that can sit at a joint of an arm, and the coupling of two, by id."""
-    return {id: effect for id, effect in effects().items() if can_sit(id)} | {Coupling.id: Coupling}
+    more = (Coupling, TemperatureDependentFriction)
+    return {id: effect for id, effect in effects().items() if can_sit(id)} | {kind.id: kind for kind in more}
 
 
 def at_joints(kinds: Iterable[type[Term]], body: Body) -> list[type[Term]]:
-    """Effects at each joint of an arm where they make sense; a coupling at each pair that follows each other."""
+    """Effects at each joint of an arm where they make sense; a coupling at each pair that follows each other.
+
+    Those that are at a joint already stay there.
+    """
     joints, kinds = zip(body.joints, body.slides, strict=True), list(kinds)
-    alone = [kind for kind in kinds if kind is not Coupling]
+    alone = [kind for kind in kinds if kind is not Coupling and not kind.at]
     placed = [at_joint(kind, joint, slides) for joint, slides in joints for kind in alone if can_sit(kind.id, slides)]
-    return [*placed, *(couplings(body) if Coupling in kinds else ())]
+    return [*placed, *(couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
 
 
 def kind_at(text: str, body: Body) -> type[Term]:
@@ -199,8 +204,8 @@ def effect_at(
         ValueError: if there is no such effect or joint; the message names the nearest.
     """
     id, at, joint = text.partition("@")
-    if id == Coupling.id:
-        raise Mistake(f"{id} is of two joints, of which the simulator here has none: leave it out")
+    if known is None and id in (Coupling.id, TemperatureDependentFriction.id):
+        raise Mistake(f"{id} is nothing that the simulator here has: leave it out")
     if not at and id not in NOT_DECENTRALISED:
         raise Mistake(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
     if id in NOT_DECENTRALISED:

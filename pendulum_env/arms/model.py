@@ -42,6 +42,7 @@ class ArmModel(Model):
             "joints": list(self.body.joints),
             "held": dict(self.body.held),
             "rotors": self.body.rotors,
+            "weightless": not self.body.model.gravity.linear.any(),
             "base": {parameter.name: parameter.text for parameter in self.body.base},
             "terms": [
                 {"id": own.id.partition("@")[0], "joint": own.at, "shape": own.shape}
@@ -87,11 +88,12 @@ class ArmModel(Model):
 
 @dataclass(frozen=True)
 class Asked:
-    """How a model was made: which joints of the robot move, where others are held, rotors, and how logs were read."""
+    """How a model was made: which joints of the robot move, where others are held, and so on; how logs were read."""
 
     joints: tuple[str, ...] | None = None
     held: Mapping[str, float] = field(default_factory=dict)
     rotors: bool | None = None
+    weightless: bool = False
     log_format: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -99,7 +101,7 @@ class Asked:
         """As the file of a model tells; nothing if it is none."""
         try:
             data = Value("the model", "", read_json(path, HINT))
-            still, rotors, read = (data.get(name) for name in ("held", "rotors", "log_format"))
+            still, rotors, light, read = (data.get(name) for name in ("held", "rotors", "weightless", "log_format"))
             told = still.content if still is not None and isinstance(still.content, dict) else {}
             held = {name: Value("the model", f"held.{name}", position).number() for name, position in told.items()}
             joints = tuple(joint.text() for joint in data["joints"].items(1000)) if held else None
@@ -107,7 +109,7 @@ class Asked:
         except Unreadable:
             return cls()  # who loads it says why
         has_rotors = rotors.content if rotors is not None and isinstance(rotors.content, bool) else None
-        return cls(joints, held, has_rotors, log_format)
+        return cls(joints, held, has_rotors, light is not None and light.content is True, log_format)
 
 
 def _term(item: Value, body: Body, is_heavy: bool) -> Term:

@@ -67,18 +67,20 @@ def joint_names(count: int) -> tuple[str, ...]:
     return tuple(("shoulder", "elbow", "wrist")[k] if k < 3 else f"joint{k + 1}" for k in range(count))
 
 
-def joint_models(links: Sequence[Link], names: Sequence[str], effects: Sequence[str] = ()) -> tuple[Model, ...]:
+def joint_models(
+    friction: Sequence[tuple[float, float]], names: Sequence[str], effects: Sequence[str] = ()
+) -> tuple[Model, ...]:
     """Friction of each joint, and the effects hidden there.
 
     Args:
-        links: of the arm.
-        names: of its joints.
+        friction: viscous [N m s/rad] and dry [N m], of each joint.
+        names: of the joints.
         effects: `stribeck@elbow=0.4`, with parameters as for a pendulum.
 
     Raises:
         ValueError: if an effect, joint or parameter is unknown.
     """
-    models = [Model.build(FRICTION, np.array([link.viscous, link.coulomb])) for link in links]
+    models = [Model.build(FRICTION, np.array(pair)) for pair in friction]
     for text in effects:
         place = re.split("[=:]", text, maxsplit=1)[0]
         kind, joint = effect_at(place, names)

@@ -11,7 +11,15 @@ from pendulum_env.arms.robot import pinocchio
 from pendulum_env.plant import PAPER
 
 ALIKE = 1e-6  # of directions, and of lengths as shares of the arm's
-ELSEWHERE = "record it elsewhere, with columns time, position_JOINT and torque_JOINT"
+ELSEWHERE = "simulate it in MuJoCo, --backend mujoco"
+
+
+def friction_of(body: Body, shares: Array | None = None) -> list[tuple[float, float]]:
+    """Viscous [N m s/rad] and dry [N m] friction of each joint by the file, or shares of the paper's if it has none."""
+    model, places = body.model, [body.links.index(joint) for joint in body.joints]
+    usual = np.outer(np.ones(len(places)) if shares is None else shares, [PAPER["viscous"], PAPER["coulomb"]])
+    told = [(float(model.damping[k]), float(model.upperDryFrictionLimit[k])) for k in places]
+    return [both if any(both) else (b, fc) for both, (b, fc) in zip(told, usual.tolist(), strict=True)]
 
 
 def planar_links(body: Body) -> tuple[Link, ...]:
@@ -46,7 +54,7 @@ def planar_links(body: Body) -> tuple[Link, ...]:
     joints = np.array([place.translation for place in places]) @ plane.T  # (n, 2)
     centers = np.array([solid.lever for solid in solids]) @ plane.T
     links = []
-    for k, solid in enumerate(solids):
+    for k, (solid, (viscous, coulomb)) in enumerate(zip(solids, friction_of(body), strict=True)):
         mass, inertia = float(solid.mass), float(axes[k] @ solid.inertia @ axes[k])
         to_center, last = centers[k] - joints[k], k + 1 == len(joints)
         line = to_center if last else joints[k + 1] - joints[k]
@@ -56,8 +64,6 @@ def planar_links(body: Body) -> tuple[Link, ...]:
                 raise BodyError(f"{body.name}: joints '{body.joints[k]}' and '{body.joints[k + 1]}' are in one place")
             line, length = np.array([0.0, -1.0]), float(np.sqrt(inertia / mass))  # a wheel
         along = line / length
-        damping, dry = float(model.damping[k]), float(model.upperDryFrictionLimit[k])
-        viscous, coulomb = (damping, dry) if damping or dry else (PAPER["viscous"], PAPER["coulomb"])
         links.append(
             Link(
                 mass=mass,

@@ -7,20 +7,23 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.lookup import find
+from pendulum_env.physics.term import ROOM
 from pendulum_env.reading import LARGEST
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import UNUSED, named_column
 from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE, ColumnError
 from pendulum_env.recording.storage import write_recording
-from pendulum_env.recording.study import Source
+from pendulum_env.recording.study import Carried, Source
 
 QUANTITIES = ("position", "torque")
+OF_JOINTS = (*QUANTITIES, "temperature", "link_position")  # the last two where there are any
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,6 +35,9 @@ class ArmRecording(Recording):
     Attributes:
         names: of the joints that move (n,).
         still: positions (M,) of joints that do not move, of those that have a column, as rows of the file have them.
+        currents: units of joints whose torque is still a current, `A`, or another word of a motor whose gain is to be
+            found.
+        carried: what the arm is known to carry at its last link, if anything is known.
 
     Raises:
         RecordingError: as `Recording` does.
@@ -39,6 +45,20 @@ class ArmRecording(Recording):
 
     names: tuple[str, ...] = ()
     still: Mapping[str, Array] = field(default_factory=dict)
+    currents: Mapping[str, str] = field(default_factory=dict)
+    carried: Carried | None = None
+
+    def refuse_currents(self) -> None:
+        """Refuse what is no torque yet.
+
+        Raises:
+            RecordingError: if a joint's torque is a current whose gain nobody told.
+        """
+        for joint, unit in self.currents.items():
+            raise RecordingError(
+                f"{self.name}: joint '{joint}': torque is in {unit}, and nothing tells its gain: give it, --columns "
+                f"torque_{joint}=NAME:{unit}*0.4, for one, or record with a known load, too, which a study names"
+            )
 
     @classmethod
     def of(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> ArmRecording:
@@ -46,21 +66,25 @@ class ArmRecording(Recording):
         return cls(name, time, position, torque, names=tuple(names))
 
     def shape_of(self, quantity: str) -> tuple[int, ...]:
-        """Positions and torques have a column a joint."""
-        return (*np.shape(self.time), len(self.names)) if quantity in QUANTITIES else np.shape(self.time)
+        """What is of joints has a column a joint."""
+        return (*np.shape(self.time), len(self.names)) if quantity in OF_JOINTS else np.shape(self.time)
 
     @cached_property
     def joints(self) -> tuple[Recording, ...]:
         """Each joint alone, with the same meaning of a held torque."""
-        columns = zip(*(np.ascontiguousarray(series.T) for series in (self.position, self.torque)), strict=True)
-        return tuple(Recording(self.name, self.time, q, u, starts=self.starts) for q, u in columns)
+        series: dict[str, Any] = {name: values for name in OF_JOINTS if (values := getattr(self, name)) is not None}
+        of_each: list[dict[str, Any]] = [
+            {name: np.ascontiguousarray(own[:, k]) for name, own in series.items()} for k in range(len(self.names))
+        ]
+        return tuple(Recording(self.name, self.time, starts=self.starts, **own) for own in of_each)
 
     @property
     def columns(self) -> dict[str, Array]:
-        """Time, `position_<joint>` and `torque_<joint>`, (N,) each."""
+        """Time, and `position_<joint>` and so on of what there is, (N,) each."""
         own = {
             f"{what}_{at}": getattr(one, what)
-            for what in QUANTITIES
+            for what in OF_JOINTS
+            if getattr(self, what) is not None
             for at, one in zip(self.names, self.joints, strict=True)
         }
         return {"time": self.time, **own}
@@ -82,7 +106,9 @@ def read_arm_recording(
 ) -> ArmRecording:
     """Read a file with columns time, and for each joint `position_<joint>` and `torque_<joint>`.
 
-    Instead of the joints' names, columns may bear numbers, as many as there are joints: `position_1`, ...
+    Instead of the joints' names, columns may bear numbers, as many as there are joints: `position_1`, ... Columns
+    `temperature_<joint>` [deg C] may be there, too; joints without one are taken to be at 25 deg C; and, of all joints,
+    `link_position_<joint>` [rad], where `position_<joint>` is that of the motor by the ratio of its gear.
 
     Args:
         path: in any format that `read_recording` reads.
@@ -100,7 +126,7 @@ def read_arm_recording(
     told = _told(path, look.headers, joints, held, dict(columns or {}))
     single = []
     for joint in joints:
-        own = {quantity: told[f"{quantity}_{joint}"] for quantity in QUANTITIES}
+        own = {quantity: told.get(f"{quantity}_{joint}", UNUSED) for quantity in OF_JOINTS}
         own |= {"time": told["time"]} if "time" in told else {}
         unused = {"velocity": UNUSED, "reference": UNUSED}
         try:
@@ -109,11 +135,6 @@ def read_arm_recording(
         except RecordingError as error:
             text = _of_joint(joint, str(error).removeprefix(f"{path}: "))
             raise RecordingError(f"{path}: joint '{joint}': {text}") from None
-        if single[-1].torque_unit != NEWTON_METRE:
-            raise RecordingError(
-                f"{path}: joint '{joint}': torque is in {single[-1].torque_unit}, and no known load tells the gain of "
-                f"an arm: give it, --columns torque_{joint}=NAME:{single[-1].torque_unit}*0.4, for one"
-            )
     first = single[0]
     for joint, other in zip(joints, single, strict=True):
         same = len(other) == len(first) and other.starts == first.starts
@@ -121,6 +142,9 @@ def read_arm_recording(
             raise RecordingError(
                 f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at once"
             )
+    links = [own.link_position for own in single if own.link_position is not None]
+    measured = [own.temperature for own in single]
+    warm = np.column_stack([np.full(len(first), ROOM) if own is None else own for own in measured])
     columns_of = {joint: told.get(f"position_{joint}", UNUSED) for joint in held}
     return ArmRecording(
         first.name,
@@ -128,8 +152,13 @@ def read_arm_recording(
         np.column_stack([own.position for own in single]),
         np.column_stack([own.torque for own in single]),
         notes=tuple(dict.fromkeys(note for own in single for note in own.notes)),
+        link_position=np.column_stack(links) if len(links) == len(joints) else None,
+        temperature=None if all(own is None for own in measured) else warm,
         starts=first.starts,
         names=tuple(joints),
+        currents={
+            joint: own.torque_unit for joint, own in zip(joints, single, strict=True) if own.torque_unit != NEWTON_METRE
+        },
         still={joint: _still(path, look, column) for joint, column in columns_of.items() if column != UNUSED},
     )
 
@@ -149,19 +178,19 @@ def _still(path: str | os.PathLike[str], look: Preview, text: str) -> Array:
 def _of_joint(joint: str, text: str) -> str:
     """What is said of columns of one joint, ready to paste."""
     text = re.sub(",(velocity|reference)=unused", "", text)
-    return re.sub("(?<=[ ',])(position|torque)=", lambda found: f"{found[1]}_{joint}=", text)
+    return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})=", lambda found: f"{found[1]}_{joint}=", text)
 
 
 def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str] = ()) -> ArmRecording:
     """Read a recording of an arm as a study asks for.
 
     Raises:
-        RecordingError: as `read_arm_recording`, if there is too little within the range, or if a load is told: an arm
-            carries it in its links' parameters.
+        RecordingError: as `read_arm_recording`, if there is too little within the range, or if a load is told as that
+            of one joint.
     """
     if source.load is not None:
-        raise RecordingError(f"{source.file}: a load is of one joint: leave it out, an arm's last link carries it")
-    return source.within_range(_of_arm, tuple(joints), tuple(held))
+        raise RecordingError(f"{source.file}: a load of an arm is told by mass and center = [x, y, z]")
+    return replace(source.within_range(_of_arm, tuple(joints), tuple(held)), carried=source.carried)
 
 
 def _of_arm(source: Source, joints: Sequence[str], held: Collection[str]) -> ArmRecording:
@@ -178,15 +207,15 @@ def _told(
     given: dict[str, str],
 ) -> dict[str, str]:
     """The column of `position_<joint>` and `torque_<joint>` of every joint, as the user or its name tells."""
-    wanted = [f"{quantity}_{joint}" for quantity in QUANTITIES for joint in (*joints, *held)]
+    wanted = [f"{quantity}_{joint}" for quantity in OF_JOINTS for joint in (*joints, *held)]
     for name in given:
         try:
             find("column of the arm", name, dict.fromkeys(["time", *wanted]))
         except ValueError as error:
             raise ColumnError(f"{path}: {error}") from None
-    plain = {re.split(r"[\[(]", header)[0].strip(): header for header in headers}  # without units
+    plain = without_units(headers)
     found = {name: plain[name] for name in wanted if name in plain} | given
-    for quantity in QUANTITIES:
+    for quantity in OF_JOINTS:
         numbered = sorted(
             (header for header in plain if re.fullmatch(rf"{quantity}_?\d+", header)),
             key=lambda header: int(re.sub(r"\D", "", header)),
@@ -194,18 +223,23 @@ def _told(
         missing = [joint for joint in joints if f"{quantity}_{joint}" not in found]
         if len(missing) == len(joints) == len(numbered):
             found |= {f"{quantity}_{joint}": plain[name] for joint, name in zip(joints, numbered, strict=True)}
-        elif missing:
-            raise RecordingError(
+        elif missing and quantity in QUANTITIES:
+            raise ColumnError(
                 f"{path}: {len(joints)} joints need as many columns of {quantity}, there is none for "
                 f"{', '.join(missing)}: name them {quantity}_{missing[0]} and so on, say which with --columns, or hold "
                 "joints by naming those that move, --joints A,B,C (joints=)"
             )
         for header in plain:
             if header.startswith(f"{quantity}_") and header not in wanted and plain[header] not in found.values():
-                raise RecordingError(
+                raise ColumnError(
                     f"{path}: column '{header}' is of no joint of the robot, which has {', '.join((*joints, *held))}"
                 )
     return found
+
+
+def without_units(headers: Sequence[str]) -> dict[str, str]:
+    """Headers by their names alone: `position_lift` of `position_lift [mm]`."""
+    return {re.split(r"[\[(]", header)[0].strip(): header for header in headers}
 
 
 def write_arm_recording(recording: ArmRecording, path: str | os.PathLike[str]) -> None:

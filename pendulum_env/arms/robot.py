@@ -21,7 +21,7 @@ import numpy as np
 from pendulum_env._typing import JSON, Array
 from pendulum_env.isolated import Answer, isolated
 from pendulum_env.lookup import find
-from pendulum_env.mistake import Mistake
+from pendulum_env.mistake import Mistake, one_line
 from pendulum_env.reading import DOCUMENT, LARGE, regular_size, shown
 
 LIGHTEST = 1e-9  # [kg], of a link that moves
@@ -96,7 +96,7 @@ def _told(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], b
     try:
         model = build(str(path))
     except Exception as error:  # Pinocchio raises what its parsers raise
-        raise BodyError(f"Pinocchio cannot read it: {' '.join(str(error).split())[:200]}") from None
+        raise BodyError(f"Pinocchio cannot read it: {one_line(error)}") from None
     name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
     leads = {joint: _leads(joint, ties, robot) for joint in robot}
     free = [joint for joint, tie in leads.items() if tie.joint == joint]

@@ -9,8 +9,9 @@ from typing import Self
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.term import Column, Memory, Samples, Shape, Term, geometric, one
+from pendulum_env.physics.term import ROOM, Column, Memory, Samples, Shape, Term, geometric, one
 
+WARMER = 1.0  # [K], by which the temperature has to change to tell of it
 SELF_LOCKING = 0.7  # share of the torque: gears that eat more are not driven backwards by any weight
 
 
@@ -198,6 +199,42 @@ class PositionDependentFriction(Term):
             Column("position_dependent_friction.sin", "N m", dry=lambda x: np.sin(x.position)),
             Column("position_dependent_friction.cos", "N m", dry=lambda x: np.cos(x.position)),
         )
+
+
+@dataclass(frozen=True)
+class TemperatureDependentFriction(Term):
+    """Friction that changes with the measured temperature T of the joint: the model's own friction is that at 25 deg C.
+
+    Lubricants thin as they warm up: viscous friction falls by one to three per cent per kelvin, dry friction may rise.
+    Source: Bittencourt and Gunnarsson, ASME Journal of Dynamic Systems 134(5), 2012.
+    """
+
+    id = "temperature_dependent_friction"
+    law = "(b1 q' + f1 sgn q') (T - 25 deg C)"
+    kind = "dissipative"
+    omitted = "friction is that at 25 deg C"
+    reveal = "a recording that warms the joint up, with a column of its temperature"
+    resembles = ("friction_drift",)
+    shares = ("viscous", "coulomb")
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        return (
+            Column(
+                "temperature_dependent_friction.viscous",
+                "N m s/rad/K",
+                force=lambda x: x.velocity * (x.temperature - ROOM),
+            ),
+            Column(
+                "temperature_dependent_friction.coulomb",
+                "N m/K",
+                dry=lambda x: (x.temperature - ROOM) * np.ones_like(x.velocity),
+            ),
+        )
+
+    @classmethod
+    def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
+        return [cls()] if np.ptp(x.temperature) > WARMER else []
 
 
 @dataclass(frozen=True)

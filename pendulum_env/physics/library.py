@@ -25,6 +25,7 @@ from pendulum_env.physics.friction import (
     Presliding,
     QuadraticDrag,
     Stribeck,
+    TemperatureDependentFriction,
     ViscousAsymmetry,
 )
 from pendulum_env.physics.potential import Cogging, GravityTilt, HardStop, Spring
@@ -121,5 +122,5 @@ def addition(id: str) -> type[Term]:
 
 def term(id: str) -> type[Term]:
     """Base term, effect or table of that id; raises ValueError like `effect`."""
-    base = {item.id: type(item) for item in (*BASE, BackEmf())}
+    base = {item.id: type(item) for item in (*BASE, BackEmf(), TemperatureDependentFriction())}
     return base[id] if id in base else addition(id)

@@ -201,6 +201,15 @@ class Model:
                 told[term.full(name)] = Estimate(
                     float(value), float(std), per(unit, self.torque_unit), is_biased=is_biased
                 )
+            for part in term.shares:
+                name, of = term.full(part), f"{part}@{term.at}" if term.at else part
+                base, entry = self.estimates.get(of), self.estimates[name]
+                if base is not None and base.value != 0:
+                    share, both = 100 * entry.value / base.value, [names.index(name), names.index(of)]
+                    slope = np.array([100.0, -share]) / base.value
+                    std = float(np.sqrt(slope @ covariance[np.ix_(both, both)] @ slope))
+                    unit = f"%{entry.unit.removeprefix(base.unit)}"
+                    told[term.full(f"{part}_share")] = Estimate(share, std, unit, is_biased=entry.is_biased)
         return told
 
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Model:
@@ -367,7 +376,8 @@ def _term(id: Value, data: Value) -> Term:
         shapes[shape.name] = number = value.number()
         if not (shape.low <= number <= shape.high and (number.is_integer() or not shape.integer)):
             what = "a whole number" if shape.integer else "a number"
-            raise value.fault(f"{what} from {shape.low:g} to {shape.high:g} {shape.unit}")
+            unit = "" if shape.unit == "1" else f" {shape.unit}"
+            raise value.fault(f"{what} from {shape.low:g} to {shape.high:g}{unit}")
     term = kind(**shapes)
     if term.fault:
         raise ModelError(f"'{kind.id}' makes no sense: {term.fault}")

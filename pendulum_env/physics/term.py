@@ -51,6 +51,7 @@ class KnownLoad(NamedTuple):
 
 
 UNLOADED = KnownLoad()
+ROOM = 25.0  # [deg C], of a joint whose temperature nobody has measured
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,7 @@ class Samples:
     torque: Array  # [N m], commanded
     memory: Mapping[str, Memory] = field(default_factory=dict)  # states of the terms that have any, by term id
     load: KnownLoad = UNLOADED  # what is known to hang on the joint, beside the model
+    temperature: ArrayLike = ROOM  # [deg C], of the joint
 
 
 Law = Callable[[Samples], ArrayLike]
@@ -188,6 +190,7 @@ class Term:
     omitted: ClassVar[str] = "it is left out"  # what that means where a simulator does not know it
     multimodal: ClassVar[str] = ""  # shape parameter over which the error has many local minima, searched one by one
     link: ClassVar[bool] = False  # whether its memory is position and velocity of a link behind the motor
+    shares: ClassVar[tuple[str, ...]] = ()  # parts that are also told in per cent of the term of that name
     forgets: ClassVar[float] = np.inf  # time after which a term with memory no longer knows where it started [s]
 
     def __init_subclass__(cls) -> None:

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.recording.record import RecordingError
+from pendulum_env.recording.record import QUANTITIES, RecordingError
 from pendulum_env.words import listing
 
-OPTIONAL = ("velocity", "reference", "supply", "enabled")  # quantities that a recording can do without
+OPTIONAL = QUANTITIES[3:]  # that a recording can do without
 HELD = ("torque", "enabled")  # quantities that stay until they are told anew
 NAMED = 5  # places, as many as a note names
 FAR = 10.0  # times what the neighbours and the rest of the recording show, from which a sample is a glitch

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
+from pendulum_env.reading import shown
 from pendulum_env.recording.expression import (
     LONGEST_UNIT,
     Expression,
@@ -35,7 +36,8 @@ from pendulum_env.recording.vocabulary import (
 )
 from pendulum_env.words import along
 
-OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled")
+QUOTED = 40  # characters of a header, of which a sentence may name a dozen
+OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "link_position")
 UNUSED = "unused"  # what the user says of one of them to do without, whatever the names of columns tell
 LINKS = "identify and diagnose take an arm's links with --robot ARM.urdf (read_arm_recording), or "
 CHOOSE = "say which with --columns QUANTITY=NAME (columns=...)"  # what mends it, on the command line and in Python
@@ -108,7 +110,7 @@ def _factor(quantity: str, unit: str | None) -> float:
 def find_columns(
     headers: Sequence[str], named: Mapping[str, str] | None = None, has_drive: bool = False
 ) -> dict[str, Column]:
-    """Column by quantity: time, position, torque, and velocity, reference, segment, supply and enabled if there are.
+    """Column by quantity: time, position, torque, and those of `OPTIONAL` if there are.
 
     Args:
         headers: names of the columns in the file.
@@ -136,7 +138,7 @@ def find_columns(
         if quantity in SPARE:
             candidates = candidates[:1]
         if len(candidates) > 1 and not (has_drive and quantity == "torque"):
-            names = " and ".join(_shown(c.header) for c in candidates[:3])
+            names = " and ".join(shown(c.header.strip(), QUOTED) for c in candidates[:3])
             raise ColumnError(
                 f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: {CHOOSE}"
             )
@@ -231,7 +233,7 @@ def _raw(quantity: str, headers: Sequence[str]) -> Iterator[str]:
     for header in headers:
         if _is_raw(quantity, header):
             example = GAINS[quantity].format(header.strip(), header.strip())
-            yield f"{_shown(header)} needs a gain, as in --columns {example}"
+            yield f"{shown(header.strip(), QUOTED)} needs a gain, as in --columns {example}"
 
 
 def _is_raw(quantity: str, header: str) -> bool:
@@ -293,9 +295,5 @@ def _unit_at_the_end(units: Mapping[str, float], name: str) -> str | None:
 
 
 def _listed(headers: Sequence[str]) -> str:
-    shown = ", ".join(_shown(header) for header in headers[:12]) + (", ..." if len(headers) > 12 else "")
-    return shown or "no columns at all"
-
-
-def _shown(header: str) -> str:
-    return repr(header.strip() if len(header) <= 40 else header.strip()[:37] + "...")
+    names = ", ".join(shown(header.strip(), QUOTED) for header in headers[:12]) + (", ..." if len(headers) > 12 else "")
+    return names or "no columns at all"

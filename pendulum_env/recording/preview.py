@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.isolated import Answer, isolated
-from pendulum_env.reading import LARGEST, Unreadable
+from pendulum_env.isolated import Answer
+from pendulum_env.reading import LARGEST
 from pendulum_env.recording.columns import Column, guess_columns, named_column
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.storage import read_here, reads_here
+from pendulum_env.recording.storage import parsed, read_here
 
 MOST = 64  # columns that are looked at; a person is not shown more
 
@@ -57,8 +57,8 @@ def preview(path: str | os.PathLike[str], largest: float = LARGEST) -> Preview:
     """
     path = Path(path)
     try:
-        headers, values = _look(path) if reads_here(path, largest) else isolated(_look, path, size=largest)
-    except (RecordingError, Unreadable) as error:
+        headers, values = parsed(_look, path, largest=largest)
+    except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error.__cause__
     return Preview(tuple(headers), tuple(array if len(array) else None for array in values))
 

@@ -17,7 +17,17 @@ from pendulum_env.words import plus_minus
 if TYPE_CHECKING:  # which needs the errors of this module
     from pendulum_env.recording.origin import Origin
 
-QUANTITIES = ("time", "position", "torque", "velocity", "reference", "supply", "enabled")  # the columns of a recording
+QUANTITIES = (  # the columns of a recording, those first that it needs
+    "time",
+    "position",
+    "torque",
+    "velocity",
+    "reference",
+    "supply",
+    "enabled",
+    "temperature",
+    "link_position",
+)
 NEWTON_METRE = "N m"
 WARNING = "warning: "  # begins a note of what is likely wrong
 EXACT, LOOSE = 1e-6, 1e-5  # of a step that a clock may be off: a file's is left as it is, and so is any slice of it
@@ -97,6 +107,8 @@ class Recording:
     reference: Array | None = None  # (N,) [rad], what a position controller was asked to follow, if it was recorded
     supply: Array | None = None  # (N,) [V], voltage of the bus, if it was recorded
     enabled: Array | None = None  # (N,), 1 while the motor is powered and 0 while it is open, if it was recorded
+    temperature: Array | None = None  # (N,) [deg C], of the joint, if it was recorded
+    link_position: Array | None = None  # (N,) [rad], of the link behind the transmission, if it was recorded
     load: Load | None = None  # known load on the joint, None if nothing is known of one
     torque_unit: str = NEWTON_METRE  # or that of a current, `A`, whose gain is to be found
     torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did

@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from pendulum_env._typing import Array
 from pendulum_env.files import replacing
 from pendulum_env.isolated import Answer, isolated
+from pendulum_env.mistake import one_line
 from pendulum_env.reading import LARGEST, REMEDY, Unreadable, regular_size
 from pendulum_env.recording import checks, cleaning, sampling
 from pendulum_env.recording.arrays import read_hdf5, read_mat, read_npz
@@ -26,7 +27,7 @@ from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.parquet import read_parquet
 from pendulum_env.recording.record import WARNING, ColumnError, Recording, RecordingError
-from pendulum_env.recording.table import Find, Table, one_line
+from pendulum_env.recording.table import Find, Table
 from pendulum_env.recording.text import read_csv, read_excel
 from pendulum_env.servo.drive import Drive
 
@@ -149,40 +150,44 @@ def _suffix(path: Path, known: Collection[str] = READERS) -> str:
 
 
 def read_table(path: Path, find: Find, largest: float = LARGEST) -> Table:
-    """Columns as they stand in the file; all but plain text of no great size is read in a helper.
+    """Columns as they stand in the file.
 
     Raises:
         RecordingError: if it cannot be read; without the file's name.
     """
-    if reads_here(path, largest):
-        return read_here(path, find)
-    try:
-        told, arrays = isolated(_told, path, find, size=largest)
-    except Unreadable as error:
-        raise RecordingError(str(error)) from None
+    told, arrays = parsed(_told, path, find, largest=largest)
     values = dict(zip(told["quantities"], arrays, strict=True))
     return Table(told["headers"], find(told["headers"]), values, tuple(told["notes"]))
 
 
-def reads_here(path: Path, largest: float = LARGEST) -> bool:
-    """Whether a file is plain text of no great size.
+def _told(path: Path, find: Find) -> Answer:
+    """What `read_table` makes a table of."""
+    table = read_here(path, find)
+    record = {"headers": list(table.headers), "quantities": list(table.values), "notes": table.notes}
+    return record, list(table.values.values())
+
+
+def parsed(work: Callable[..., Answer], path: Path, *arguments: object, largest: float) -> Answer:
+    """What `work(path, *arguments)` makes of a file: here if it is plain text of no great size, else in a helper.
 
     Raises:
-        RecordingError: if it is no regular file, or a folder that is no bag of such, or larger than it may be.
+        RecordingError: as `work` does, if it is no regular file, or a folder that is no bag of such, or too large.
     """
-    suffix = ".db3" if is_bag(path) else _suffix(path)
+    suffix = _format(path)
     if not path.exists():
         raise RecordingError("there is no such file: check the path")
     try:
         size = sum(regular_size(file, largest, REMEDY) for file in (path.iterdir() if is_bag(path) else [path]))
+        if suffix in (".csv", ".tsv", ".txt") and size < HERE:
+            return work(path, *arguments)
+        return isolated(work, path, *arguments, size=largest)
     except Unreadable as error:
         raise RecordingError(str(error).removeprefix(f"{path}: ")) from None
-    return suffix in (".csv", ".tsv", ".txt") and size < HERE
 
 
 def read_here(path: Path, find: Find) -> Table:
     """Columns as they stand in the file; whatever the libraries below raise becomes a RecordingError."""
-    suffix = ".db3" if is_bag(path) else _suffix(path)
+    suffix = _format(path)
     try:
         return READERS[suffix](path, find)
     except RecordingError:
@@ -197,11 +202,9 @@ def read_here(path: Path, find: Find) -> Table:
         ) from error
 
 
-def _told(path: Path, find: Find) -> Answer:
-    """What `read_table` makes a table of again."""
-    table = read_here(path, find)
-    record = {"headers": list(table.headers), "quantities": list(table.values), "notes": table.notes}
-    return record, list(table.values.values())
+def _format(path: Path) -> str:
+    """The ending whose reader takes a file, or the folder that is a bag."""
+    return ".db3" if is_bag(path) else _suffix(path)
 
 
 def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named: Mapping[str, str]) -> Recording:

@@ -41,8 +41,3 @@ def need(module: str) -> None:
     """
     if find_spec(module) is None:
         raise RecordingError("it needs the extra formats: pip install 'pendulum-ident[formats]', or export it as CSV")
-
-
-def one_line(error: Exception | str) -> str:
-    """The text of a library's error, fit for the middle of a sentence."""
-    return " ".join(str(error).split())[:200].rstrip(".:") or type(error).__name__

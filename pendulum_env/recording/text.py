@@ -11,10 +11,12 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 
 from pendulum_env._typing import Array
+from pendulum_env.mistake import one_line
+from pendulum_env.reading import shown
 from pendulum_env.recording.columns import Column, find_columns
 from pendulum_env.recording.expression import letters
 from pendulum_env.recording.record import RecordingError
-from pendulum_env.recording.table import Find, Table, need, numbers, one_line
+from pendulum_env.recording.table import Find, Table, need, numbers
 from pendulum_env.recording.vocabulary import HEADER, UNITS
 
 HEAD = 1 << 16  # bytes in which header and delimiter must show themselves
@@ -99,10 +101,6 @@ def _without_last_line(opened: Opened) -> pa.NativeFile:
     with opened() as stream:
         content = stream.read()
     return pa.BufferReader(pa.py_buffer(content)[: content.rfind(b"\n") + 1])
-
-
-def _shown(text: str) -> str:
-    return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
 def _values(opened: Opened, layout: Layout, columns: dict[str, Column]) -> dict[str, Array]:
@@ -221,7 +219,7 @@ def _complaint(told: str, layout: Layout, columns: dict[str, Column]) -> str:
         remedy = "separate cells by commas" if layout.delimiter == " " else remedy
     elif found := CELL.search(told):
         (quantity,) = (column.quantity for column in columns.values() if column.index == int(found["column"]))
-        what = f"{_shown(found['cell'])} as {quantity}, not a number"
+        what = f"{shown(found['cell'])} as {quantity}, not a number"
     else:
         return f"the text cannot be split into cells ({one_line(told)}): write plain comma-separated numbers"
     return f"data row {found['row']} (header not counted) has {what}: {remedy}"

@@ -18,6 +18,8 @@ ALIASES = {
     "inputpos action goal",
     "supply": "supply volts vbus busvoltage supplyvoltage batteryvoltage presentinputvoltage",
     "enabled": "enabled powered torqueenable torqueenabled",
+    "temperature": "temperature temp motortemperature motortemp jointtemperature jointtemp presenttemperature",
+    "link_position": "linkposition linkangle outputposition",
     "segment": "segment segments episode episodeindex trial",
 }
 MEASURED = ("meas", "measured", "actual", "act")  # before or after an alias
@@ -63,12 +65,14 @@ RAW_NAMES = {  # names that tell of such a unit
 }
 LINEAR = {"position": {"m": 1.0, "mm": 1e-3}, "velocity": {"ms": 1.0, "mms": 1e-3}, "torque": {"n": 1.0, "kn": 1e3}}
 for _of in (RAW, LINEAR):
-    _of["reference"] = _of["position"]
+    _of["reference"] = _of["link_position"] = _of["position"]
 UNITS |= {
     "reference": UNITS["position"] | UNITS["velocity"],
+    "link_position": UNITS["position"],
     "segment": {},
     "supply": {"v": 1.0, "mv": 1e-3},
     "enabled": {},
+    "temperature": dict.fromkeys(("c", "degc", "celsius"), 1.0),
 }
 SI = {
     "time": "s",
@@ -79,6 +83,8 @@ SI = {
     "segment": "",
     "supply": "V",
     "enabled": "",
+    "temperature": "deg C",
+    "link_position": "rad",
 }
 TOLD = {  # of UNITS, what people are told of
     "time": "s, ms, us, ns",
@@ -87,8 +93,17 @@ TOLD = {  # of UNITS, what people are told of
     "torque": "Nm, mNm, Ncm, A, mA, V, duty",
     "reference": "rad, mrad, deg, rev, counts, rad/s, deg/s, rpm, rev/s",
     "supply": "V, mV",
+    "temperature": "degC",
+    "link_position": "rad, mrad, deg, rev, counts",
 }
-SPARE = ("reference", "segment", "supply", "enabled")  # quantities of which the first column will do
+SPARE = (
+    "reference",
+    "segment",
+    "supply",
+    "enabled",
+    "temperature",
+    "link_position",
+)  # quantities of which the first column will do
 
 
 def _names() -> Iterator[tuple[str, tuple[str, str | None, bool]]]:

@@ -91,7 +91,7 @@ def test_one_recording_and_names_will_do(swing):
     by_name = identify(swing, ["inertia", "gravity", "viscous", "coulomb"], "energy")
     in_full = identify([swing], BASE, [scheme("energy")])
     np.testing.assert_array_equal(by_name["energy"].model.theta, in_full["energy"].model.theta)
-    with pytest.raises(ValueError, match=re.escape("unknown scheme 'dynamic': Known: energy")):
+    with pytest.raises(ValueError, match=re.escape("unknown scheme 'dynamic'; known: energy")):
         by_name["dynamic"]
 
 

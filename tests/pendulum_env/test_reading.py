@@ -76,7 +76,7 @@ def test_a_value_is_told_with_its_key_and_never_at_length() -> None:
     for fault, match in [
         (lambda: items[0].number(2, 3), r"^'a\.b\[0\]' of the model is 1: it has to be a finite number from 2 to 3$"),
         (lambda: items[0].number(1, 3, above=True), "a number above 1, up to 3"),
-        (lambda: items[1].number(), r"^'a\.b\[1\]' of the model is 'x{56}\.\.\.: it has to be"),
+        (lambda: items[1].number(), r"^'a\.b\[1\]' of the model is 'x{55}\.\.\.': it has to be"),
         (lambda: items[1].text(), "a text of up to 200 characters"),
         (lambda: items[2].number(), "is a number of more than 18 digits"),
         (lambda: items[3].text(), "is a table: it has to be a text"),

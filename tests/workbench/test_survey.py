@@ -214,15 +214,19 @@ def test_a_file_that_no_survey_wrote_is_one_row_that_says_so(folder, tmp_path, c
     (parts / "torn.parquet").write_bytes(b"PAR1")
     os.mkfifo(parts / "pipe.parquet")  # which reading would wait for
     pq.write_table(pa.table({"a": [1]}), parts / "other.parquet")
-    for strange in ({"date": None}, {"status": "weird"}, {"verdict": "weird"}):
-        dataset.append([own[0] | strange])
-    dataset.append([{**own[0], **dict.fromkeys(("headline", "robot", "joint", "kind", "torque_rms")), "name": "bare"}])
+    strange = {"date": None}, {"status": "weird"}, {"verdict": "weird"}, {"selected": None}, {"parameters": [None]}
+    pq.write_table(pa.Table.from_pylist([own[0] | {"date": 2**60}]), parts / "late.parquet")  # [us]
+    for one in (*strange, {"candidates": [{"effect": None, "verdict": "selected"}]}):
+        dataset.append([own[0] | one])
+    absurd = [{"name": "inertia", "value": 1e308, "std": 1e-308, "unit": None}]
+    bare = dict.fromkeys(("headline", "robot", "joint", "kind", "torque_rms"))
+    dataset.append([{**own[0], **bare, "name": "bare", "parameters": absurd}])
     spoilt = [row["reason"] for row in dataset.rows() if row["name"].startswith("cases/")]
-    assert spoilt == ["it is damaged, or no survey wrote it: remove it from the dataset"] * 6
+    assert spoilt == ["it is damaged, or no survey wrote it: remove it from the dataset"] * 10
     assert survey(cases(folder), dataset, client, look=stub).known["done"] == 6
     write_fleet_report(tmp_path / "fleet.html", Fleet.of(dataset))
     told = Page((tmp_path / "fleet.html").read_text()).text
-    assert told.count("it is damaged, or no survey wrote it") == 6
+    assert told.count("it is damaged, or no survey wrote it") == 10
 
 
 def test_what_goes_wrong_with_one_case_is_marked_and_costs_no_other(folder, tmp_path, client):

@@ -12,13 +12,18 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from pendulum_env._typing import Array
-from workbench.app.mapping import ROLES, Card, Choice, understood, units
+from workbench.app.mapping import Card, Choice, quantity, understood, units
 from workbench.app.parts import UNWRAP, aria, button, graph, labelled, panel, table
 from workbench.app.session import Session
 from workbench.app.stage import Bench
 from workbench.report.figure import Figure, axis, line, thin
 
 COLUMN = "column"  # kind of a plot that a range is brushed in
+NEEDED = "Time, position and torque are needed; velocity and reference are of use."
+NEEDED_OF_ARM = (
+    "Time, and position and torque of each joint are needed: on the side of the joint, with the torque that holds the "
+    "links up. What was logged of a motor before its gear has the ratio in the last column, a current its gain."
+)
 ROWS = 4  # that are shown
 POINTS = 300  # of a plot
 HINTS = {  # of what is done with a column
@@ -46,7 +51,7 @@ def show(card: Card) -> Component:
         f"What the columns of {name} mean",
         *([html.P(f"{card.why}.", className="why", role="alert")] if card.why else []),
         html.P(
-            "Time, position and torque are needed; velocity and reference are of use. What is written in the last "
+            f"{NEEDED_OF_ARM if card.joints else NEEDED} What is written in the last "
             "column is done to a column one after the other, as by --columns: a gain, a ratio, an offset. For the "
             "current, voltage or duty cycle of a motor that is its torque constant, or *? to find it from known loads. "
             f"{brush}",
@@ -82,7 +87,7 @@ def _row(card: Card, k: int, seconds: Array | None) -> tuple[Any, ...]:
     if values is not None:
         first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:ROWS]) + ", …"
         plot = graph(_plot(k, header, values, seconds), kind=COLUMN, bar=False)
-    roles = {"": "unused"} | {role: role for role in ROLES}
+    roles = {"": "unused"} | {role: role for role in card.roles}
     known = {"": _unsaid(card, k)} | {
         unit: CALLED.get(unit, unit) for unit in [*units(choice.role), choice.unit] if unit
     }
@@ -91,7 +96,7 @@ def _row(card: Card, k: int, seconds: Array | None) -> tuple[Any, ...]:
         choice.then,
         type="text",
         id=_id("then", k),
-        placeholder=HINTS.get(choice.role, ""),
+        placeholder=HINTS.get(quantity(choice.role), ""),
         disabled=values is None or not choice.role,
         persistence=card.source.file.name,  # what is typed stays while this card is drawn anew
         persistence_type="memory",

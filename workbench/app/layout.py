@@ -10,11 +10,12 @@ from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
 from workbench.app import fleet
+from workbench.app.arm import ArmState
 from workbench.app.card import COLUMN
 from workbench.app.parts import LINKED, PLOT, SPEC, aria, button, saves
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
-from workbench.app.stages import STAGES
+from workbench.app.stages import STAGES, arm
 from workbench.app.state import NO_RECORDING
 from workbench.app.state import State as Work
 from workbench.app.uploads import UPLOAD
@@ -112,7 +113,7 @@ def navigation(here: Stage, has_fleet: bool, trouble: str) -> list[Component]:
 
 def story_so_far(state: Work, stage: Stage) -> list[Component]:
     """The headline, and the numbers behind it."""
-    kicker, title, lead = stage.headline or told(state)
+    kicker, title, lead = stage.headline or (arm.told(state) if isinstance(state, ArmState) else told(state))
     parts: list[Component] = [html.P(kicker, className="kicker"), html.H1(title)]
     return [*parts, html.P(lead, className="lead")] if lead else parts
 
@@ -130,8 +131,8 @@ def told(state: Work) -> tuple[str, str, list[Any]]:
     """Kicker, headline and lead of a state."""
     if not state.loaded:
         what = (
-            "Load recordings of a pendulum, see where the model fails, learn which physical effect it lacks, add it, "
-            "and watch the error fall."
+            "Load recordings of a pendulum or an arm, see where the model fails, learn which physical effect it lacks, "
+            "add it, and watch the error fall."
         )
         return "Workbench", "What does your model lack?", [what]
     count = len(state.loaded)
@@ -175,6 +176,9 @@ def show(session: Session, stage: Stage) -> list[Component]:
     if stage.needs_model and session.state.trouble:
         why = html.P(f"{opening(session.state.trouble)}.")
         return [html.Section([why, html.A("Go to Data", href="#data")], className="panel empty")]
+    state = session.state
+    if isinstance(state, ArmState) and stage.id in arm.STAGES:
+        return arm.STAGES[stage.id](session, state)
     return stage.show(session)
 
 

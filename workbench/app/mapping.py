@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from pendulum_env._typing import Array
+from pendulum_env.arms.recording import without_units
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.columns import OPTIONAL, UNUSED, is_told, named_column
 from pendulum_env.recording.expression import NUMBER, Expression, letters, parse
@@ -46,23 +47,29 @@ class Choice:
         return cls(role, told.unit or "", gain + offset)
 
 
+def quantity(role: str) -> str:
+    """What a role measures: `position` of `position_elbow`."""
+    return role.partition("_")[0]
+
+
 def understood(role: str, text: str, headers: Sequence[str]) -> str:
     """How the unit of an expression's column is understood, in words; empty where there is none."""
     try:
-        column = named_column(role, text, headers)
+        column = named_column(quantity(role), text, headers)
     except RecordingError:
         return "not clear yet"
     if column.unit is not None:
         written = {letters(unit): unit for unit in units(role)}
         return f"{written.get(column.unit, column.unit)} (named)"
-    if not (unit := SI[role]):
+    if not (unit := SI[quantity(role)]):
         return ""
     return f"{unit} (after gain)" if column.is_unit_told else f"{unit} (assumed)"
 
 
 def units(role: str) -> list[str]:
     """Units that a column of a role may be in."""
-    return [*TOLD.get(role, "").split(", "), *LINEAR.get(role, {})] if role in TOLD else []
+    what = quantity(role)
+    return [*TOLD.get(what, "").split(", "), *LINEAR.get(what, {})] if what in TOLD else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +83,7 @@ class Card:
         ends: of the range to use.
         known: id of the recording that it is of; empty while that waits for an answer.
         why: what is wrong with it, in a sentence; empty if a person asked to see it.
+        joints: of the arm that it is of; none of a pendulum.
     """
 
     source: Source
@@ -84,9 +92,16 @@ class Card:
     ends: Ends = (None, None)
     known: str = ""
     why: str = ""
+    joints: tuple[str, ...] = ()
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """What a column may be: of an arm, a position or torque of one of its joints."""
+        own = (f"{what}_{joint}" for joint in self.joints for what in ("position", "torque"))
+        return ("time", *own) if self.joints else ROLES
 
     @classmethod
-    def of(cls, source: Source, known: str = "", why: str = "") -> Card:
+    def of(cls, source: Source, known: str = "", why: str = "", joints: tuple[str, ...] = ()) -> Card:
         """Look at a file, beginning with what is said of it or what the names of its columns tell.
 
         Raises:
@@ -95,7 +110,16 @@ class Card:
         shown = preview(source.file)
         if sum(values is not None for values in shown.values) < NEEDED:
             raise RecordingError(f"{source.file}: has fewer than {NEEDED} columns of numbers: nothing can be chosen")
-        return cls(source, _choices(shown, source.columns), shown, source.range or (None, None), known, why)
+        card = cls(source, (), shown, source.range or (None, None), known, why, joints)
+        return replace(card, choices=_choices(shown, source.columns, card.guessed))
+
+    @property
+    def guessed(self) -> dict[str, str]:
+        """Likely column by role."""
+        if not self.joints:
+            return self.preview.guessed
+        plain = without_units(self.preview.headers)
+        return {role: plain[role] for role in self.roles if role in plain}
 
     def told(self, choices: Sequence[Choice], unwrap: bool, ends: Ends) -> Card:
         """The card with other choices."""
@@ -119,7 +143,7 @@ class Card:
             headers = [repr(header) for other, header, _ in self._said if other == role]
             if len(headers) > 1:
                 raise ColumnError(f"{self.source.file}: columns {listing(headers)} are all to be {role}: choose one")
-        others = [q for q in OPTIONAL if q not in columns and is_told(q, self.preview.headers)]
+        others = [q for q in OPTIONAL if not (q in columns or self.joints) and is_told(q, self.preview.headers)]
         return columns | dict.fromkeys(others, UNUSED)
 
     def asked(self) -> Source:
@@ -148,14 +172,15 @@ class Card:
         return self.preview.seconds(told[0]) if told else None
 
 
-def _choices(shown: Preview, columns: Mapping[str, str]) -> tuple[Choice, ...]:
+def _choices(shown: Preview, columns: Mapping[str, str], guessed: Mapping[str, str]) -> tuple[Choice, ...]:
     """What is said of columns, else what their names tell."""
-    chosen = {name: Choice(quantity) for quantity, name in shown.guessed.items() if quantity not in columns}
-    for quantity, text in columns.items():
-        known = {**UNITS[quantity], **RAW.get(quantity, {}), **LINEAR.get(quantity, {})}
+    chosen = {name: Choice(role) for role, name in guessed.items() if role not in columns}
+    for role, text in columns.items():
+        what = quantity(role)
+        known = {**UNITS[what], **RAW.get(what, {}), **LINEAR.get(what, {})}
         try:
             told = parse(text, shown.headers, known)
         except RecordingError:
             continue  # `unused`, or a mistake that reading has told of
-        chosen[told.name] = Choice.of(quantity, told)
+        chosen[told.name] = Choice.of(role, told)
     return tuple(chosen.get(header, Choice()) for header in shown.headers)

@@ -6,22 +6,26 @@ import io
 import json
 import tempfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from types import NoneType
 from typing import Any, cast, get_args, get_origin, get_type_hints
 
+from pendulum_env._typing import JSON
 from pendulum_env.excitation import SIGNALS, Excitation, signal_from_json, signal_json
 from pendulum_env.physics import Model, Term
 from pendulum_env.reading import Unreadable, amount, read_json
-from pendulum_env.recording import write_study
+from pendulum_env.recording import Source, write_study
 from pendulum_env.recording.study import read_sources, read_together
 from workbench.app import uploads
+from workbench.app.arm import ArmState
+from workbench.app.asked import Asked
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import safe_name
 from workbench.mistakes import InputError
+from workbench.robot import RobotFile
 
 SCHEMA = "pendulum-ident/session@1"
 CONTENTS, STUDY = "session.json", "study.toml"
@@ -40,7 +44,13 @@ def study(state: State) -> str:
     """A study that names the recordings as they are read, for a folder in which they lie."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / STUDY
-        write_study(file, [replace(one.source, file=file.with_name(one.source.file.name)) for one in state.loaded])
+        write_study(
+            file,
+            [
+                replace(one.source, file=file.with_name(one.source.file.name), joints=state.joints)
+                for one in state.loaded
+            ],
+        )
         return file.read_text(encoding="utf-8")
 
 
@@ -50,13 +60,16 @@ def pack(state: State) -> bytes:
     Raises:
         InputError: if it would be too large to be opened again.
     """
-    known = {"schema": SCHEMA, "base": _of(state.terms), "origins": [one.origin for one in state.loaded]}
-    known |= {key: getattr(state, name) for key, name in MEMBERS.items()}
+    known: JSON = {"schema": SCHEMA, "origins": [one.origin for one in state.loaded]}
+    if isinstance(state, ArmState):  # of which models and diagnosis are made anew
+        known |= {"robot": state.robot.file.name, "asked": state.asked}
+    else:
+        known |= {"base": _of(state.terms), **{key: getattr(state, name) for key, name in MEMBERS.items()}}
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(CONTENTS, json.dumps(known, default=_plain, indent=1))
         archive.writestr(STUDY, study(state))
-        for file in {one.source.file for one in state.loaded}:
+        for file in state.files:
             archive.write(file, file.name)
     whole = packed.getvalue()
     if len(whole) > uploads.UPLOAD:
@@ -81,13 +94,19 @@ def opened(folder: Path) -> State:
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise Unreadable(f"'schema' of {CONTENTS} should be {SCHEMA}; {HINT}")
     sources = read_sources(folder / STUDY) if content.get("origins") else ()
-    loaded: list[Loaded] = []
+    loaded, begun = list[Loaded](), State()
+    if isinstance(content.get("robot"), str):
+        begun = ArmState(robot=RobotFile(folder / safe_name(content["robot"]), _joints(sources), bolted=True))
     for source in sources:
         file = folder / safe_name(source.file.name)
         if not file.is_file():
             raise Unreadable(f"lacks {file.name}; {HINT}")
-        loaded.append(Loaded.of(replace(source, file=file), loaded))
+        loaded.append(Loaded.of(replace(source, file=file), loaded, read=begun.read))
     try:
+        if isinstance(begun, ArmState):
+            begun = replace(begun, loaded=tuple(loaded), asked=_typed(Asked, content["asked"]))
+            begun.check(begun.asked)
+            return begun
         hints, terms = get_type_hints(State), _typed(Model, content["base"]).terms
         known = {name: _typed(hints[name], content[key]) for key, name in MEMBERS.items()}
         origins = _typed(tuple[tuple[str, ...], ...], content["origins"])
@@ -99,6 +118,10 @@ def opened(folder: Path) -> State:
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise Unreadable(f"{CONTENTS} makes no sense ({type(error).__name__}: {error}); {HINT}") from None
     return state
+
+
+def _joints(sources: Sequence[Source]) -> tuple[str, ...] | None:
+    return next((source.joints for source in sources), None)
 
 
 def _of(terms: tuple[Term, ...]) -> Model:

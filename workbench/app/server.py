@@ -22,6 +22,7 @@ from workbench.app.stage import Bench
 from workbench.app.uploads import UPLOAD
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.report.page import plotly
+from workbench.robot import RobotFile
 
 log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
@@ -34,13 +35,19 @@ POLICY = (  # nothing comes from elsewhere, and nothing goes there
 )
 
 
-def make_app(recordings: Sequence[Source] = (), rig: Path | None = None, survey: Path | None = None) -> Bench:
+def make_app(
+    recordings: Sequence[Source] = (),
+    rig: Path | None = None,
+    survey: Path | None = None,
+    robot: RobotFile | None = None,
+) -> Bench:
     """The app with its sessions and workers; close it in the end.
 
     Args:
         recordings: what every session begins with.
         rig: configuration of the rig that the live view may run; the page cannot name another.
         survey: folder of a survey whose page is shown beside the stages; the page cannot name another.
+        robot: whose recordings they are; None: a pendulum's.
     """
     app = Dash(
         "pendulum-ident",
@@ -56,7 +63,7 @@ def make_app(recordings: Sequence[Source] = (), rig: Path | None = None, survey:
         on_error=_excuse,
     )
     app.layout = layout.page(survey is not None)
-    bench = Bench(app, Sessions(recordings, rig), survey)
+    bench = Bench(app, Sessions(recordings, rig, robot), survey)
     layout.connect(bench)
     if survey is not None:
         fleet.serve(app.server, survey)
@@ -123,6 +130,7 @@ class Server:
         recordings: Sequence[Source] = (),
         rig: Path | None = None,
         survey: Path | None = None,
+        robot: RobotFile | None = None,
     ) -> None:
         """Bind the port, 0 being any that is free; the rest is as for `make_app`.
 
@@ -134,7 +142,7 @@ class Server:
         except OSError:
             raise InputError(f"port {port} is taken: name another with --port, or 0 for any that is free") from None
         with listening:
-            self.bench = make_app(recordings, rig, survey)
+            self.bench = make_app(recordings, rig, survey, robot)
             number = listening.getsockname()[1]
             self._server = make_server(
                 HOST, number, self.bench.app.server, threaded=True, request_handler=_Silent, fd=listening.fileno()

@@ -12,11 +12,15 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
+from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.mistake import Mistake
 from pendulum_env.reading import amount, read_archive
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.study import read_sources, read_together
 from workbench.app import saved
+from workbench.app.arm import ArmState
 from workbench.app.jobs import Job, Task, Workers
 from workbench.app.live import Run
 from workbench.app.mapping import Card
@@ -26,6 +30,7 @@ from workbench.inputs import read_model
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import Done, Failed
 from workbench.report.words import listing
+from workbench.robot import FORMATS, RobotFile
 
 MOST_RECORDINGS = 12  # in one session
 MOST_UNDONE = 20  # changes
@@ -106,7 +111,7 @@ class Session:
         """Delete files that no state and no card speaks of any more."""
         if self.busy() or not self.folder.is_dir():
             return
-        kept = {one.source.file for state in (*(past for _, past in self._past), self.state) for one in state.loaded}
+        kept = {file for state in (*(past for _, past in self._past), self.state) for file in state.files}
         kept |= {card.source.file for card in self.cards}
         for file in self.folder.rglob("*"):
             if file.is_file() and file not in kept:
@@ -167,14 +172,14 @@ class Session:
             InputError: naming those that cannot be read, in the words of the command line.
         """
         place = self.place(sum(len(content) * 3 // 4 for _, content in coming))
-        files, told, refused = list[Path](), list[Source](), list[str]()
+        files, told, robots, refused = list[Path](), list[Source](), list[Path](), list[str]()
         for name, content in coming:
             try:
                 file = unpack(place, name, content)
                 if file.suffix == ".toml":
                     told += [replace(one, file=place / safe_name(one.file.name)) for one in read_sources(file)]
                 else:
-                    files.append(file)
+                    (robots if file.suffix.lower() in FORMATS else files).append(file)
             except MISTAKES as mistake:
                 refused.append(sentence(mistake))
         for name in {one.file.name for one in told if one.file not in files}:
@@ -184,7 +189,32 @@ class Session:
             for file in files
             for source in [one for one in told if one.file == file] or [Source(file, unwrap=unwrap)]
         ]
+        if robots:
+            joints = next((source.joints for source in sources), None)
+            self.take_robot(RobotFile(robots[-1], joints, bolted=True))
         self.load(sources, refused)
+
+    def take_robot(self, robot: RobotFile) -> None:
+        """Take all recordings, those that wait for an answer included, for those of a robot from now on.
+
+        Raises:
+            BodyError: if the robot cannot be read.
+            InputError: if recordings are not of it.
+        """
+        robot.body()
+        waiting = [card.source for card in self.cards if not card.known]
+        state = ArmState(robot=robot)
+        try:
+            old = tuple(replace(one, recording=state.read(one.source)) for one in self.state.loaded)
+        except Mistake as error:
+            raise InputError(f"what is loaded is not of this robot: {self.told(error)}") from None
+        self.change(f"take {robot.file.name} for the robot", replace(state, loaded=old))
+        self.cards = ()
+        self.load(waiting)
+
+    def leave_robot(self) -> None:
+        """Begin without a robot, and without its recordings."""
+        self.change("leave the robot", State())
 
     @read_together()
     def load(self, sources: Iterable[Source], refused: Sequence[str] = ()) -> None:
@@ -196,10 +226,10 @@ class Session:
         loaded, refused = list[Loaded](), list(refused)
         for source in sources:
             try:
-                loaded.append(Loaded.of(source, [*self.state.loaded, *loaded]))
+                loaded.append(Loaded.of(source, [*self.state.loaded, *loaded], read=self.state.read))
             except ColumnError as error:
                 try:
-                    self.cards = (*self.cards, Card.of(source, why=self.told(error)))
+                    self.cards = (*self.cards, Card.of(source, why=self.told(error), joints=self.state.moving))
                 except RecordingError:
                     refused.append(sentence(error))
             except MISTAKES as mistake:
@@ -213,8 +243,10 @@ class Session:
         """Add recordings; the ladder starts anew.
 
         Raises:
-            InputError: if they are too many or too long together.
+            InputError: if they are too many or too long together, or of a pendulum beside those of an arm.
         """
+        if isinstance(self.state, ArmState) and not all(isinstance(one.recording, ArmRecording) for one in loaded):
+            raise InputError("this session is of an arm: leave the robot first, in the stage Data")
         every = (*self.state.loaded, *loaded)
         if len(every) + len(self.cards) > MOST_RECORDINGS:
             raise InputError(f"{MOST_RECORDINGS} recordings are enough: remove one first")
@@ -248,7 +280,7 @@ class Session:
         Raises:
             RecordingError: if there is nothing to choose.
         """
-        card = Card.of(self.state.find(id).source, known=id)
+        card = Card.of(self.state.find(id).source, known=id, joints=self.state.moving)
         self.cards = (card, *(other for other in self.cards if other.known != id))
 
     def answer(self, card: Card) -> None:
@@ -262,11 +294,12 @@ class Session:
             source = card.asked()
             if card.known:
                 old = self.state.find(card.known)
-                anew = Loaded.of(source, [one for one in self.state.loaded if one is not old]).recording
+                rest_of_them = [one for one in self.state.loaded if one is not old]
+                anew = Loaded.of(source, rest_of_them, read=self.state.read).recording
                 anew = replace(anew, name=old.recording.name)
                 self._swap("read columns anew", old, replace(old, source=source, recording=anew))
                 return
-            first = Loaded.of(source, self.state.loaded)
+            first = Loaded.of(source, self.state.loaded, read=self.state.read)
         except MISTAKES as mistake:
             self.cards = (replace(card, why=self.told(mistake)), *rest)
             return
@@ -285,7 +318,11 @@ class Session:
             ModelError: if it is no model, in the words of the command line.
         """
         file = unpack(self.place(), name, content)
-        terms = read_model(str(file)).terms
+        state = self.state
+        if isinstance(state, ArmState):
+            terms = ArmModel.load(file, state.body).terms[1:]
+        else:
+            terms = read_model(str(file)).terms
         self.change(f"start from {file.name}", self.state.anew(terms=terms, model_file=file.name))
 
     def open(self, name: str, content: str) -> None:

@@ -14,6 +14,7 @@ from pendulum_env.recording import Source
 from workbench.app.jobs import Workers
 from workbench.app.session import Session
 from workbench.mistakes import InputError
+from workbench.robot import RobotFile
 
 ID = re.compile(r"[0-9a-f]{32}")  # random, drawn by the page; never part of a path
 MOST_SESSIONS = 16  # the one that was used least recently gives way
@@ -23,9 +24,11 @@ IDLE = 12 * 3600.0  # [s] after which a session that nobody has asked for ends
 class Sessions:
     """All sessions of a server by the id that each page holds, and the workers that they share."""
 
-    def __init__(self, recordings: Sequence[Source] = (), rig: Path | None = None) -> None:
+    def __init__(
+        self, recordings: Sequence[Source] = (), rig: Path | None = None, robot: RobotFile | None = None
+    ) -> None:
         """Make a folder for their folders; every session begins with the recordings, and may run the rig."""
-        self._initial, self._rig = tuple(recordings), rig
+        self._initial, self._rig, self._robot = tuple(recordings), rig, robot
         self.workers = Workers()
         self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-", ignore_cleanup_errors=True)
         self._all: dict[str, Session] = {}  # the one used last is last
@@ -54,6 +57,9 @@ class Sessions:
                 ended.append(self._all.pop(next(iter(self._all))))
         if is_new:
             try:
+                if self._robot is not None:
+                    robot = self._robot
+                    session.act(lambda: session.take_robot(robot))
                 if self._initial:
                     session.act(lambda: session.load(self._initial))
             finally:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
+from math import inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +18,9 @@ from estimators.checks.identifiability import Doubt, identifiability
 from estimators.checks.residual import Region, stand_out
 from estimators.checks.torque_constant import Calibrated, told
 from estimators.diagnosis.added import Addition
-from estimators.diagnosis.addition import fit
+from estimators.diagnosis.addition import add, fit
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.run import gather
+from estimators.diagnosis.run import diagnose, gather
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification
 from estimators.selection.criterion import Criterion
@@ -27,17 +29,26 @@ from estimators.signals.measurements import measure_segments
 from pendulum_env._typing import Array
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics.library import addition
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.record import by_torque
 from pendulum_env.recording.study import named_twice
 from workbench.app.asked import NOTHING, Asked
 from workbench.app.brushing import Points
+from workbench.app.jobs import Task
 from workbench.app.uploads import UNPACKED, safe_name
 from workbench.commands.identify import six_schemes
 from workbench.mistakes import InputError
+from workbench.report import render
 from workbench.report.case import Case
+from workbench.report.words import name
 
 NO_RECORDING = "load a recording first"
+
+
+def read_one(source: Source) -> Recording:
+    """A recording of a pendulum; raises RecordingError, in the words of the command line."""
+    return by_torque(replace(source, largest=UNPACKED).read())
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +68,13 @@ class Loaded:
     origin: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, source: Source, known: Sequence[Loaded] = (), origin: tuple[str, ...] = ()) -> Loaded:
+    def of(
+        cls,
+        source: Source,
+        known: Sequence[Loaded] = (),
+        origin: tuple[str, ...] = (),
+        read: Callable[[Source], Recording] = read_one,
+    ) -> Loaded:
         """Read a recording beside those that are known, of whose files it may be another range.
 
         Raises:
@@ -68,7 +85,7 @@ class Loaded:
         alike = [one for one in known if one.source.file.name == name]
         if any(one.source.file != source.file or named_twice((one.source, source)) for one in alike):
             raise InputError(f"{name}: is loaded already: remove it, or give this one another name")
-        recording = by_torque(replace(source, largest=UNPACKED).read())
+        recording = read(source)
         if not alike:
             return cls(name, source, recording, origin)
         number = next(k for k in range(2, len(alike) + 3) if all(one.id != f"{name} ({k})" for one in alike))
@@ -148,6 +165,47 @@ class State:
     grown: tuple[Step, ...] = ()
     diagnosis: Diagnosis | None = None
     started: tuple[Step, ...] = ()
+
+    @property
+    def start(self) -> tuple[Term, ...]:
+        """Terms that a base model has unless told."""
+        return BASE
+
+    @property
+    def joints(self) -> tuple[str, ...] | None:
+        """Those of an arm that move; None: all that can."""
+        return None
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """Joints of an arm that recordings are of; none of a pendulum."""
+        return ()
+
+    @property
+    def files(self) -> set[Path]:
+        """Files that the state speaks of."""
+        return {one.source.file for one in self.loaded}
+
+    def read(self, source: Source) -> Recording:
+        """A recording, as it is for this state; raises RecordingError."""
+        return read_one(source)
+
+    def check(self, asked: Asked) -> None:
+        """Refuse what makes no sense to ask: raises ValueError as the command line does."""
+        asked.check(self.terms)
+
+    def searching(self, at_will: bool) -> Task:
+        """The search for what the ladder's last model lacks; if the plant is `at_will`, experiments may go anywhere."""
+        limits = {**self.asked.effects, **self.asked.limits}
+        limits |= {"max_angle": inf, "max_speed": inf} if at_will else {}
+        return partial(diagnose, self.train, self.holdout, self.model.terms, **limits)
+
+    def adding(self, id: str) -> Task:
+        """The refit with one effect more; raises Mistake if it is none, or in the model already."""
+        addition(id)
+        if id in self.model.effects:
+            raise InputError(f"{name(id)} is in the model already")
+        return partial(add, self.model, id, self.train, self.holdout, **self.asked.limits)
 
     def anew(self, **choices: Any) -> State:
         """Other choices, from which the ladder begins anew."""
@@ -231,14 +289,19 @@ class State:
         return (*self.started, *self.diagnosis.steps[1:]) if self.diagnosis is not None else ()
 
     @property
+    def called(self) -> tuple[str, ...]:
+        """Its effects."""
+        return ids(self.called_for)
+
+    @property
     def misfit(self) -> bool:
         """Whether the ladder has an effect that the diagnosis does not call for."""
-        return self.diagnosis is not None and not set(self.added) <= set(ids(self.called_for))
+        return self.diagnosis is not None and not set(self.added) <= set(self.called)
 
     @property
     def found(self) -> tuple[str, ...]:
         """Effects that the diagnosis calls for beyond the ladder, as long as the ladder goes with it."""
-        return () if self.misfit else tuple(effect for effect in ids(self.called_for) if effect not in self.added)
+        return () if self.misfit else tuple(effect for effect in self.called if effect not in self.added)
 
     def diagnosed(self, found: Diagnosis) -> State:
         """The state with a diagnosis that started from its ladder."""
@@ -285,6 +348,15 @@ class State:
         if self.misfit:
             return replace(self.diagnosis, steps=self.ladder, unexplained=self._left(self.diagnosis.noise_floor))
         return replace(self.diagnosis, steps=self.called_for if self.found else self.ladder)
+
+    @property
+    def table(self) -> str | None:
+        """A function that no effect is and that would explain what is left."""
+        return self.told.table
+
+    def report(self) -> str:
+        """HTML of the report."""
+        return render(self.train, self.holdout, self.told, self.identification)
 
     @cached_property
     def case(self) -> Case:

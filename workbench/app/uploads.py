@@ -9,11 +9,12 @@ from pathlib import Path
 
 from pendulum_env.recording.storage import READERS
 from workbench.mistakes import InputError
+from workbench.robot import FORMATS
 
 UPLOAD = 48_000_000  # bytes of one file, a quarter of an hour at 1 kHz
 UNPACKED = 400_000_000  # bytes of what a packed file holds, and of its columns in memory
 LONGEST_NAME = 80  # characters
-ENDINGS = sorted((*READERS, ".json", ".toml", ".zip"), key=len)[::-1]
+ENDINGS = sorted((*READERS, *FORMATS, ".json", ".toml", ".zip"), key=len)[::-1]
 
 
 def safe_name(name: str) -> str:

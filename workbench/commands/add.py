@@ -15,6 +15,7 @@ from workbench.inputs import (
     in_time,
     in_torque,
     known_effect,
+    of_pendulums,
     read_model,
     read_recordings,
     refuse_joint,
@@ -44,6 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     take_align(parser)
     take_limits(parser)
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model with the effect")
+    of_pendulums(parser, "align", "fixed", "bounds", "drive")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -11,10 +11,12 @@ from pathlib import Path
 from threading import Timer
 
 from pendulum_env.backends.hardware.config import load
+from pendulum_env.recording import Source
 from pendulum_env.recording.record import ColumnError
-from workbench.inputs import KINDS, given, read_recordings, take_reading, whole
+from workbench.inputs import KINDS, Given, given, read_all, take_reading, take_robot, whole
 from workbench.mistakes import InputError
 from workbench.processes import interrupts_wait
+from workbench.robot import RobotFile
 from workbench.survey.cases import is_survey
 from workbench.terminal import Terminal
 
@@ -25,6 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings and where to listen."""
     parser.add_argument("recordings", metavar="RECORDING", nargs="*", help=f"{KINDS}; to begin with")
     take_reading(parser)
+    take_robot(parser)
     parser.add_argument("--config", metavar="FILE", help="rig.toml of a rig, that the live view then offers, too")
     parser.add_argument("--fleet", metavar="FOLDER", help="of a survey, whose page is then beside the stages")
     parser.add_argument("--port", type=_port, default=PORT, help=f"of this computer (default {PORT}); 0: any")
@@ -36,16 +39,19 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if find_spec("dash") is None:
         raise InputError("the workbench in a browser needs the extra app: pip install 'pendulum-ident[app]'")
     asked = given(arguments)
+    robot = _robot(arguments, asked)
     for source in (*asked.fitted, *asked.held_out):
-        try:
-            read_recordings([source], terminal)  # complains now, not in the browser
+        try:  # complains now, not in the browser
+            read_all([source], terminal, Source.read if robot is None else robot.read)
         except ColumnError as error:
+            if robot is not None:
+                raise
             terminal.say(f"{error}: the browser asks what the columns mean")
     rig = None if arguments.config is None else load(arguments.config).path
     survey = None if arguments.fleet is None else _survey(arguments.fleet)
     from workbench.app.server import Server  # dash takes a while to import
 
-    server = Server(arguments.port, (*asked.fitted, *asked.held_out), rig, survey)
+    server = Server(arguments.port, (*asked.fitted, *asked.held_out), rig, survey, robot)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe would keep it to itself
     if not arguments.no_browser:
@@ -61,6 +67,22 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     finally:
         with interrupts_wait():  # whoever presses the keys again
             server.close()
+
+
+def _robot(arguments: argparse.Namespace, asked: Given) -> RobotFile | None:
+    """The robot whose recordings are shown, if there is one."""
+    if arguments.robot is None:
+        return None
+    told = {arguments.joints, *(source.joints for source in (*asked.fitted, *asked.held_out))} - {None}
+    robot = RobotFile(
+        Path(arguments.robot),
+        told.pop() if told else None,
+        bolted=arguments.base is not None,
+        rotors=arguments.rotors or None,
+        weightless=arguments.no_gravity,
+    )
+    robot.body()  # complains now
+    return robot
 
 
 def _survey(name: str) -> Path:

@@ -11,6 +11,7 @@ from workbench.inputs import (
     check_outputs,
     given,
     in_time,
+    of_pendulums,
     read_model,
     read_recordings,
     take_align,
@@ -57,6 +58,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with --payload: a recording without it (may be repeated), to which the model is fitted anew",
     )
     parser.add_argument("--json", metavar="FILE", help="write errors, profiles and regions")
+    of_pendulums(parser, "align", "loop", "drive")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -99,12 +101,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terminal.heading("Recordings that disagree")
         for disagreement in found.disagreements:
             terminal.say(f"- {disagreement.text}")
-    terminal.heading("Where")
+    terminal.heading(f"Where, all {len(recordings)} recordings together" if len(recordings) > 1 else "Where")
     for region in found.regions:
         terminal.say(f"- {region.text}")
     drawn = next((item for r in found.regions for item in found.profiles if item.axis == r.axis != "frequency"), None)
     if drawn is not None:
         terminal.table(*profile_table(drawn))
+    if len(found.regions) > 1:
+        terminal.say("regions of different quantities may be of the same moments")
     if found.regions:
         terminal.say("`diagnose` tells which effect would explain this")
     elif found.joint.errors.position_fit >= FOLLOWED:

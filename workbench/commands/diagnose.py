@@ -19,8 +19,10 @@ from workbench.inputs import (
     ids,
     in_torque,
     number,
+    of_pendulums,
     read_model,
     read_recordings,
+    refuse_joint,
     take_instruments,
     take_limits,
     take_recordings,
@@ -39,8 +41,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, model to start from, and outputs."""
     take_recordings(parser, holdout=True)
     take_robot(parser)
-    parser.add_argument("--model", metavar="MODEL.json", help="start from its terms (default: the paper's four)")
-    parser.add_argument("--only", metavar="ID,...", type=argument(ids), help="look for these effects alone")
+    parser.add_argument(
+        "--model",
+        metavar="MODEL.json",
+        help="start from its terms (default: the paper's four; of an arm, friction at each joint)",
+    )
+    parser.add_argument(
+        "--only",
+        metavar="ID,...",
+        type=argument(ids),
+        help="look for these effects alone; of an arm at every joint, or at one, as stribeck@elbow",
+    )
     parser.add_argument(
         "--without", metavar="ID,...", type=argument(ids), default=[], help="do not look for these effects"
     )
@@ -71,6 +82,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
     take_report(parser)
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
+    of_pendulums(
+        parser, "max_torque", "max_angle", "max_speed", "experiment", "fixed", "bounds", "instruments", "drive"
+    )
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -80,6 +94,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
         arms.diagnose(arguments, terminal)
         return
+    for effect in (*(arguments.only or ()), *arguments.without):
+        refuse_joint(effect)
     from workbench.report import write_report  # plotly takes a while to import
 
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]

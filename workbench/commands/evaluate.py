@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             tell=tell,
         )
     setting = {name: getattr(arguments, name) for name in ("constraint", "plants", "seed", "scheme", *DESIGN)}
-    told = evaluation_json(outcomes, BASELINE, trained=files, **setting)
+    told = evaluation_json(outcomes, BASELINE, **setting)
     show(told, terminal)
     write_json(arguments.json, told)
     if arguments.report is not None:
@@ -103,10 +103,6 @@ def show(told: JSON, terminal: Terminal) -> None:
     terminal.table(("policy", *(f"at {moment}" for moment in first["error"]), *first["time_to"]), rows)
     terminal.heading(f"Gain over {told['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
     rows = [[name, *(_gain(gain) for gain in figures["gain"].values())] for name, figures in policies.items()]
-    if "trainings" in told:
-        for which in ("median", "worst"):
-            gains = told["trainings"]["gain"].values()
-            rows.append([f"{which} of the trainings", *(f"{gain[which]:.2f}" for gain in gains)])
     terminal.table(("policy", *first["gain"]), rows)
     terminal.heading("What it takes")
     terminal.table(

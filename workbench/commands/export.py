@@ -17,11 +17,13 @@ from workbench.export.request import Language
 from workbench.inputs import (
     check_outputs,
     number,
+    of_pendulums,
     read_model,
     read_recordings,
     sources_of,
     take_drive,
     take_reading,
+    take_robot,
     wrote,
 )
 from workbench.mistakes import InputError
@@ -72,10 +74,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="run it in MuJoCo against a recording or a study, in the loop where a drive is known: mjcf and urdf",
     )
     take_reading(parser)
+    take_robot(parser, "the model is of an arm with these links, URDF or MJCF (needs the extra arms): mjcf and urdf")
+    of_pendulums(parser, "mass", "armature", "drive", "callback", "check")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Export, perhaps check, and say what the form does not hold."""
+    if arguments.robot is not None:
+        from workbench import arms  # Pinocchio is imported by who needs it
+
+        arms.export(arguments, terminal)
+        return
     sources = _checked(arguments)
     outputs = [arguments.output, arguments.callback]
     check_outputs(outputs, [arguments.model, *(str(source.file) for source in sources)])

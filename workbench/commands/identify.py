@@ -19,6 +19,7 @@ from workbench.inputs import (
     given,
     in_time,
     in_torque,
+    of_pendulums,
     read_recordings,
     take_align,
     take_instruments,
@@ -50,6 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", metavar="FILE", help="write estimates, warnings and how the estimates converge")
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model, fitted over windows")
+    of_pendulums(parser, "align", "instruments", "fixed", "bounds", "drive")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

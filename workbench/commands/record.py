@@ -28,6 +28,7 @@ from pendulum_env.registration import PENDULUM
 from workbench.inputs import (
     check_outputs,
     number,
+    of_pendulums,
     one_of,
     plant_of,
     read_suggestion,
@@ -124,6 +125,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default 0)")
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help=", ".join(WRITERS))
+    of_pendulums(parser, "policy", "until", "diagnosis", "replay", "config", "theta")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -139,8 +141,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         seconds = arguments.seconds or SECONDS
         arms.record(arguments, seconds, _samples(seconds, arguments.rate), rng, terminal)
         return
-    for name in ("max_angle", "max_speed", "joints", "base"):
-        if getattr(arguments, name) is not None:
+    for name in ("max_angle", "max_speed", "joints", "base", "no_gravity", "rotors"):
+        if getattr(arguments, name) not in (None, False):
             raise InputError(f"--{name.replace('_', '-')} goes with --robot only: it is of an arm")
     rig = configured(arguments)
     rate = arguments.rate if rig is None else rig.rate

@@ -52,14 +52,38 @@ def write_arm_report(
     Raises:
         OSError: if the file cannot be written.
     """
-    models = [Drawn("base model", "--base", diagnosis.base, diagnosis.before)]
-    if diagnosis.selected:
-        models.append(Drawn("final model", "--final", diagnosis.model, diagnosis.after))
+    write_whole(path, render_arm(recordings, holdout, diagnosis))
+
+
+def render_arm(recordings: Sequence[ArmRecording], holdout: Sequence[ArmRecording], diagnosis: ArmDiagnosis) -> str:
+    """HTML of the report; see `write_arm_report`."""
+    models = of_diagnosis(diagnosis)
     evidence = gather_arm(parted(recordings, holdout)[0], diagnosis.model.terms)
     result = joints(models, "held-out data", diagnosis.headline, diagnosis)
     subject = f"diagnosis of {listing([recording.name for recording in recordings])}"
-    shown = [result, strips(models, evidence), ranked(diagnosis.candidates), parameters(models)]
-    write_whole(path, assemble(shown, subject))
+    return assemble([result, strips(models, evidence), ranked(diagnosis.candidates), parameters(models)], subject)
+
+
+def of_diagnosis(diagnosis: ArmDiagnosis) -> list[Drawn]:
+    """The base model and, where effects were found, the final one."""
+    models = [Drawn("base model", "--base", diagnosis.base, diagnosis.before)]
+    if diagnosis.selected:
+        models.append(Drawn("final model", "--final", diagnosis.model, diagnosis.after))
+    return models
+
+
+def render_arm_comparison(recordings: Sequence[ArmRecording], model: ArmModel, errors: tuple[JointError, ...]) -> str:
+    """HTML of a comparison; see `write_arm_comparison_report`."""
+    models = [Drawn("model", "--base", model, errors)]
+    result = joints(models, "the recordings compared with", worst(errors))
+    shown = [result, strips(models, gather_arm(recordings, model.terms)), parameters(models)]
+    return assemble(shown, f"comparison with {listing([recording.name for recording in recordings])}")
+
+
+def worst(errors: Sequence[JointError]) -> str:
+    """The joint whose torque a model has least, in a headline."""
+    most = max(errors, key=lambda error: error.share or 0.0)
+    return f"The torque of {most.joint} is {percent(most.share or 0.0)} off, the most of {len(errors)} joints"
 
 
 def write_arm_comparison_report(
@@ -76,12 +100,7 @@ def write_arm_comparison_report(
     Raises:
         OSError: if the file cannot be written.
     """
-    models = [Drawn("model", "--base", model, errors)]
-    worst = max(errors, key=lambda error: error.share or 0.0)
-    headline = f"The torque of {worst.joint} is {percent(worst.share or 0.0)} off, the most of {len(errors)} joints"
-    result = joints(models, "the recordings compared with", headline)
-    shown = [result, strips(models, gather_arm(recordings, model.terms)), parameters(models)]
-    write_whole(path, assemble(shown, f"comparison with {listing([recording.name for recording in recordings])}"))
+    write_whole(path, render_arm_comparison(recordings, model, errors))
 
 
 def joints(models: Sequence[Drawn], measured: str, headline: str, found: ArmDiagnosis | None = None) -> Section:

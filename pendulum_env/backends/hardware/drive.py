@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple, Protocol
 
+from pendulum_env.mistake import one_line
+
 STILL_ON = "the drive says that it has power still: use the emergency stop"
 OPENING = 2.0  # [s] to wait for an answer at least while the drive is opened, without power: it may set itself up
 
@@ -29,7 +31,7 @@ def said(what: str, remedy: str) -> Iterator[None]:
     except DriveError:
         raise
     except Exception as error:
-        raise DriveError(f"{what} ({' '.join(str(error).split())[:200].rstrip('.')}): {remedy}") from None
+        raise DriveError(f"{what} ({one_line(error)}): {remedy}") from None
 
 
 class Reading(NamedTuple):

@@ -194,7 +194,8 @@ class Guard:
     def _held_up(self, passed: float) -> str:
         """Who kept the loop waiting for so long [s]: the drive if most of it passed between question and answer."""
         if self._waited > 0.5 * passed:
-            return f"{1e3 * self._waited:.0f} ms of it the drive took to answer, or the program was held up meanwhile"
+            took = f"{1e3 * self._waited:.0f} ms of it the drive took to answer"
+            return f"{took}, or the program was held up meanwhile: check the cable, {self._remedy}"
         return f"the program was held up or is too slow for its rate: {self._remedy}"
 
     @property

@@ -21,6 +21,7 @@ from nidaqmx.system.watchdog import DOExpirationState, WatchdogTask
 
 from pendulum_env.backends.hardware.config import DaqSettings, RigConfig
 from pendulum_env.backends.hardware.drive import OPENING, DriveError, Reading, Sent
+from pendulum_env.mistake import one_line
 
 FULL_SCALE = 10.0  # [V]
 LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of when a count is taken: by the driver here, over gRPC
@@ -192,17 +193,13 @@ class NiDaq:
         except nidaqmx.errors.RpcError as error:
             why = (
                 f"the device server {self._link.server} did not answer within {1e3 * self._patience.seconds:.0f} ms "
-                f"({_line(error)}): check that it runs, and the network"
+                f"({one_line(error)}): check that it runs, and the network"
             )
         except (nidaqmx.errors.Error, ValueError) as error:  # ValueError: a channel that was closed
             if getattr(error, "error_code", None) == RESERVED:
                 why = "the card is reserved by another program, or by one that was killed: end it, or reset the device"
             else:
-                why = f"the card refuses ({_line(error)}): check the channels in [nidaq]"
+                why = f"the card refuses ({one_line(error)}): check the channels in [nidaq]"
         else:
             return
         raise DriveError(why)
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200].rstrip(".")

@@ -1,9 +1,11 @@
 """Effects at joints: data from MuJoCo and from SciPy, neither of which shares code with what is tested."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from benchmarks import six_joint
 from benchmarks.six_joint import Hidden
@@ -19,7 +21,7 @@ from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.actuation import TorqueOffset
-from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.friction import Stribeck, TemperatureDependentFriction
 from pendulum_env.physics.potential import Cogging, Spring
 
 SOME = {"stribeck": Stribeck, "cogging": Cogging}
@@ -72,6 +74,38 @@ def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):
     assert size == pytest.approx(0.35 * six_joint.COULOMB[2], rel=0.05)
     assert found.after[2].torque_rms < 0.5 * found.before[2].torque_rms
     assert found.candidates[0].verdict is Verdict.SELECTED and found.candidates[0].score > 0.9
+
+
+def test_friction_by_temperature_is_named_where_it_is_measured_and_told_per_kelvin(six, tmp_path):
+    hidden = Hidden("temperature_dependent_friction", 2)
+    recording = six_joint.simulate(6, hidden, seconds=12.0, thermometers=True)
+    some = SOME | {TemperatureDependentFriction.id: TemperatureDependentFriction}
+    found = diagnose_arm(recording, six, library=some)
+    assert found.selected == ("temperature_dependent_friction@elbow",)
+    for part, share in (("viscous", six_joint.VISCOUS_SHARE), ("coulomb", six_joint.COULOMB_SHARE)):
+        own = found.model.derived[f"temperature_dependent_friction.{part}_share@elbow"]
+        assert own.unit == "%/K"
+        assert own.value == pytest.approx(100 * share, abs=4 * own.std) and own.std < 0.1 * abs(own.value)
+    found.model.save(tmp_path / "model.json")
+    errors = compare_arm(ArmModel.load(tmp_path / "model.json", six), recording)
+    assert errors == compare_arm(found.model, recording)
+    unmeasured = diagnose_arm(replace(recording, temperature=None), six, library=some)
+    assert unmeasured.selected == () and "elbow" in unmeasured.unexplained
+
+
+def test_noise_of_an_encoder_that_is_not_white_is_said_to_make_joints_light(body):
+    time = np.arange(0, 10, 2e-3)
+    torque = Multisine.paper(0, (5.0, 2.5))
+    position, _ = TwoLink().simulate(torque, time)
+    wander = lfilter(*butter(4, 15.0, fs=500.0), np.random.default_rng(0).normal(size=position.shape), axis=0)
+    noisy = position + 4e-3 * wander / wander.std()
+    held = torque.held(time, 2e-3)
+    recordings = [ArmRecording.of("run", body.joints, time, q, held) for q in (position, noisy)]
+    plain, found = (diagnose_arm(recording, body, library={"stribeck": Stribeck}) for recording in recordings)
+    assert plain.remarks == ()
+    assert found.selected == () and found.headline.startswith("Something is missing at")
+    assert found.heavier["elbow"] > 1.2
+    assert any("elbow feels" in text and "below 6.2 Hz" in text for text in found.remarks)
 
 
 def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_path):

@@ -15,6 +15,7 @@ from estimators.diagnosis.run import gather
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.selection.models import Models
 from pendulum_env.physics import BASE, effects
+from pendulum_env.reading import Value
 from pendulum_env.recording import Recording
 from tests import slow
 from tests.cases import diagnosed, recording
@@ -111,7 +112,7 @@ def test_a_suggestion_says_what_to_expect_and_survives_json(first):
     assert suggestion.peak_torque <= 6.0
     assert suggestion.reach[1] - suggestion.reach[0] > 1.0  # beyond the small angles
     assert suggestion.text in found.advice
-    again = Suggestion.from_json(found.json()["suggestion"])
+    again = Suggestion.of(Value("the suggestion", "", found.json()["suggestion"]))
     time = np.linspace(0, suggestion.seconds, 999)
     np.testing.assert_array_equal(again.signal.signal(time), suggestion.signal.signal(time))
     assert again.json() == suggestion.json()

@@ -10,7 +10,7 @@ from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, 
 from estimators.regression.equations import IdentificationError
 from estimators.regression.least_squares import solve
 from estimators.selection.data import Evidence, fit_terms, with_impacts
-from estimators.signals.differentiation import white_noise
+from estimators.signals.differentiation import encoder_noise, white_noise
 from estimators.weak_form.dataset import Dataset, choose_half_width, dataset, prepare
 from estimators.weak_form.windows import bump, cut
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
@@ -119,6 +119,17 @@ def test_white_noise_is_measured_beside_a_smooth_signal_and_its_steps():
     noisy = signal + 0.02 * np.random.default_rng(0).standard_normal(5000)
     assert white_noise(noisy) == pytest.approx(0.02, rel=0.05)
     assert white_noise(np.round(signal / 1e-3) * 1e-3) == pytest.approx(1e-3 / np.sqrt(12), rel=0.3)
+
+
+def test_a_joint_at_rest_hides_no_noise_of_its_encoder():
+    """Most of the time it rests; then it creeps, whatever became of the whole steps when the clock was made even."""
+    time = np.arange(4000) / 200
+    count, creep = 2 * np.pi / 4096, np.maximum(time - 15.0, 0.0) ** 2 / 20
+    counted = np.round(creep / count) * count
+    uneven = time + 0.3 / 200 * np.sin(40 * time)
+    for read in (counted, np.interp(time, uneven, np.round(np.interp(uneven, time, creep) / count) * count)):
+        assert 0.7 < encoder_noise(read) / (count / np.sqrt(12)) < 2.0  # steps of creep are sharper than white noise
+    assert encoder_noise(np.zeros(100)) == 0.0
 
 
 def test_windows_grow_with_the_coarseness_of_the_encoder():

@@ -75,5 +75,5 @@ def test_what_the_simulator_cannot_be_is_refused(read, change, told):
 
 def test_arms_in_space_and_motors_with_inertia_are_refused():
     body = six_joint.body()
-    with pytest.raises(BodyError, match="record it elsewhere, with columns time, position_JOINT"):
+    with pytest.raises(BodyError, match="simulate it in MuJoCo, --backend mujoco"):
         planar_links(body)

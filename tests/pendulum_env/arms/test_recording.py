@@ -81,3 +81,20 @@ def test_what_is_noted_of_a_column_can_be_pasted_for_its_joint(tmp_path):
     path = table(tmp_path / "run.csv", time=time, position_hip=q, torque_hip=torque)
     recording = read_arm_recording(path, ("hip",))
     assert "read it with --columns position_hip=position_hip:deg,torque_hip=torque_hip" in recording.notes[-1]
+
+
+def test_temperatures_of_some_joints_may_be_there(tmp_path):
+    time = np.arange(0, 1, 0.01)
+    q, u = np.sin(3 * time), np.cos(5 * time)
+    table = np.column_stack([time, q, 2 * q, u, 3 * u, 30 + time])
+    names = "time,position_hip,position_knee,torque_hip,torque_knee,temperature_knee[degC]"
+    path = tmp_path / "warm.csv"
+    np.savetxt(path, table, delimiter=",", header=names, comments="")
+    recording = read_arm_recording(path, ("hip", "knee"))
+    assert recording.temperature is not None
+    np.testing.assert_allclose(recording.temperature[:, 0], 25.0)  # nobody has measured it
+    np.testing.assert_allclose(recording.temperature[:, 1], 30 + time, atol=1e-9)
+    np.testing.assert_allclose(recording.split(0.5)[1].joints[1].temperature, 30 + time[50:], atol=1e-9)
+    write_arm_recording(recording, tmp_path / "again.csv")
+    again = read_arm_recording(tmp_path / "again.csv", ("hip", "knee"))
+    np.testing.assert_allclose(again.temperature, recording.temperature)

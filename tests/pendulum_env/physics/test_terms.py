@@ -373,7 +373,7 @@ def test_registering_the_same_effect_again_changes_nothing():
 def test_an_unknown_effect_is_refused_with_the_nearest_and_all_known_ones():
     with pytest.raises(ValueError, match=r"unknown effect 'stribek': did you mean stribeck\? Known: actuator_lag, .*"):
         effect("stribek")
-    with pytest.raises(ValueError, match=r"unknown effect 'xyzzy': Known: "):
+    with pytest.raises(ValueError, match=r"unknown effect 'xyzzy'; known: "):
         effect("xyzzy")
 
 

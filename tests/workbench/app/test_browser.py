@@ -21,6 +21,7 @@ from tests.patience import PATIENCE
 from tests.pendulum_env.rigs import Disturbed
 from tests.workbench.app.fleets import surveyed
 from tests.workbench.app.plants import recorded
+from tests.workbench.app.test_arm import two_link
 
 sync_api = pytest.importorskip("playwright.sync_api")
 pytest.importorskip("dash")
@@ -585,3 +586,29 @@ def test_a_fleet_is_walked_from_the_workbench_to_a_case_and_back(browser: "sync_
         page.click("#home")
         page.wait_for_selector("#upload")
         tab.close()
+
+
+def test_an_arm_from_its_file_to_an_effect_at_a_joint(tab: Tab, tmp_path: Path) -> None:
+    page = tab.page
+    tab.load(*two_link(tmp_path))
+    page.wait_for_selector("td:has-text('run')")
+    assert page.locator(".data .js-plotly-plot").count() == 2  # one strip a joint
+    assert "joints that move" in page.inner_text("#stage") and "The torque of elbow" in tab.title()
+    assert tab.unreadable() == []
+    page.click("#to-model")
+    page.wait_for_selector("th:has-text('mz@elbow')")  # parameters
+    page.wait_for_selector("th:has-text('Filtered Hamiltonian')")  # schemes
+    tab.go("compare")
+    assert page.locator(".compare .js-plotly-plot").count() == 6
+    tab.go("diagnose")
+    page.click("#diagnose")
+    page.wait_for_selector(".ranking")
+    assert tab.title() == "Missing: torque_offset@elbow"
+    page.get_by_role("button", name="Add torque offset@elbow").click()
+    page.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
+    tab.picture("arm-diagnose")
+    tab.go("add")
+    assert "torque_offset@elbow" in page.inner_text("#stage")
+    tab.go("export")
+    assert "--robot arm.urdf" in page.inner_text("#commands")
+    assert "torque_offset@elbow" in tab.save("report.html").read_text(encoding="utf-8")

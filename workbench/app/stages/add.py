@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dash import Input, State, dcc, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis.added import looks
-from estimators.diagnosis.addition import add
 from estimators.selection.data import Step
-from pendulum_env.physics.library import addition
 from workbench.app.parts import button, effects_to_choose, fragment, graph, labelled, panel
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import State as Work
-from workbench.app.state import ids
 from workbench.mistakes import InputError
 from workbench.report.sections.errors import errors
 from workbench.report.words import listing, name, number, opening
@@ -30,9 +26,9 @@ def show(session: Session) -> list[Component]:
     plots = html.Div([graph(figure) for figure in section.content["figures"]], className="columns even")
     undo = [button(f"Take {name(state.added[-1])} out", "undo", disabled=busy)] if state.added else []
     fall = panel(section.title, html.P(said(state.ladder), className="before-after"), plots, *undo)
-    choice = _choice(state, busy)
+    offer = choice(state, busy, effects_to_choose(tables=True))
     return [
-        *([choice, fall] if state.found or not state.added else [fall, choice]),
+        *([offer, fall] if state.found or not state.added else [fall, offer]),
         panel("Errors step by step", fragment(section)),
     ]
 
@@ -56,7 +52,7 @@ def calls(state: Work, busy: bool) -> Component:
     if state.diagnosis is None:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
-    table = state.told.table
+    table = state.table
     if not state.found and table is not None and table not in state.model.effects and not state.misfit:
         keep = button(f"Keep {name(table)} as a table", {"do": "add", "of": table}, primary=True, disabled=busy)
         return html.Div([html.P(settled(state)), html.Div([keep], className="row")])
@@ -74,14 +70,14 @@ def settled(state: Work) -> str:
     if state.misfit:
         return "The model has left the diagnosis: undo, or diagnose again from here."
     rest = "something is left that no effect of the library explains" if state.told.unexplained else ""
-    if not ids(state.called_for):
+    if not state.called:
         return f"{opening(rest) or 'The diagnosis calls for no effect'}."
     return f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
 
 
-def _choice(state: Work, busy: bool) -> Component:
+def choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
     """What the diagnosis calls for, or any effect of the library."""
-    others = {id: label for id, label in effects_to_choose(tables=True).items() if id not in state.model.effects}
+    others = {id: label for id, label in known.items() if id not in state.model.effects}
     kept: dict[str, Any] = {  # while a job ends and the page is drawn anew; a model with an effect more asks anew
         "persistence": f"beyond {' '.join(state.model.effects)}",
         "persistence_type": "session",
@@ -102,15 +98,12 @@ def start(session: Session, id: str | None) -> None:
     if not id:
         raise InputError("choose an effect to add")
     state = session.state
-    recordings = state.train, state.holdout
-    addition(id)
-    if id in state.model.effects:
-        raise InputError(f"{name(id)} is in the model already")
+    task = state.adding(id)
 
     def keep(addition: Any) -> None:
         session.change(f"add {name(id)}", session.state.with_step(addition))
 
-    session.work(f"Adding {name(id)}", partial(add, state.model, id, *recordings, **state.asked.limits), keep)
+    session.work(f"Adding {name(id)}", task, keep)
 
 
 def undo(session: Session) -> None:

@@ -16,10 +16,12 @@ from estimators.checks.residual import AXES, Region, profiles, stand_out
 from pendulum_env._typing import JSON, Mask
 from pendulum_env.physics import effect
 from pendulum_env.recording import Recording
+from workbench.app.arm import ArmState
 from workbench.app.brushing import MAP, PHASE, TIME, VIEWS, Points, figures, inside, lit, within
 from workbench.app.parts import LINKED, button, dropdown, effects_to_choose, graph, labelled, panel
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
+from workbench.app.stages.arm import views
 from workbench.app.state import State as Work
 from workbench.report.case import Case
 from workbench.report.gallery import picture
@@ -85,7 +87,10 @@ def _regions(points: Points, shown: int) -> Component:
         for k, region in enumerate(_standing_out(points, shown))
     ]
     listed = html.Ul([html.Li(row) for row in rows], className="regions-list")
-    return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."))
+    overlap = [html.P("Regions of different quantities may be of the same moments.", className="note")] * (
+        len(rows) > 1
+    )
+    return panel("Where it fails", listed if rows else html.P("Nothing stands out of the noise."), *overlap)
 
 
 def _alike(state: Work, points: Points, shown: int) -> Component:
@@ -156,7 +161,10 @@ def connect(bench: Bench) -> None:
         prevent_initial_call=True,
     )
     def choose(recording: str, shown: int, id: str) -> tuple[list[Component], None, str]:
-        return _views(bench.sessions.of(id).state, recording, shown), None, HINT
+        state = bench.sessions.of(id).state
+        if isinstance(state, ArmState):
+            return views(state, recording), None, ""
+        return _views(state, recording, shown), None, HINT
 
     @bench.app.callback(
         Output("lit", "data"),

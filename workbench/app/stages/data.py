@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from dash.development.base_component import Component
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from workbench.app import card, recorder
+from workbench.app.arm import ArmState
 from workbench.app.parts import (
     UNWRAP,
     aria,
@@ -55,19 +56,24 @@ def show(session: Session) -> list[Component]:
     """Ways to get recordings, then what they are."""
     state = session.state
     parts: list[Component] = [card.show(one) for one in session.cards[:1]]
-    parts.append(html.Div([_upload(state), _record()], className="columns"))
+    parts.append(html.Div([upload(state), _record()], className="columns"))
     if state.loaded:
-        plots = [graph(_course(recording, k)) for k, recording in enumerate(state.recordings[:DRAWN])]
-        parts += [_recordings(state), *timing(state), _telling(state), html.Div(plots, className="panel")]
+        plots = [
+            graph(course(recording, f"course-{k}", recording.name))
+            for k, recording in enumerate(state.recordings[:DRAWN])
+        ]
+        parts += [recordings(state), *timing(state), _telling(state), html.Div(plots, className="panel")]
     return parts
 
 
-def _upload(state: Work) -> Component:
+def upload(state: Work) -> Component:
+    """Where files come in."""
     ways = [
         drop([html.Strong("Choose recordings"), " or drop them here"], "upload", multiple=True),
         html.P(
             f"{FORMATS} with time, position and torque; 0 hangs down. What columns mean is "
-            f"asked where their names do not tell, or told by a {STUDY} among the files. "
+            f"asked where their names do not tell, or told by a {STUDY} among the files. Of an arm, its URDF or MJCF "
+            "among the files tells the links. "
             f"Up to {UPLOAD / 1e6:.0f} MB each; nothing leaves this computer.",
             className="note",
         ),
@@ -105,8 +111,9 @@ def _record() -> Component:
     )
 
 
-def _recordings(state: Work) -> Component:
-    stick = _share_in_stick(state)
+def recordings(state: Work) -> Component:
+    """What is loaded, as a table; of an arm, turns and torque are the largest of its joints."""
+    stick = {} if isinstance(state, ArmState) else _share_in_stick(state)
     rows = [_row(one, recording, stick) for one, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
     how = "how these are read and used, for the command line and to load again with them"
@@ -146,7 +153,7 @@ def _row(one: Loaded, recording: Recording, stick: dict[int, float]) -> tuple[An
         f"{recording.rate:.4g}",
         f"{len(recording):,}".replace(",", " "),
         percent(stick[id(recording)]) if id(recording) in stick else "–",
-        f"{number(float(np.ptp(recording.position)) / (2 * np.pi), 2)}",
+        number(float(np.ptp(recording.position, axis=0).max()) / (2 * np.pi), 2),
         number(float(np.abs(recording.torque).max()), 2),
         html.Div(roles, className="views", role="group"),
         html.Div(ways, className="row"),
@@ -190,19 +197,19 @@ def timing(state: Work) -> list[Component]:
     return [panel("Torque and motion in time", *said, *press)] if said else []
 
 
-def _course(r: Recording, k: int) -> Figure:
-    """Position and torque over time."""
+def course(r: Recording, id: str, title: str, said: Callable[[str], str] = str, height: int = 340) -> Figure:
+    """Position and torque over time; `said` is a unit as it is for the joint."""
     data = []
     for series, label, color, unit, where in (
         (r.position, "position", "--final", "rad", "y"),
         (r.torque, "torque", "--train", "N m", "y2"),
     ):
         kept = thin(series)
-        data.append(line(r.time[kept], series[kept], label, color, unit, yaxis=where, showlegend=False))
-    layout = stacked("position [rad]", "torque [N m]", "time [s]")
+        data.append(line(r.time[kept], series[kept], label, color, said(unit), yaxis=where, showlegend=False))
+    layout = stacked(said("position [rad]"), said("torque [N m]"), "time [s]")
     layout["margin"] = {"t": 40}
-    layout["title"] = {"text": r.name, "x": 0, "xref": "paper", "font": {"size": 14}}
-    return Figure(f"course-{k}", f"Position and torque over time, {r.name}", data, layout, 340)
+    layout["title"] = {"text": title, "x": 0, "xref": "paper", "font": {"size": 14}}
+    return Figure(id, f"Position and torque over time, {title}", data, layout, height)
 
 
 def connect(bench: Bench) -> None:
@@ -210,7 +217,7 @@ def connect(bench: Bench) -> None:
     card.connect(bench)
 
     @bench.on(Input("came-upload", "data"))
-    def upload(session: Session, came: Mapping[str, Any]) -> None:
+    def come(session: Session, came: Mapping[str, Any]) -> None:
         session.receive(came["files"], came["unwrap"])
 
     @bench.on(Input("came-open-session", "data"))
@@ -228,6 +235,7 @@ def connect(bench: Bench) -> None:
         {
             "demo": lambda session: recorder.start(session, *recorder.DEMO),
             "align": lambda session: align(session, True, "correct the torque"),
+            "leave-robot": Session.leave_robot,
             "align-back": lambda session: align(session, False, "take the torque as it was logged"),
         }
     )

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
-from functools import partial
-from math import inf
 
 from dash import Input, State, dcc, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.run import diagnose
+from workbench import inputs
 from workbench.app import recorder
 from workbench.app.asked import NOTHING, Asked
 from workbench.app.parts import KEPT, button, effects_to_choose, fragment, labelled, panel
@@ -34,7 +33,7 @@ def show(session: Session) -> list[Component]:
             "Every effect of the library is screened for what explains the rest of the torque. It counts as missing "
             "only if it lowers the errors on data it was not fitted to, in torque and in free-running simulation."
         ),
-        _asked(state, is_open=state.asked != NOTHING or bool(session.notice)),
+        choices(state, is_open=state.asked != NOTHING or bool(session.notice)),
         button("Diagnose" if found is None else "Diagnose again", "diagnose", primary=found is None, disabled=busy),
     )
     if found is None:
@@ -49,12 +48,15 @@ def show(session: Session) -> list[Component]:
     ]
 
 
-def _asked(state: Work, is_open: bool) -> Component:
-    """Fields for what is looked for and what is known; what was typed stays where it was a mistake."""
-    asked, library = state.asked, effects_to_choose()
+def choices(state: Work, is_open: bool, library: Mapping[str, str] | None = None) -> Component:
+    """Fields for what is looked for and what is known; what was typed stays where it was a mistake.
+
+    Of an arm, `library` names effects at its joints, and nothing can be said to be known.
+    """
+    asked, of_arm, library = state.asked, library is not None, library or effects_to_choose()
 
     def several(label: str, id: str, empty: str) -> Component:
-        chosen = [one for one in getattr(asked, id).split(",") if one]
+        chosen = inputs.ids(getattr(asked, id))
         return labelled(label, dcc.Dropdown(library, chosen, id=f"ask-{id}", multi=True, placeholder=empty, **KEPT))
 
     def text(label: str, id: str, example: str, note: str) -> Component:
@@ -62,14 +64,14 @@ def _asked(state: Work, is_open: bool) -> Component:
         return labelled(label, control, note)
 
     parameters = ", ".join(column.name for term in state.terms for column in term.columns)
-    controls = [
-        several("Look only for", "only", "every effect"),
-        several("Do not look for", "without", "none"),
+    looked = [several("Look only for", "only", "every effect"), several("Do not look for", "without", "none")]
+    known = [
         text("Values that are known", "fix", "gravity=2.01", f"of {parameters}, and those of effects: ID or ID.NAME"),
         text("Bounds of others", "bound", "viscous=0:0.5", "one of the two may be left out; cogging.order=10:14"),
     ]
-    summary = html.Summary("Choose what to look for, and say what is known")
-    return html.Details([summary, html.Div(controls, className="fields asked")], open=is_open)
+    summary = html.Summary("Choose what to look for" if of_arm else "Choose what to look for, and say what is known")
+    fields = [html.Div(looked, className="fields asked"), html.Div(known, className="fields asked", hidden=of_arm)]
+    return html.Details([summary, *fields], open=is_open)
 
 
 def _next(state: Work, busy: bool) -> list[Component]:
@@ -89,7 +91,7 @@ def look_for(session: Session, asked: Asked) -> None:
     Raises:
         ValueError: if that makes no sense, in the words of the command line.
     """
-    asked.check(session.state.terms)
+    session.state.check(asked)
     if asked != session.state.asked:
         session.change("choose what is looked for", session.state.asking(asked))
 
@@ -102,10 +104,8 @@ def start(session: Session, *values: str | list[str] | None) -> None:
     def keep(found: Diagnosis) -> None:
         session.change("diagnose", state.diagnosed(found))
 
-    limits = {**state.asked.effects, **state.asked.limits}
-    if recorder.simulated(state) is not None:  # which bears all
-        limits |= {"max_angle": inf, "max_speed": inf}
-    session.work("Diagnosing", partial(diagnose, state.train, state.holdout, state.model.terms, **limits), keep)
+    task = state.searching(recorder.simulated(state) is not None)  # a simulated plant bears all
+    session.work("Diagnosing", task, keep)
 
 
 def connect(bench: Bench) -> None:

@@ -25,7 +25,6 @@ from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import State, ids
 from workbench.mistakes import InputError
-from workbench.report import render
 
 PROGRAM, MODEL, REPORT, EXPERIMENT = "pendulum-ident", "model.json", "report.html", "experiment.csv"
 WHOLE = (
@@ -65,12 +64,13 @@ def show(session: Session) -> list[Component]:
 
     return [
         panel("Save", html.Ul(rows, className="downloads")),
-        panel("The same on the command line", *notes(beside + unreported), _code(commands(state), "commands")),
-        panel("The same in Python", *notes(unreported), _code(snippet(state), "snippet")),
+        panel("The same on the command line", *notes(beside + unreported), code(commands(state), "commands")),
+        panel("The same in Python", *notes(unreported), code(snippet(state), "snippet")),
     ]
 
 
-def _code(text: str, id: str) -> Component:
+def code(text: str, id: str) -> Component:
+    """Lines to copy."""
     copy = dcc.Clipboard(target_id=id, title="copy", className="copy")
     return html.Div([html.Pre(text, id=id, tabIndex=0), copy], className="code")
 
@@ -88,7 +88,7 @@ def commands(state: State) -> str:
         lines.append(["compare", model, *train, *align])
     else:
         lines.append(["identify", *train, *align, *limits, "-o", MODEL])
-    for effect in _moves(state):
+    for effect in moves(state):
         if effect:
             lines.append(["add", model or MODEL, effect, *given, *align, *limits, "-o", MODEL])
             model = MODEL
@@ -104,7 +104,7 @@ def _files(state: State) -> tuple[list[str], list[str]]:
     return train, holdout
 
 
-def _moves(state: State) -> list[str]:
+def moves(state: State) -> list[str]:
     """What was done to the base model: effects that were added, and the empty word where it was diagnosed."""
     before = len([effect for effect in state.added if effect in ids(state.started)])
     return [*state.added[:before], *[""] * (state.diagnosis is not None), *state.added[before:]]
@@ -138,7 +138,7 @@ def snippet(state: State) -> str:
         lines.append(f"terms, _ = within_limits({terms}, {{}}{limits})")
         terms = "terms"
     lines.append(f"model = fit(*gather(recordings, holdout), {terms}).model")
-    for effect in _moves(state):
+    for effect in moves(state):
         if effect:
             lines.append(f"model = add(model, {effect!r}, recordings, holdout{limits}).after.model")
         else:
@@ -152,7 +152,7 @@ def snippet(state: State) -> str:
 
 
 def _report(state: State, _: str) -> tuple[str, str]:
-    return REPORT, render(state.train, state.holdout, state.told, state.identification)
+    return REPORT, state.report()
 
 
 def _experiment(state: State, _: str) -> tuple[str, str]:

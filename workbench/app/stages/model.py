@@ -9,7 +9,6 @@ from typing import Any
 from dash import Input, html
 from dash.development.base_component import Component
 
-from pendulum_env.physics import BASE
 from workbench.app.parts import button, drop, fragment, graph, panel
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
@@ -36,18 +35,19 @@ def show(session: Session) -> list[Component]:
         panel("The model", about, html.Ul(terms, className="terms")),
         panel("Parameters and how sure they are", fragment(parameters(state.standing))),
         panel("The six schemes side by side", *side_by_side),
-        _start(state),
+        begin_anew(state),
     ]
 
 
-def _start(state: Work) -> Component:
+def begin_anew(state: Work) -> Component:
     """Another model to start from."""
-    said = f"the terms of {state.model_file}" if state.model_file else "the paper's four terms"
+    usual = "the paper's four terms" if state.start else "friction at each joint"
+    said = f"the terms of {state.model_file}" if state.model_file else usual
     return panel(
         "Start from another model",
         html.P(f"The base model has {said}. Another one is fitted to the same recordings; what was added is left out."),
         drop([html.Strong("Choose a model"), ", a JSON file that identify, diagnose or add wrote"], "model-file"),
-        button("Back to the paper's four", "model-back", disabled=not state.model_file),
+        button(f"Back to {usual}", "model-back", disabled=not state.model_file),
     )
 
 
@@ -59,7 +59,7 @@ def connect(bench: Bench) -> None:
         session.begin_from(*came["files"][0])
 
     def back(session: Session) -> None:
-        session.change("start from four terms", session.state.anew(terms=BASE, model_file=""))
+        session.change("start from the usual terms", session.state.anew(terms=session.state.start, model_file=""))
 
     bench.buttons({"model-back": back})
 

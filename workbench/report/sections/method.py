@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.signals.differentiation import white_noise
+from estimators.signals.differentiation import encoder_noise, white_noise
 from estimators.simulation.free_running import SECONDS
 from estimators.weak_form.windows import Windows
 from workbench.report.case import Case
@@ -69,7 +69,7 @@ def use(w: Windows, part: str) -> Used:
         windows=len(w.centers),
         window=len(w.kernel) / w.recording.rate,
         torque_noise=white_noise(w.recording.torque),
-        position_noise=white_noise(w.recording.position),
+        position_noise=encoder_noise(w.recording.position),
         notes=w.recording.notes,
     )
 

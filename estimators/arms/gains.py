@@ -1,0 +1,103 @@
+"""Gains of an arm's motors: currents become torques where the arm carried a known weight in some recordings.
+
+Each joint has its own row of the balance, in which all of the arm is per unit of its current; a known weight adds a
+torque of known size, whose coefficient is one over the gain:
+
+    i = Y (theta / K) + f / K + (Y of the weight) / K
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.arms.balance import VIEWS, rows
+from estimators.arms.identification import ARM_SCHEMES, stack
+from estimators.signals.measurements import measure_joints
+from pendulum_env._typing import Array
+from pendulum_env.arms.body import STANDARD, Body
+from pendulum_env.arms.joints import Links, friction
+from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.recording.study import Carried
+
+SCHEME = next(scheme for scheme in ARM_SCHEMES if scheme.id == "filtered_dynamic")
+SURE = 10.0  # standard errors of a gain, from which it is known
+
+
+@dataclass(frozen=True, eq=False)
+class Torques:
+    """Recordings of an arm in N m, and the gains by which currents became torques.
+
+    Attributes:
+        recordings: in the order given; joints whose gain is not known are still in currents.
+        gains: by joint.
+    """
+
+    recordings: tuple[ArmRecording, ...]
+    gains: dict[str, TorqueConstant]
+
+
+def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
+    """Turn currents into torques, joint by joint, as far as known weights tell the gains.
+
+    Args:
+        recordings: some with a known weight (`carried`), some with another or none.
+        body: the links.
+    """
+    asked = {joint: unit for recording in recordings for joint, unit in recording.currents.items()}
+    weights = {recording.carried for recording in recordings}
+    if not asked or len(weights) < 2:
+        return Torques(tuple(recordings), {})
+    parts = [measure_joints(recording.joints) for recording in recordings]
+    measured = [m for part in parts for m in part]
+    data = stack(SCHEME, measured, [rows(m, (Links(body), *friction(body)), VIEWS[SCHEME.view]) for m in measured])
+    count = len(body.base)
+    weighs = np.zeros(len(data.joint))
+    of = np.repeat(np.arange(len(parts)), [sum(len(m[0]) * len(m) for m in part) for part in parts])
+    for k, recording in enumerate(recordings):
+        if recording.carried is not None:
+            here = of == k
+            weighs[here] = data.equations.phi[here, :count] @ body.combine @ _standard(recording.carried, body)
+    gains = {}
+    for joint, unit in asked.items():
+        own = data.usable & (data.joint == body.joints.index(joint))
+        value, std = _beside(data.equations.phi[own], weighs[own], data.equations.y[own], data.clusters[own])
+        if value > SURE * std:
+            gains[joint] = TorqueConstant(1 / value, std / value**2, unit, len(weights))
+    return Torques(tuple(_converted(recording, gains) for recording in recordings), gains)
+
+
+def without_loads(recordings: Sequence[ArmRecording]) -> list[ArmRecording]:
+    """Recordings of the arm with what it carries least, which is part of it: known loads are not."""
+    least = min((0.0 if one.carried is None else one.carried.mass for one in recordings), default=0.0)
+    return [one for one in recordings if one.carried is None or one.carried.mass <= least]
+
+
+def _standard(carried: Carried, body: Body) -> Array:
+    """Standard parameters (S,) of a weight that is small, in the frame of the last joint."""
+    m, c = carried.mass, np.array(carried.center)
+    inertia = m * (c @ c * np.eye(3) - np.outer(c, c))
+    found, first = np.zeros(len(body.standard)), len(STANDARD) * body.links.index(body.joints[-1])
+    found[first : first + len(STANDARD)] = [m, *m * c, *inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+    return found
+
+
+def _beside(phi: Array, x: Array, y: Array, clusters: Array) -> tuple[float, float]:
+    """Coefficient of x (R,) beside columns phi (R, P), and its standard error by clusters."""
+    left, rest = (own - phi @ np.linalg.lstsq(phi, own, rcond=None)[0] for own in (x, y))
+    size = float(left @ left)
+    if size <= 1e-12 * max(float(x @ x), 1e-300):
+        return 0.0, np.inf
+    value = float(left @ rest) / size
+    scores = np.bincount(np.unique(clusters, return_inverse=True)[1], left * (rest - value * left))
+    return value, float(np.sqrt(np.sum(scores**2))) / size
+
+
+def _converted(recording: ArmRecording, gains: dict[str, TorqueConstant]) -> ArmRecording:
+    known = {joint: gains[joint].value for joint in recording.currents if joint in gains}
+    factors = np.array([known.get(joint, 1.0) for joint in recording.names])
+    left = {joint: unit for joint, unit in recording.currents.items() if joint not in known}
+    return replace(recording, torque=recording.torque * factors, currents=left)

@@ -1,0 +1,167 @@
+"""What lies between motor and link of a joint where both sides were measured: how stiff it is, and how loose.
+
+The motor's side has nothing of the links but what comes through the transmission:
+
+    I q'' + b q' + fc sgn q' + k s + d s' = tau,    s = q - q_link beyond a play to either side of its middle
+
+so that k, d and the play follow joint by joint, whatever the links are.
+Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares as search
+
+from estimators.regression.equations import Equations, IdentificationError
+from estimators.regression.least_squares import Fit, least_squares, solve
+from estimators.schemes.six import GUARD
+from estimators.signals.differentiation import white_noise
+from estimators.signals.measurements import choose_smoothing, measure
+from pendulum_env._typing import JSON, Array, Index
+from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics import Estimate
+from pendulum_env.words import along
+
+LENGTH = 0.5  # [s] of a cluster, longer than residuals stay correlated
+SURE = 5.0  # standard errors of a play,
+WORSE = 1.1  # and times the residual that is left without it, from which there is one
+SEEN = 3.0  # times the noise of both encoders, which a stretch has to be to be seen
+FEWEST = 100  # samples
+PLAYS, TURNS = np.linspace(0.05, 0.95, 13), 60  # quantiles of the stretch from which a play is searched, and steps
+STEP = 1e-3  # of the stretch, for slopes by middle and play
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """Between motor and link of a joint.
+
+    Attributes:
+        joint: its name.
+        stiffness, damping: of the transmission beyond its play; None where neither is seen.
+        play: from the middle to either side; None if there is none.
+        left: torque that remains [N m].
+    """
+
+    joint: str
+    stiffness: Estimate | None
+    damping: Estimate | None
+    play: Estimate | None
+    left: float
+
+    @property
+    def text(self) -> str:
+        """`joint_flexibility@elbow: 120 ± 2 N m/rad, ...`."""
+        if self.stiffness is None or self.damping is None:
+            return f"the transmission of {self.joint} is as stiff as its encoders can tell"
+        effect = "joint_flexibility" if self.play is None else "backlash"
+        play = "" if self.play is None else f", play {self.play} to either side"
+        return f"{effect}@{self.joint}: stiffness {self.stiffness}, damping {self.damping}{play}"
+
+    def json(self) -> JSON:
+        """Plain dictionary for JSON."""
+        parts = {"stiffness": self.stiffness, "damping": self.damping, "play": self.play}
+        told = {name: None if own is None else own.json() for name, own in parts.items()}
+        return {"joint": self.joint, **told, "torque_rms": self.left}
+
+
+def find_transmissions(recordings: Sequence[ArmRecording], sliding: Collection[str] = ()) -> tuple[Transmission, ...]:
+    """Transmissions of all joints of the recordings that have positions of their links, too; none without.
+
+    Args:
+        recordings: of an arm, some with `link_position`.
+        sliding: joints that slide.
+
+    Raises:
+        IdentificationError: if a joint is hardly ever clear of stick, or a recording is too short.
+    """
+    both = [recording for recording in recordings if recording.link_position is not None]
+    return tuple(_between(both, k, joint in sliding) for k, joint in enumerate(both[0].names if both else ()))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """What was measured of both sides, clear of stick (R,) each, and the noise of the stretch [rad]."""
+
+    motor: Array  # acceleration, velocity and its sign (R, 3)
+    stretch: Array
+    rate: Array
+    torque: Array
+    clusters: Index
+    noise: float
+
+    @classmethod
+    def of(cls, recordings: Sequence[ArmRecording], k: int) -> _Rows:
+        parts: list[Array] = []
+        clusters: list[Index] = []
+        noise = []
+        for segment in (own for recording in recordings for own in recording.segments):
+            assert segment.link_position is not None
+            motor = segment.joints[k]
+            link = replace(motor, position=segment.link_position[:, k])
+            smoothing = max(choose_smoothing(motor), choose_smoothing(link), key=lambda own: own.half_width)
+            m, beyond = measure(motor, smoothing), measure(link, smoothing)
+            use = m.clear(GUARD)
+            stretch, rate = m.position - beyond.position, m.velocity - beyond.velocity
+            columns = (m.acceleration, m.velocity, np.sign(m.velocity), stretch, rate, m.torque)
+            parts.append(np.column_stack(columns)[use])
+            first = clusters[-1].max() + 1 if clusters else 0
+            clusters.append(first + np.unique(m.time[use] // LENGTH, return_inverse=True)[1])
+            noise.append(np.hypot(white_noise(motor.position), white_noise(link.position)))
+        if sum(map(len, parts)) < FEWEST:
+            raise IdentificationError(
+                f"{recordings[0].name}: joint '{recordings[0].names[k]}' is hardly ever clear of stick and reversals: "
+                "record longer, faster or wider motion"
+            )
+        rows = np.concatenate(parts)
+        return cls(rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5], np.concatenate(clusters), float(max(noise)))
+
+    def columns(self, middle: float, play: float) -> Array:
+        """Regressor (R, 5) with the transmission's two columns last."""
+        off = self.stretch - middle
+        beyond = off - np.clip(off, -play, play)
+        return np.column_stack([self.motor, beyond, self.rate * (beyond != 0)])
+
+    def residual(self, shape: Array) -> Array:
+        """Torque (R,) that is left with a middle and a play."""
+        phi = self.columns(float(shape[0]), float(abs(shape[1])))
+        return self.torque - phi @ least_squares(phi, self.torque)
+
+    def fit(self, middle: float, play: float) -> tuple[Fit, Array]:
+        """The fit with a middle and a play, and the standard errors of all parameters, of these two last (7,)."""
+        phi, moved = self.columns(middle, play), STEP * float(np.std(self.stretch))
+        theta = least_squares(phi, self.torque)
+        slopes = [
+            (self.columns(middle + a, play + b) - self.columns(middle - a, play - b)) @ theta / (2 * moved)
+            for a, b in ((moved, 0.0), (0.0, moved))
+        ]
+        jacobian = np.column_stack(slopes if play > 0 else slopes[:1])
+        fit = solve(Equations(phi, self.torque), np.ones(len(phi)), self.clusters, jacobian)
+        return fit, np.sqrt(np.diag(fit.covariance))
+
+
+def _between(recordings: Sequence[ArmRecording], k: int, slides: bool) -> Transmission:
+    """The transmission of a joint: elastic, or loose as well where a play surely leaves less."""
+    joint, rows = recordings[0].names[k], _Rows.of(recordings, k)
+    said = along if slides else str
+    rigid = np.column_stack([rows.columns(0.0, 0.0)[:, :5], np.ones(len(rows.torque))])
+    theta = least_squares(rigid, rows.torque)
+    middle = -float(theta[5] / theta[3]) if theta[3] else 0.0
+    off = np.abs(rows.stretch - np.median(rows.stretch))
+    starts = [(float(np.median(rows.stretch)), play) for play in np.quantile(off, PLAYS).tolist()]
+    best = min(starts, key=lambda shape: float(np.sum(rows.residual(np.array(shape)) ** 2)))
+    size = max(float(np.std(rows.stretch)), 1e-300)
+    found = search(rows.residual, best, x_scale=size, diff_step=1e-3, max_nfev=TURNS).x
+    (elastic, std), (loose, wide) = rows.fit(middle, 0.0), rows.fit(float(found[0]), float(abs(found[1])))
+    play = Estimate(float(abs(found[1])), float(wide[6]), said("rad"))
+    is_loose = play.value > SURE * play.std and elastic.rms > WORSE * loose.rms and loose.theta[3] > SURE * wide[3]
+    fit, errors = (loose, wide) if is_loose else (elastic, std)
+    if size < SEEN * rows.noise or fit.theta[3] < SURE * errors[3]:
+        return Transmission(joint, None, None, None, fit.rms)
+    stiffness, damping = (
+        Estimate(float(fit.theta[n]), float(errors[n]), said(unit)) for n, unit in ((3, "N m/rad"), (4, "N m s/rad"))
+    )
+    return Transmission(joint, stiffness, damping, play if is_loose else None, fit.rms)

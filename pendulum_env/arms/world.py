@@ -1,0 +1,157 @@
+"""Any arm of a file in MuJoCo (extra `export`): to be simulated, or written for other programs.
+
+Links are bodies on hinges and slides in a tree; joints that follow others are tied by equality constraints. Viscous
+friction is MuJoCo's damping and implicit, dry friction its `frictionloss`, as stiff as `constrained_body` has it; all
+other effects act at the start of a step. Of first order in the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.arms.body import STANDARD, Body, BodyError
+from pendulum_env.arms.robot import pinocchio
+from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS
+from pendulum_env.physics import Model, Samples
+from pendulum_env.physics.simulation import UNBOUNDED, Balance
+
+STEP = 2.5e-4  # [s], at most
+TIED = (0.999, 0.9999, 1e-4, 0.5, 2.0)  # impedance of what ties a follower to its leader
+
+
+def specification(body: Body, standard: Array, friction: Mapping[str, tuple[float, float]]) -> Any:
+    """An arm as MuJoCo's `MjSpec`.
+
+    Args:
+        body: its links.
+        standard: their standard parameters (S,), in the order of `body.standard`.
+        friction: viscous [N m s/rad] and dry [N m] friction by joint; in N s/m and N where it slides.
+
+    Raises:
+        BodyError: without MuJoCo.
+    """
+    mujoco, pin, model = library(), pinocchio(), body.model
+    spec = mujoco.MjSpec()
+    spec.modelname = body.name
+    spec.compiler.degree = False
+    spec.option.gravity = model.gravity.linear
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    bodies, low, high = [spec.worldbody], model.lowerPositionLimit, model.upperPositionLimit
+    rotors = dict(zip(body.joints, standard[len(STANDARD) * len(body.links) :], strict=False))
+    for k, joint in enumerate(body.links):
+        place = model.jointPlacements[k + 1]
+        link = pin.Inertia.FromDynamicParameters(standard[len(STANDARD) * k : len(STANDARD) * (k + 1)])
+        tensor = link.inertia
+        own = bodies[model.parents[k + 1]].add_body(
+            name=f"{joint}_link",
+            pos=place.translation,
+            quat=pin.Quaternion(place.rotation).coeffs()[[3, 0, 1, 2]],
+            mass=link.mass,
+            ipos=link.lever,
+            fullinertia=[*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]],
+            explicitinertial=True,
+        )
+        bodies.append(own)
+        viscous, dry = friction.get(joint, (0.0, 0.0))
+        own.add_joint(
+            name=joint,
+            type=mujoco.mjtJoint.mjJNT_SLIDE if joint in body.sliding else mujoco.mjtJoint.mjJNT_HINGE,
+            axis=np.ravel(model.joints[k + 1].createData().S).reshape(2, 3).sum(axis=0),  # one of them is zero
+            damping=[viscous, 0.0, 0.0],
+            frictionloss=dry,
+            solimp_friction=IMPEDANCE,
+            armature=rotors.get(joint, 0.0),
+            range=[low[k], high[k]] if np.isfinite([low[k], high[k]]).all() and low[k] < high[k] else [0.0, 0.0],
+        )
+    for k, follower in enumerate(body.links):
+        if follower not in body.joints:
+            (leader,) = np.flatnonzero(body.ratios[k])
+            tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=follower, name2=body.joints[leader])
+            tie.data[:5] = body.offsets[k], body.ratios[k, leader], 0.0, 0.0, 0.0
+            tie.solimp = TIED
+    return spec
+
+
+class SpatialBodies:
+    """A simulated arm: advance it with `advance`; positions and velocities are those of the joints that lead."""
+
+    def __init__(self, body: Body, models: Sequence[Model], period: float) -> None:
+        """Take links, what acts at their joints, and the time between samples [s].
+
+        Raises:
+            BodyError: without MuJoCo.
+        """
+        self._steps = int(np.ceil(period / STEP))
+        self._h = period / self._steps
+        viscous = {at: model.estimates["viscous"].value for at, model in zip(body.joints, models, strict=True)}
+        spec = specification(body, body.standard_values, {at: (b, 1.0) for at, b in viscous.items()})
+        mujoco = library()
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
+        spec.option.timestep = self._h
+        self._body, self._world = body, spec.compile()
+        self._world.dof_solref[:] = STEPS * self._h, 1.0
+        self._world.eq_solref[:] = STEPS * self._h, 1.0
+        self._joints = [int(self._world.joint(at).dofadr[0]) for at in body.joints]  # each is one of position, too
+        self._links = [int(self._world.joint(at).dofadr[0]) for at in body.links]
+        own = [[term for term in model.terms if term.id != "viscous"] for model in models]
+        self._balances = [
+            Balance(terms, np.array([model.estimates[c.name].value for term in terms for c in term.columns]))
+            for model, terms in zip(models, own, strict=True)
+        ]
+
+    def start(self, position: Array, velocity: Array) -> None:
+        """Put the joints at positions (n,) [rad] with velocities (n,) [rad/s]; m where they slide."""
+        body, self._data = self._body, library().MjData(self._world)
+        self._data.qpos[self._links] = body.ratios @ position + body.offsets
+        self._data.qvel[self._links] = body.ratios @ velocity
+        self._time = 0.0
+        self._memory: list[Mapping[str, Any]] = [{}] * len(self._balances)
+        self._memory = [
+            balance.start(self._at(k, np.zeros(len(self._balances)))) for k, balance in enumerate(self._balances)
+        ]
+
+    @property
+    def position(self) -> Array:
+        """Of the joints (n,) [rad] or [m]."""
+        return np.array(self._data.qpos[self._joints])
+
+    @property
+    def velocity(self) -> Array:
+        """Of the joints (n,) [rad/s] or [m/s]."""
+        return np.array(self._data.qvel[self._joints])
+
+    def advance(self, torque: Array) -> None:
+        """Hold torques (n,) [N m], or forces [N], for one period."""
+        world, data, mujoco = self._world, self._data, library()
+        for _ in range(self._steps):
+            samples = [self._at(k, torque) for k in range(len(self._balances))]
+            for joint, balance, x in zip(self._joints, self._balances, samples, strict=True):
+                data.qfrc_applied[joint] = balance.net(x)
+                world.dof_frictionloss[joint] = max(float(balance.dry(x)), 0.0)
+            mujoco.mj_step(world, data)
+            np.clip(data.qvel, -UNBOUNDED, UNBOUNDED, out=data.qvel)
+            for k, (balance, x) in enumerate(zip(self._balances, samples, strict=True)):
+                if self._memory[k]:
+                    self._memory[k] = balance.advance(x, 0.5 * (x.velocity + self.velocity[k]), self._h)
+            self._time += self._h
+
+    def _at(self, k: int, torque: Array) -> Samples:
+        joint, now = self._joints[k], np.float64(self._time)
+        return Samples(now, self._data.qpos[joint], self._data.qvel[joint], torque[k], self._memory[k])  # type: ignore[arg-type]
+
+
+def library() -> Any:
+    """MuJoCo, imported where it is needed.
+
+    Raises:
+        BodyError: if it is not installed.
+    """
+    try:
+        import mujoco
+    except ModuleNotFoundError:
+        raise BodyError("an arm in space is simulated by MuJoCo: pip install 'pendulum-ident[export]'") from None
+    return mujoco

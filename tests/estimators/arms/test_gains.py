@@ -1,0 +1,45 @@
+"""Gains of motors, from what an arm is known to carry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks import six_joint
+from estimators.arms import identify_arm
+from estimators.arms.gains import in_torque
+from pendulum_env.recording import RecordingError
+from pendulum_env.recording.study import Carried
+
+GAINS = np.array([1.0, 9.0, 7.5, 3.2, 2.1, 1.4])  # [N m/A], the first unknown to none
+
+
+@pytest.fixture(scope="module")
+def logged():
+    """The arm empty and with 2 kg at its flange, in amperes at all joints but the first."""
+    weight = Carried(2.0, (0.03, 0.02, 0.09))
+    load = six_joint.Load(weight.mass, weight.center, (1e-5, 1e-5, 1e-5))
+    runs = [six_joint.simulate(1, seconds=8.0), six_joint.simulate(2, seconds=8.0, load=load)]
+    currents = dict.fromkeys(six_joint.JOINTS[1:], "A")
+    return [
+        replace(run, torque=run.torque / GAINS, currents=currents, carried=carried)
+        for run, carried in zip(runs, (None, weight), strict=True)
+    ]
+
+
+def test_a_known_weight_tells_the_gains_of_the_joints_that_feel_it(logged):
+    body = six_joint.body()
+    found = in_torque(logged, body)
+    assert set(six_joint.JOINTS[1:5]) <= set(found.gains)
+    for joint, gain in found.gains.items():
+        true = GAINS[six_joint.JOINTS.index(joint)]
+        assert abs(gain.value - true) < max(4 * gain.std, 0.02 * true) and gain.unit == "N m/A"
+    empty = found.recordings[0]
+    assert not set(empty.currents) & set(found.gains)
+    assert empty.torque[:, 1] == pytest.approx(logged[0].torque[:, 1] * found.gains["shoulder"].value)
+
+
+def test_a_current_without_a_gain_is_no_torque(logged):
+    (alone,) = in_torque(logged[:1], six_joint.body()).recordings
+    with pytest.raises(RecordingError, match="joint 'shoulder': torque is in A, and nothing tells its gain: give it"):
+        identify_arm(alone, six_joint.body())

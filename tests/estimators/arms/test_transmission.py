@@ -1,0 +1,55 @@
+"""Motor and link of one joint by equations of their own, integrated by SciPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from benchmarks.two_link import Multisine
+from estimators.arms.transmission import find_transmissions
+from pendulum_env.arms.recording import ArmRecording, read_arm_recording, write_arm_recording
+
+MOTOR, LINK, WEIGHT = 0.03, 0.06, 1.5  # [kg m^2], [kg m^2], [N m]
+VISCOUS, COULOMB = 0.2, 0.4  # [N m s/rad], [N m]
+STIFFNESS, DAMPING = 45.0, 0.25  # [N m/rad], [N m s/rad]
+COUNTS = 2**17
+
+
+def run(play=0.0, stiffness=STIFFNESS, seconds=8.0):
+    time, torque = np.arange(0, seconds, 2e-3), Multisine.paper(1, (5.0, 2.5))
+
+    def slope(t, x):
+        q, link, v, w = x
+        off = q - link
+        stretch = off - np.clip(off, -play, play)
+        through = stiffness * stretch + DAMPING * (v - w) * (stretch != 0)
+        friction = VISCOUS * v + COULOMB * np.tanh(v / 2e-3)
+        return v, w, (torque(t)[0] - friction - through) / MOTOR, (through - WEIGHT * np.sin(link)) / LINK
+
+    found = solve_ivp(slope, (0, time[-1]), np.zeros(4), "LSODA", time, rtol=1e-8, atol=1e-10, max_step=2e-3)
+    step = 2 * np.pi / COUNTS
+    q, link = np.round(found.y[:2, :, None] / step) * step
+    held = torque.held(time, 2e-3)[:, :1] + 0.01 * np.random.default_rng(0).normal(size=(len(time), 1))
+    return ArmRecording("run", time, q, held, names=("hinge",), link_position=link)
+
+
+@pytest.mark.parametrize("play", [0.0, 0.02])
+def test_stiffness_and_play_follow_from_both_sides_of_a_joint(play, tmp_path):
+    write_arm_recording(run(play), tmp_path / "run.csv")
+    recording = read_arm_recording(tmp_path / "run.csv", ("hinge",))
+    (found,) = find_transmissions([recording])
+    assert found.stiffness is not None and found.damping is not None
+    assert found.stiffness.value == pytest.approx(STIFFNESS, rel=0.02)
+    assert found.damping.value == pytest.approx(DAMPING, rel=0.15)
+    assert (found.play is not None) == bool(play)
+    assert found.text.startswith("backlash@hinge" if play else "joint_flexibility@hinge")
+    if found.play is not None:
+        assert found.play.value == pytest.approx(play, rel=0.03)
+
+
+def test_a_stiff_joint_is_said_to_be_as_stiff_as_the_encoders_tell():
+    recording = run(stiffness=2e5)
+    (found,) = find_transmissions([recording])
+    assert found.stiffness is None and "as stiff as its encoders can tell" in found.text
+    assert find_transmissions([replace(recording, link_position=None)]) == ()

@@ -1,0 +1,64 @@
+"""Models in two steps, the running model's columns first, are regularised least squares in all columns."""
+
+import numpy as np
+import pytest
+
+from estimators.online.rivals import Bins, Family, Rivals
+from estimators.regression.recursive import PRIOR
+from pendulum_env.physics import BASE
+from pendulum_env.physics.library import effect
+
+
+def bins_of(count: int, seed: int) -> Bins:
+    """Bins of ten samples of a motion and a torque that have nothing to do with each other."""
+    rng = np.random.default_rng(seed)
+    time = 0.01 * np.arange(count)[:, None] + 0.001 * np.arange(13)
+    w = rng.uniform(3, 12, 3)
+    position, velocity = (
+        np.sin(w[:, None, None] * time).sum(0),
+        (w[:, None, None] * np.cos(w[:, None, None] * time)).sum(0),
+    )
+    torque = rng.normal(size=time.shape)
+    ones = np.ones(count)
+    return Bins(
+        np.array([time, position, velocity, torque]),
+        rng.normal(size=count),
+        1e-3,
+        np.full(count, ""),
+        np.zeros((count, 0)),
+        ones,
+    )
+
+
+@pytest.mark.parametrize(("id", "shapes"), [("cogging", [{"order": 3.0}, {"order": 7.0}]), ("quadratic_drag", [{}])])
+def test_each_variant_is_least_squares_in_all_columns(id, shapes):
+    variants = [effect(id)(**shape) for shape in shapes]
+    first, then = bins_of(120, 0), bins_of(40, 1)
+    rivals = Rivals([Family(BASE, (), first, 2), Family(BASE, variants, first, 2)], 120)
+    densities, errors = rivals.take(then)
+    for variant, theta in zip(variants, rivals.families[1].theta, strict=True):
+        columns = sum(len(term.columns) for term in (*BASE, variant))
+        rows = [part.rows([*BASE, variant]) for part in (first, then)]
+        phi = np.concatenate([one.phi[:, 0] for one in rows])
+        y = np.concatenate([one.y[:, 0] for one in rows])
+        expected = np.linalg.solve(phi.T @ phi + np.eye(columns) / PRIOR, phi.T @ y)
+        np.testing.assert_allclose(theta[:columns], expected, rtol=1e-6, atol=1e-9)
+    assert densities.shape == (40, 2) and errors.shape == (40,)
+
+
+def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():
+    """The density of one more error is Student's t with scale^2 (1 + phi' P phi), P that of all columns."""
+    variant = effect("cogging")(order=5.0)
+    first, then = bins_of(80, 2), bins_of(1, 3)
+    family = Family(BASE, [variant], first, 2)
+    square = float(family.square[0])
+    (densities,), _ = Rivals([Family(BASE, (), first, 2), family], 80).take(then)
+    phi = first.rows([*BASE, variant]).phi[:, 0]
+    new = then.rows([*BASE, variant])
+    spread = np.linalg.inv(phi.T @ phi + np.eye(phi.shape[1]) / PRIOR)
+    theta = spread @ phi.T @ first.y
+    unsure = 1 + new.phi[0, 0] @ spread @ new.phi[0, 0]
+    error = float(new.y[0, 0] - new.phi[0, 0] @ theta)
+    nu = 4.0
+    expected = -0.5 * np.log(square * unsure) - (nu + 1) / 2 * np.log1p(error**2 / (nu * square * unsure))
+    assert densities[1] == pytest.approx(expected, rel=1e-6)

@@ -1,0 +1,147 @@
+"""Sessions of an arm, without a browser."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.two_link import Multisine, TwoLink
+from pendulum_env.arms.model import ArmModel
+from pendulum_env.arms.recording import ArmRecording, write_arm_recording
+from tests import robots
+from tests.patience import PATIENCE
+from tests.workbench.app.plants import files_of, upload, url
+from workbench.cli import main
+
+pytest.importorskip("dash")
+
+from workbench.app.arm import ArmState
+from workbench.app.mapping import Choice
+from workbench.app.session import Session
+from workbench.app.stages import arm
+from workbench.app.stages.export import FILES
+from workbench.app.state import State
+
+TWO, OFFSET = TwoLink(), 0.3  # [N m], hidden in the elbow
+
+
+def two_link(folder: Path, seconds: float = 6.0) -> tuple[Path, Path]:
+    """The file of an arm of two links, and a recording in which the elbow's torque is off."""
+    (folder / "arm.urdf").write_text(TWO.urdf())
+    time, signal = np.arange(0, seconds, 2e-3), Multisine.paper(0, (3.5, 2.2))
+    position, _ = TWO.simulate(signal, time)
+    torque = signal.held(time, 2e-3) + 0.02 * np.random.default_rng(0).normal(size=position.shape)
+    recording = ArmRecording.of("run", ("shoulder", "elbow"), time, position, torque + np.array([0.0, OFFSET]))
+    write_arm_recording(recording, folder / "run.csv")
+    return folder / "arm.urdf", folder / "run.csv"
+
+
+@pytest.fixture
+def session(tmp_path):
+    session = Session(tmp_path / "session")
+    yield session
+    session.end()
+    session.workers.close()
+
+
+def drop(session, *files: Path) -> None:
+    session.act(lambda: session.receive([(file.name, url(file.read_bytes())) for file in files], unwrap=False))
+
+
+def work(session) -> None:
+    assert session.notice == "" and session.job.over.wait(PATIENCE)
+
+
+def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkeypatch):
+    from workbench.app.stages import add, diagnose
+
+    drop(session, *two_link(tmp_path))
+    state = session.state
+    assert session.notice == "" and isinstance(state, ArmState) and not state.trouble
+    assert arm.told(state)[1].startswith("The torque of elbow is") and "torque_offset@elbow" in state.addable
+    session.act(lambda: diagnose.start(session, ["torque_offset", "spring@elbow"], [], "", ""))
+    work(session)
+    assert session.state.found == ("torque_offset@elbow",)
+    assert arm.told(session.state)[1] == "Missing: torque_offset@elbow"
+    session.act(lambda: add.start(session, "torque_offset@elbow"))
+    work(session)
+    state = session.state
+    before, after = (rung.holdout[1].torque_rms for rung in state.rungs)
+    assert state.added == ("torque_offset@elbow",) and not state.found and after < 0.2 * before
+    for stage in arm.STAGES.values():
+        assert stage(session, state)
+    assert "torque_offset@elbow" in FILES["report"](state, "")[1]
+
+    for name in ("study", "model"):
+        file, content = FILES[name](state, "")
+        (tmp_path / file).write_text(content)
+    theta = json.loads((tmp_path / "model.json").read_text())["theta"]
+    assert theta["torque_offset@elbow"]["value"] == pytest.approx(OFFSET, rel=0.05)
+    monkeypatch.chdir(tmp_path)
+    for same in (lambda: exec(arm.snippet(state), {}), lambda: [main(line.split()[1:]) for line in
+                                                                 arm.commands(state).splitlines()]):  # fmt: skip
+        Path("model.json").unlink()
+        same()
+        assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
+
+    session.act(lambda: session.begin_from("model.json", url(Path("model.json").read_bytes())))
+    assert session.notice == "" and session.state.terms[-1].id == "torque_offset@elbow" and not session.state.trouble
+    session.act(session.undo)
+    file, packed = FILES["session"](state, "")
+    again = Session(tmp_path / "again", session.workers)
+    again.act(lambda: again.open(file, url(packed)))
+    assert again.notice == "" and again.state.body.joints == state.body.joints
+    assert [one.id for one in again.state.loaded] == ["run.csv"] and again.state.asked == state.asked
+    session.act(lambda: add.undo(session))
+    assert session.state.added == () and session.state.found == ("torque_offset@elbow",)
+
+
+def test_a_robot_may_come_after_its_recordings_and_be_left(session, tmp_path):
+    robot, run = two_link(tmp_path, 4.0)
+    drop(session, run)
+    assert session.state.loaded == () and len(session.cards) == 1
+    drop(session, robot)
+    assert isinstance(session.state, ArmState) and [one.id for one in session.state.loaded] == ["run.csv"]
+    assert not session.cards and files_of(session) == ["arm.urdf", "run.csv"]
+    upload(session, "swing.csv", b"time,position,torque\n0,0,1\n0.01,0.1,1\n0.02,0.3,1\n")
+    (card,) = session.cards
+    assert "position_shoulder" in card.why and card.roles[1:3] == ("position_shoulder", "torque_shoulder")
+    session.cards = ()
+    session.act(session.leave_robot)
+    assert session.state.loaded == () and type(session.state) is State
+    session.act(session.undo)
+    assert isinstance(session.state, ArmState) and len(session.state.loaded) == 1
+
+
+def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
+    robot, run = two_link(tmp_path, 4.0)
+    header, rows = run.read_text().split("\n", 1)
+    assert header == "time,position_shoulder,position_elbow,torque_shoulder,torque_elbow"
+    run.write_text(f"time,position_shoulder,enc2,torque_shoulder,i2\n{rows}")
+    drop(session, robot, run)
+    (card,) = session.cards
+    assert [choice.role for choice in card.choices] == ["time", "position_shoulder", "", "torque_shoulder", ""]
+    assert stage_text(session).count("on the side of the joint") == 1
+    choices = list(card.choices)
+    choices[2], choices[4] = Choice("position_elbow"), Choice("torque_elbow", "A", "*0.5")
+    session.act(lambda: session.answer(card.told(choices, False, (None, None))))
+    assert session.notice == "" and not session.cards and not session.state.trouble
+    assert session.state.loaded[0].source.columns["torque_elbow"] == "i2:A*0.5"
+
+
+def stage_text(session) -> str:
+    return str(arm.STAGES["data"](session, session.state))
+
+
+def test_joints_of_a_study_move_and_others_are_held_where_the_recordings_have_them(session, tmp_path):
+    (tmp_path / "robot.urdf").write_text(robots.urdf(robots.TORSO))
+    robots.write(robots.simulate(robots.TORSO, {"left": 0.01}, seconds=4.0), tmp_path / "run.csv")
+    (tmp_path / "study.toml").write_text('joints = ["torso", "shoulder", "elbow"]\n[[recording]]\nfile = "run.csv"\n')
+    drop(session, *(tmp_path / name for name in ("robot.urdf", "run.csv", "study.toml")))
+    assert session.notice == "" and session.state.body.joints == ("torso", "shoulder", "elbow")
+    assert session.state.body.held["left"] == pytest.approx(0.01, abs=1e-4)
+    assert "Held: left at 0.01 m" in str(arm.STAGES["data"](session, session.state))
+    assert '["torso", "shoulder", "elbow"]' in FILES["study"](session.state, "")[1]
+    drop(session, *two_link(tmp_path, 4.0)[:1])
+    assert "what is loaded is not of this robot" in session.notice

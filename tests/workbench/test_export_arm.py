@@ -1,0 +1,109 @@
+"""An arm's model in other programs: MuJoCo feels the torques that the model says."""
+
+import numpy as np
+import pytest
+
+from benchmarks import six_joint
+from pendulum_env.arms import ArmModel, at_joint, friction, read_body
+from pendulum_env.arms.joints import Links, coupling
+from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.potential import Spring
+from tests import robots
+from workbench.cli import main
+
+mujoco = pytest.importorskip("mujoco")
+
+
+def model_of(path, text, *more, rotors=None):
+    """A model with the file's links, friction that grows from joint to joint, and one of each effect."""
+    path.write_text(text)
+    body = read_body(path, rotors=rotors)
+    terms = (Links(body), *friction(body), *(kind(body)() for kind in more))
+    standard = body.standard_values
+    if rotors:
+        standard[-len(body.joints) :] = six_joint.ROTORS
+    theta = np.concatenate([body.combine @ standard, 0.2 + 0.1 * np.arange(sum(len(t.columns) for t in terms[1:]))])
+    return ArmModel.build(terms, theta, 1e-4 * np.abs(theta) + 1e-6)
+
+
+def torques(world, body, q, v, a):
+    """What MuJoCo asks of the joints' motors; dry friction is left out, as its constraint is of the solver's."""
+    world.dof_frictionloss[:] = 0.0
+    if world.ntendon:
+        world.tendon_frictionloss[:] = 0.0
+    data, joints = mujoco.MjData(world), [int(world.joint(at).dofadr[0]) for at in body.joints]
+    links = [int(world.joint(at).dofadr[0]) for at in body.links]
+    found = []
+    for here, speed, growth in zip(q, v, a, strict=True):
+        data.qpos[links], data.qvel[links] = body.ratios @ here + body.offsets, body.ratios @ speed
+        data.qacc[links] = body.ratios @ growth
+        world.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        mujoco.mj_inverse(world, data)
+        felt = np.array(data.qfrc_inverse)
+        found.append(body.ratios.T @ felt[links])
+    assert len(joints) == world.nu
+    return np.array(found)
+
+
+def told(model, q, v, a, beside=()):
+    """The model's own torques without dry friction."""
+    body = model.body
+    viscous = np.array([model.estimates[f"viscous@{at}"].value for at in body.joints])
+    links = body.torque(q, v, a) @ model.theta[: len(body.base)]
+    return links + viscous * v + sum(beside, np.zeros_like(q))
+
+
+@pytest.mark.parametrize("robot", ["six", "torso", "driven"])
+def test_mujoco_feels_the_torque_of_the_model(tmp_path, capsys, robot):
+    path, saved, xml = (str(tmp_path / name) for name in ("arm.urdf", "model.json", "arm.xml"))
+    more = ()
+    if robot == "six":
+        more = (lambda body: at_joint(Spring, "elbow"), lambda body: coupling("pitch,flange", body))
+    text = six_joint.urdf() if robot == "six" else robots.urdf(getattr(robots, robot.upper()))
+    model = model_of(tmp_path / "arm.urdf", text, *more, rotors=robot == "six" or None)
+    model.save(saved)
+    assert main(["export", saved, "--robot", path, "--to", "mjcf", "-o", xml]) == 0
+    body = model.body
+    q, v, a = np.random.default_rng(0).uniform(-1, 1, (3, 20, len(body.joints)))
+    beside = []
+    if robot == "six":
+        k, m, n = (body.joints.index(joint) for joint in ("elbow", "pitch", "flange"))
+        spring, motor = np.zeros_like(q), np.zeros_like(q)
+        stiffness, preload = (model.estimates[f"spring.{name}@elbow"].value for name in ("stiffness", "preload"))
+        spring[:, k] = stiffness * q[:, k] + preload
+        inertia, viscous = (model.estimates[f"coupling.{name}@pitch,flange"].value for name in ("inertia", "viscous"))
+        motor[:, m] = motor[:, n] = inertia * (a[:, m] + a[:, n]) + viscous * (v[:, m] + v[:, n])
+        beside = [spring, motor]
+    felt = torques(mujoco.MjModel.from_xml_path(xml), body, q, v, a)
+    expected = told(model, q, v, a, beside)
+    assert np.abs(felt - expected).max() < 1e-4 * np.abs(expected).max()
+
+
+def test_a_robot_description_has_the_links_and_the_friction_that_were_found(tmp_path, capsys):
+    path, saved, new = (str(tmp_path / name) for name in ("arm.urdf", "model.json", "new.urdf"))
+    model = model_of(tmp_path / "arm.urdf", robots.urdf(robots.TORSO), lambda body: at_joint(Stribeck, "elbow"))
+    model.save(saved)
+    asked = ["export", saved, "--robot", path, "--to", "urdf", "-o", new]
+    assert main(asked) == 2
+    assert "urdf cannot hold stribeck" in (said := capsys.readouterr().err) and "(at elbow)" in said
+    assert main([*asked, "--approximate"]) == 0
+    again = read_body(new)
+    assert again.joints == model.body.joints and again.names == model.body.names
+    assert again.values == pytest.approx(model.theta[: len(again.names)], abs=1e-6)
+    assert again.model.damping[:2] == pytest.approx([model.estimates[f"viscous@{at}"].value for at in again.joints[:2]])
+    assert "cannot hold stribeck" in (tmp_path / "new.urdf").read_text()
+    assert main(["identify", "none.csv", "--robot", new]) == 2  # the file is read
+
+
+def test_what_is_no_form_of_an_arm_is_one_sentence(tmp_path, capsys):
+    path, saved = (str(tmp_path / name) for name in ("arm.urdf", "model.json"))
+    model_of(tmp_path / "arm.urdf", robots.urdf(robots.TORSO)).save(saved)
+    for more, said in (
+        (["--to", "c"], "an arm is exported to mjcf and urdf, not to c"),
+        (["--to", "mjcf", "--mass", "2"], "--mass is for pendulums"),
+    ):
+        assert main(["export", saved, "--robot", path, *more]) == 2
+        err = capsys.readouterr().err
+        assert said in err and err.count("\n") == 1
+    assert main(["export", saved, "--to", "mjcf"]) == 2
+    assert "--robot" in capsys.readouterr().err

@@ -1,0 +1,132 @@
+"""A robot as a user names it: its file, which joints move, and where recordings have the others."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from estimators.arms.meaning import shares
+from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.joints import at_joints, joint_effects, kind_at
+from pendulum_env.arms.recording import ArmRecording, read_arm_source
+from pendulum_env.arms.robot import pinocchio
+from pendulum_env.lookup import find
+from pendulum_env.mistake import Mistake
+from pendulum_env.physics import Term
+from pendulum_env.recording import Source
+from pendulum_env.words import listing
+
+AWAY = 0.01  # [rad] or [m], from where a joint is held: beyond, it is said
+FORMATS = (".urdf", ".xml", ".mjcf")
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """How a robot is to be read.
+
+    Attributes:
+        file: URDF or MJCF.
+        joints: that move; None: all that can.
+        bolted: whether a base that floats is bolted down.
+        rotors: whether motors have inertia of their own; None: as the file has it.
+        weightless: whether the driver takes gravity's torque off what it logs.
+    """
+
+    file: Path
+    joints: tuple[str, ...] | None = None
+    bolted: bool = False
+    rotors: bool | None = None
+    weightless: bool = False
+
+    def body(self, held: Mapping[str, float] | None = None) -> Body:
+        """Its links, other joints held where they are told to be, or at zero; raises BodyError as `read_body`."""
+        pinocchio()
+        status = self.file.stat() if self.file.exists() else None
+        changed = (status.st_mtime_ns, status.st_size) if status else None
+        return _body(self, tuple((held or {}).items()), changed)
+
+    def read(self, source: Source) -> ArmRecording:
+        """A recording of it; raises RecordingError as `read_arm_source`."""
+        body = self.body()
+        return read_arm_source(source, body.joints, [at for at in (*body.held, *body.links) if at not in body.joints])
+
+    def holding(self, recordings: Sequence[ArmRecording]) -> Body:
+        """Its links, other joints held where recordings have them on average."""
+        body = self.body()
+        seen = {joint: [np.mean(one.still[joint]) for one in recordings if joint in one.still] for joint in body.held}
+        return self.body({joint: float(np.mean(places)) for joint, places in seen.items() if places})
+
+
+@lru_cache(maxsize=8)
+def _body(robot: RobotFile, held: tuple[tuple[str, float], ...], changed: Hashable) -> Body:
+    """Links of a file of that time and size; the last ones are kept."""
+    body = read_body(robot.file, joints=robot.joints, held=dict(held), bolted=robot.bolted, rotors=robot.rotors)
+    return body.weightless if robot.weightless else body
+
+
+def meaning(recordings: Sequence[ArmRecording], body: Body) -> list[str]:
+    """What the torques of recordings seem to be, where they are not those that the joints need, a question each."""
+    found = [] if any(one.currents for one in recordings) else shares(recordings, body)
+    weightless = [one.joint for one in found if one.is_weightless]
+    texts = []
+    if weightless:
+        joints = f"joint{'s' * (len(weightless) > 1)} {listing(weightless)}"
+        texts.append(f"no gravity in the torque of {joints}: does the driver take it off? Then say --no-gravity")
+    for one in found:
+        if one.is_geared:
+            texts.append(
+                f"the torque of joint {one.joint} is about {one.weight:.1g} times what the links of the file need: is "
+                f"it the motor's, before its gear? Then say --columns torque_{one.joint}=NAME*RATIO"
+            )
+        if one.is_reversed:
+            texts.append(
+                f"joint {one.joint} seems to carry the weight of its links upwards: does its torque, or its position, "
+                f"count the other way? Then say --columns torque_{one.joint}=-NAME, for one"
+            )
+    return texts
+
+
+def held_text(body: Body) -> str:
+    """Which joints are held where; empty if all move."""
+    units = {joint: body.said(joint, "rad") for joint in body.held}
+    places = [f"{joint} at {f'{q:.4g} {units[joint]}' if q else 'zero'}" for joint, q in body.held.items()]
+    return f"held: {', '.join(places)}" if places else ""
+
+
+def looked_for(body: Body, only: Sequence[str] | None, without: Sequence[str]) -> dict[str, type[Term]]:
+    """Effects that a diagnosis looks for at the joints of a robot, by id: all, or only some, or all but some.
+
+    Args:
+        body: its links.
+        only: ids, at every joint (`stribeck`) or at one (`stribeck@elbow`).
+        without: ids, likewise.
+
+    Raises:
+        ValueError: if one is unknown, or none is left.
+    """
+    known = joint_effects()
+
+    def kinds(ids: Sequence[str]) -> list[type[Term]]:
+        everywhere = [find("effect of joints", id, known) for id in ids if "@" not in id]
+        return [*at_joints(everywhere, body), *(kind_at(id, body) for id in ids if "@" in id)]
+
+    barred = {kind.id for kind in kinds(without)}
+    found = {kind.id: kind for kind in kinds(list(known) if only is None else only) if kind.id not in barred}
+    if not found:
+        raise Mistake("no effect is left to look for: leave out fewer, or look for more")
+    return found
+
+
+def straying(body: Body, recordings: Sequence[ArmRecording]) -> list[str]:
+    """Joints that are held and that recordings have elsewhere, a sentence each."""
+    found = []
+    for recording, (joint, q) in product(recordings, body.held.items()):
+        if (off := np.max(np.abs(recording.still.get(joint, q) - q))) > AWAY:
+            away = f"{joint} gets {off:.2g} {body.said(joint, 'rad')} away from there in {recording.name}"
+            found.append(f"{away}: name it in --joints if it moves")
+    return found
