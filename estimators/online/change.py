@@ -1,4 +1,4 @@
-"""What changed, once something has: the model fitted anew to what came since, as functions of its rows."""
+"""Kind of a detected change: the model refitted to the rows since then."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from estimators.online.binning import BLOCK, Bin
 from estimators.selection.score import NU
 from pendulum_env._typing import Array, Index
 
-SIGNIFICANT = 4.0  # standard errors, from which on a change of a parameter is told
-SPLITS = 24  # moments that are tried for the change
+SIGNIFICANT = 4.0  # standard errors, from which a change of a parameter is reported
+SPLITS = 24  # trial times of the change
 CELLS = 8  # of a quantity, in which errors are compared
 
 
 @dataclass(frozen=True)
 class Rows:
-    """R rows of a model, of one joint or of several, in standard deviations of what their errors are while it holds.
+    """R rows of a model, of one joint or of several, in standard deviations of their errors while it holds.
 
     Attributes:
         phi: (R, P).
@@ -52,11 +52,11 @@ class Rows:
         return Rows(self.phi[own], self.y[own], self.scale[own], self.joint[own], self.series[:, own])
 
     def error(self, theta: Array) -> Array:
-        """What parameters (P,) leave (R,)."""
+        """Residual (R,) of parameters (P,)."""
         return np.asarray(self.y - self.phi @ theta)
 
     def place_of_errors(self, theta: Array) -> dict[str, tuple[float, float]]:
-        """The quantity whose value tells most of the errors, and its range where they are largest."""
+        """The quantity on which errors depend most, and its range where they are largest."""
         best, found = 0.0, {}
         error, (_, position, velocity) = self.error(theta), self.series
         angle = (position + np.pi) % (2 * np.pi) - np.pi
@@ -73,12 +73,12 @@ class Rows:
 
 @dataclass(frozen=True)
 class Known:
-    """What was known of a model while it predicted.
+    """Estimates of a model before the change.
 
     Attributes:
         theta: its parameters (P,).
         covariance: theirs (P, P).
-        sizes: of the parameters, by which they may change (P,).
+        sizes: of the parameters, scale of their changes (P,).
     """
 
     theta: Array
@@ -86,7 +86,7 @@ class Known:
     sizes: Array
 
     def refit(self, rows: Rows) -> Array:
-        """Parameters (P,) that fit rows, each held weakly where it was."""
+        """Parameters (P,) that fit rows, with a weak prior at their former values."""
         weak = np.diag(1.0 / self.sizes)
         both = np.vstack([rows.phi, weak]), np.concatenate([rows.y, weak @ self.theta])
         return np.asarray(np.linalg.lstsq(*both, rcond=None)[0])
@@ -98,7 +98,7 @@ class Known:
         return np.asarray(np.linalg.cholesky(np.linalg.inv(phi.T @ phi + weak)))
 
     def moment(self, rows: Rows, last: int) -> tuple[int, Array]:
-        """Row of the change, up to a last one that it may be, and the parameters (P,) after it."""
+        """Row of the change, up to a last possible one, and the parameters (P,) after it."""
         before = np.concatenate([[0.0], np.cumsum(density(rows.error(self.theta)))])
 
         def best(splits: Index) -> tuple[int, Array]:
@@ -123,7 +123,7 @@ class Known:
         return np.asarray(np.sqrt(fit + np.diag(self.covariance)))
 
     def changes(self, names: Sequence[str], theta: Array, std: Array) -> dict[str, tuple[float, float]]:
-        """By how much other parameters surely differ, and with what error, by name, surest first."""
+        """Significant changes of parameters and their standard errors, by name, most significant first."""
         delta = theta - self.theta
         order = np.argsort(-np.abs(delta) / std)
         return {names[j]: (float(delta[j]), float(std[j])) for j in order if abs(delta[j]) > SIGNIFICANT * std[j]}

@@ -1,11 +1,11 @@
-"""Honest covariances online: equations come in short clusters of time, within which errors may be correlated.
+"""Online covariances under correlated errors: sums over short clusters of time.
 
 theta - truth = P sum_k phi_k e_k. With the sums of a cluster, A = sum phi phi' and b = sum phi y, its score is
-s = b - A theta, and the covariance is P (sum of s s') P: it knows correlated errors and those of a filter. As theta has
+s = b - A theta, and the covariance is P (sum of s s') P, valid for correlated and filtered errors. As theta has
 adapted to the cluster, s is too small: with J = 1 / P, leaving the cluster out would give J / (J - A) s, which is used.
 As time goes on, neighbouring clusters are merged, so that there are always a few dozen; with forgetting, they stay
-short against the memory and the oldest are dropped, their weights having fallen with the square. What no equation tells
-stays as unsure as P(0) has it. Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (jackknife).
+short against the memory and the oldest are dropped, their weights having fallen with the square. Directions without
+data keep the variance of P(0). Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (jackknife).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pendulum_env._typing import Array, Index, Mask
 
 CLUSTER = 0.2  # [s], the shortest, longer than the filters' memory
 MOST = 64  # clusters; at this number, neighbours are merged
-FEWEST = 10  # beyond the parameters, before which the covariance is a rough guess
+FEWEST = 10  # clusters beyond the number of parameters, below which the covariance is a rough guess
 SHARE = 0.1  # of the memory that forgetting leaves, the longest a cluster may be
 GUESS = 60.0  # variance of a guess, in units of that of white errors
 
@@ -114,10 +114,10 @@ class Judge:
 
 
 class Wandering:
-    """Covariances for parameters that wander: P times the long-run variance of the errors of the last seconds.
+    """Covariances for random-walk parameters: P times the long-run variance of the errors of the last seconds.
 
-    A wandering parameter's P has no clusters to compare. Errors that are correlated over a cluster of time have a
-    long-run variance, mean (sum of a cluster)^2 / length, that is larger than their variance.
+    The P of a random-walk parameter has no clusters to compare. Errors that are correlated over a cluster of time have
+    a long-run variance, mean (sum of a cluster)^2 / length, that is larger than their variance.
     """
 
     def __init__(self, batch: tuple[int, int], period: float) -> None:

@@ -1,9 +1,9 @@
-"""What a model lacks, said while the pendulum runs: every effect of the library beside it, by the one score.
+"""Online diagnosis: the running model against itself with each effect of the library, by the one score.
 
-The running model is fitted to the first seconds of motion. From then on it, and the same with each effect, predict
-every bin before they learn from it (`rivals`). What each gains in log predictive density, second of motion by second,
-is judged as offline: by the Bayesian bootstrap over these stretches (`estimators.selection.score`). That something is
-missing at all is said when the bets on it have won enough (`evidence`): as often by mistake as is accepted per hour.
+All models are fitted to the first seconds of motion. From then on the running model, alone and with each effect,
+predicts every bin before its update (`rivals`). The gains in log predictive density per second of motion are judged as
+offline, by a Bayesian bootstrap over these blocks (`estimators.selection.score`). An effect is reported as missing once
+the e-process passes its threshold (`evidence`), which follows from the accepted false alarms per hour.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term, effects
 
-CALIBRATE = 1.0  # [s] of motion, that all models are fitted to before they predict
+CALIBRATE = 1.0  # [s] of motion in the first fit of all models
 REFINE = (2, 4, 8, 16)  # [s] of motion, after which grids of shape parameters are refined
-KEPT = 16.0  # [s] of motion, that a model which begins later is fitted to
-STRETCHES = 60  # the latest ones, that probabilities are told from
-TOGETHER = 5  # bins, whose equations are made at once
-RECENT = 10.0  # [s] of motion, of the error that is told
-FEWEST = 5  # stretches that probabilities are told from; while there are fewer, blocks take their place
-WORTH = 0.01  # nat a bin, that a gain has to exceed to be one: errors a hundredth smaller
+KEPT = 16.0  # [s] of motion in the first fit of a model that starts later
+STRETCHES = 60  # latest blocks of a second, from which probabilities are computed
+TOGETHER = 5  # bins whose equations are computed at once
+RECENT = 10.0  # [s] of motion, averaging time of the reported error
+FEWEST = 5  # blocks of a second for probabilities; with fewer, those of 0.2 s are used
+WORTH = 0.01  # nat a bin, the least gain that counts: errors smaller by one hundredth
 
 
 @dataclass(frozen=True)
 class Standing:
-    """How one effect does beside the running model.
+    """Score of one effect beside the running model.
 
     Attributes:
         effect: its id.
         probability: that it predicts best, of all effects and of none.
         gain: log predictive density over the running model [nat].
         error: its standard error, from the scatter between stretches [nat].
-        chance: that nothing is gained.
+        chance: p-value of the gain.
         evidence: that it predicts better: log wealth of the bets on it [nat].
         term: with the shape parameters that predicted best.
         theta: parameters of the running model and, last, of the effect, by name.
@@ -63,16 +63,16 @@ class Standing:
 
 @dataclass(frozen=True)
 class OnlineDiagnosis:
-    """What is said of a running model; it changes once per second of motion.
+    """Verdict on a running model, updated once per second of motion.
 
     Attributes:
-        kind: "calibrating", "nothing" while no effect surely predicts better than none, or "missing".
+        kind: "calibrating", "nothing" while no effect predicts significantly better than none, or "missing".
         evidence: that some effect predicts better: log wealth of the bets on all [nat].
         threshold: from which on something is missing [nat].
         terms: of the running model.
         theta: its parameters by name.
-        ranking: of effects, likeliest first.
-        group: ids of the likeliest effect and those that may as well be in its place; empty unless one is missing.
+        ranking: of effects, the most probable first.
+        group: ids of the most probable effect and its competitors; empty unless one is missing.
         none: probability that no effect predicts better than the running model.
         motion: time of motion since the model began to run [s].
         error: root mean square a-priori error of the running model over the last seconds of motion [N m].
@@ -125,7 +125,7 @@ class Diagnoser:
             library: effects by id; None are all that are known.
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
             alarms_per_hour: false ones that are accepted, on average, per hour of motion.
-            criterion: its `rival` decides what may as well be in an effect's place.
+            criterion: its `rival` is the least probability of a competitor.
             seed: of the bootstrap.
             binner: of an arm, which gives the columns of its links.
 
@@ -192,7 +192,7 @@ class EffectMonitor:
     ) -> None:
         """Take model, effects, joints, what is said at first, the length of a bin and the time between samples [s].
 
-        An effect as likely as `rival` may as well be in another's place; `seed` is of the bootstrap.
+        Effects with a probability above `rival` are competitors; `seed` is of the bootstrap.
         """
         self._base, self._library, self._blank = tuple(terms), library, blank
         self._joints, self._length = tuple(joints), length / len(joints)  # of motion that a bin tells of
@@ -325,7 +325,7 @@ class EffectMonitor:
             yield id, [_with(term, follows) for term in variants]
 
     def _refine(self) -> None:
-        """Narrow the grids of continuous shape parameters round what predicts best."""
+        """Narrow the grids of continuous shape parameters around the best variants."""
         assert self._rivals is not None
         bins = self._bins(self._kept)
         base, *families = self._rivals.families

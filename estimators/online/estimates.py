@@ -1,4 +1,4 @@
-"""What is known while it runs: theta and covariances of all schemes, and one scheme's share of them by name."""
+"""Online estimates: theta and covariances of all schemes, and those of one scheme by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pendulum_env._typing import Array, Index, Mask
 
 @dataclass(eq=False)  # not frozen, which takes its time: one is made at every sample
 class Estimates:
-    """What is known of B pendulums by S schemes after a sample.
+    """Estimates of B pendulums by S schemes after a sample.
 
     Attributes:
         index: of the newest sample that is used, counted from 0; negative while too few have come in (B,).

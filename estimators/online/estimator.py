@@ -59,8 +59,8 @@ class OnlineEstimator:
             smoothing: of the measurement; without one, that of the paper's encoder at this rate.
             prior: P(0) on the diagonal.
             forgetting: factor lambda, once for every equation; 1 remembers all.
-            random_walk: by which the parameters may wander, as a share of their value [1/sqrt(s)], or for each in its
-                own unit [unit/sqrt(s)]; 0 if they stand still.
+            random_walk: of the parameters, relative to their value [1/sqrt(s)], or for each in its own unit
+                [unit/sqrt(s)]; 0 if they are constant.
             recursion: what solves the regressions: "SquareRootLeastSquares", all at once, or "KalmanFilter",
                 filterpy's, one after the other; they find the same.
             position_noise: standard deviation of the measured position, which a `JointState` has to know [rad]; without
@@ -123,8 +123,7 @@ class OnlineEstimator:
             position: (B,) [rad], unwrapped.
             torque: applied over the period that ends with this sample (B,) [N m].
 
-        A sample that is not a number is left out, and the estimates stand still until enough have come in again; so
-        they do after a gap in time.
+        After a sample that is not a number, or a gap in time, the estimates are held until enough samples have come in.
         """
         taken = self._stream.take(time, position, torque)
         usable = taken.usable

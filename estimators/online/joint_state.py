@@ -1,14 +1,14 @@
 """A seventh estimator, beyond the paper: position, velocity and parameters in one state, by an unscented Kalman filter.
 
-What is measured is the position and nothing else: it is not differentiated, so there is no smoothing to wait for, and
-the model's own step knows that a joint sticks and when it turns, so there is no guard around stick. Each sigma point
-is a pendulum of its own, with its position, velocity and parameters, stepped under the torque that was held.
+The position is the only measurement. It is not differentiated, so there is no delay of smoothing, and the model's own
+step includes stick and reversals, so there is no guard around stick. Each sigma point is a pendulum of its own, with
+its position, velocity and parameters, stepped under the held torque.
 
-The encoder's noise is known; how far the torque that acts differs from the measured one is not, and is learnt on the
-way from the filter's surprises: they are to be as large as it expects, and not alike from one sample to the next.
+The encoder noise is known. The noise of the acting torque is learnt from the innovations of the filter, which should
+have the predicted variance and no correlation between samples.
 
-It needs somewhere to start: until a regression knows the inertia to a tenth, its estimates stand here as well. From
-then on it takes in what comes after, so that nothing is counted twice.
+The filter starts from a regression, whose estimates it repeats until the inertia is known to a tenth. From then on it
+uses only later samples, so that none counts twice.
 
 Source: Julier and Uhlmann, Proceedings of the IEEE 92(3), 2004; the weights are those of Arasaratnam and Haykin,
 Cubature Kalman Filters, IEEE Transactions on Automatic Control 54(6), 2009; for the noise, Mehra, On the Identification
@@ -37,7 +37,7 @@ DOUBT = 0.1  # of each parameter, that is added to its standard error then
 SPEED = 5.0  # [rad/s], standard deviation of the velocity before it is known
 SHAKEN = 0.1  # [N m], standard deviation of the torque that acts about the measured one, before it is known
 LEARN = 0.5  # [s], in which its logarithm follows
-OUTLIER = 3.0  # standard deviations, beyond which a surprise counts no more for the noise
+OUTLIER = 3.0  # standard deviations, limit of an innovation in learning the noise
 FINEST = 1e-7  # [rad], below which position is not said to be known: the step itself errs
 
 

@@ -1,4 +1,4 @@
-"""Many models at once, sample by sample: the running model, and with each variant of each effect beside it.
+"""Competing models, sample by sample: the running model, alone and with each variant of each effect.
 
 Rows are those of the Hamiltonian scheme, averaged over a bin of a few samples; laws are evaluated for all variants of
 an effect and all samples of a bin at once. The running model's recursion is made once for all: y and an effect's own
@@ -8,9 +8,9 @@ columns c are regressed on its rows phi, and what is left of y on what is left o
     S <- S + r r' / (1 + phi' P phi)    t <- t + r e / (1 + phi' P phi)    r = c - G' phi,  e = y - phi' a
 
 which is recursive least squares in phi and c with parameters a - G delta and delta = S^-1 t, and costs a variant its
-own columns alone. Each a-priori error has a Student t density. An effect predicts as the mixture of its variants does,
-weighted by how they predicted so far: what is gained by choosing among many is paid for by the weights, and no variant
-has to be chosen before the data have.
+own columns alone. Each a-priori error has a Student t density. An effect predicts by the mixture of its variants,
+weighted by their past likelihoods: the weights include the penalty for a choice among many, and no variant is chosen in
+advance.
 
 Source: Frisch and Waugh, Econometrica 1(4), 1933; Dawid, JRSS A 147(2), 1984 (prequential); Herbster and Warmuth,
 Machine Learning 32, 1998 (mixtures that share).
@@ -36,14 +36,14 @@ from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.physics.term import one, zero
 
 TIME, POSITION, VELOCITY, TORQUE = range(4)  # series of a bin
-MEMORY = 3000  # bins, over which the scale of errors is learnt
-WEAKEST = -12.0  # log weight, relative to the best variant, of one that may still come back
+MEMORY = 3000  # bins, memory of the scale of errors
+WEAKEST = -12.0  # least log weight relative to the best variant, so that a variant can recover
 PERTURBATION = 1e-3  # [N m], for slopes by the torque
 TURNS = 20  # of the fixed point for a scale
 
 
 class Rows(NamedTuple):
-    """Equations of V models over R bins, and how they change with the torque that they explain.
+    """Equations of V models over R bins, and their slopes by the torque.
 
     Attributes:
         phi: (R, V, P).
@@ -64,7 +64,7 @@ class Bins:
 
     Attributes:
         series: time, position, velocity and torque at n + 3 instants (4, R, n + 3).
-        y: what is to be explained, in units of `scale` (R,).
+        y: left-hand side, in units of `scale` (R,).
         period: between samples [s].
         at: name of each one's joint (R,).
         given: columns that come with the bins, of terms whose laws are no functions of one joint (R, G) [N m].
@@ -99,7 +99,7 @@ class Bins:
     def rows(self, terms: Sequence[Term], count: int = 1) -> Rows:
         """Equations of some terms, whose shape parameters may be those of several variants, of which they are `count`.
 
-        What is to be explained is the torque less what has no parameter.
+        The left-hand side is the torque less all fixed columns.
         """
         shape = len(self.y), count
         phi, slope = np.zeros((2, *shape, sum(len(term.columns) for term in terms)))
@@ -225,13 +225,13 @@ class Family:
 
     @property
     def possible(self) -> Array:
-        """Whether a body can have the effect as each variant has it (V,)."""
+        """Whether the effect is physically possible in each variant (V,)."""
         own = self.theta[:, self.of_y.shape[1] :]
         return np.asarray(((own >= self.least) & (own <= self.most)).all(axis=1))
 
     @property
     def best(self) -> int:
-        """Place of the variant that predicted best, of those that a body can have if there are any."""
+        """Index of the variant that predicted best, among physically possible ones if there are any."""
         return int(np.argmax(np.where(self.possible, self.weight, self.weight - 1e6)))
 
 
@@ -275,7 +275,7 @@ class Rivals:
     _weight: Array
 
     def take(self, bins: Bins) -> tuple[Array, Array]:
-        """Predict R bins one after the other, learning from each.
+        """Predict R bins one after the other, with an update after each.
 
         Returns:
             Log density of each under each family (R, F), and the running model's errors (R,) [N m].
@@ -291,7 +291,7 @@ class Rivals:
     def _take(
         self, phi: Array, slope: Array, own: Array, own_slope: Array, y: Array, passed: Array
     ) -> tuple[Array, float]:
-        """Predict one bin by all models, then learn from it."""
+        """Predict one bin by all models, then update them."""
         running, theta = self._running, _theta(self._of_y, self._of_own, self._information, self._told)
         base, delta = theta[:, : len(phi)], theta[:, len(phi) :]
         gain = running.root[0, 0] @ (phi @ running.root[0, 0])
@@ -315,7 +315,7 @@ class Rivals:
         return densities, float(missed[0])
 
     def _mixed(self, density: Array, own: Array) -> Array:
-        """Log density of each mixture (F,), and new weights; that of the running model where no body could be so."""
+        """Log density of each mixture (F,), and new weights; impossible variants have that of the running model."""
         starts = self._starts
         possible = ((own >= self._least) & (own <= self._most)).all(axis=1)
         before = np.where(possible, self._weight, -np.inf)

@@ -1,10 +1,9 @@
-"""Across turns, where an equation's rows are of no use: the model itself moves on, from where the machine was.
+"""Simulation through reversals, where the rows of the regression are left out.
 
-Where a joint sticks or turns, rows are left out, as nobody knows within a sample in which direction friction acts. A
-model does: it moves, sticks and turns by its own step. It is moved on through a fifth of a second around each turn,
-from the position and velocity at the start that fit what was measured best. What it misses is told as an angle and as
-the constant torque that would make as much of a difference. As large as usual is noise of the encoder in the one, noise
-of the torque in the other, even if the inertia has changed or the motion is another.
+Rows exclude a joint that sticks or reverses, since the direction of friction within a sample is unknown. A simulation
+includes both: the model is simulated through a fifth of a second around each reversal, from the best-fitting initial
+position and velocity. Its prediction error is expressed as an angle and as an equivalent constant torque. Encoder noise
+has a constant size in the former, torque noise in the latter, even after a change of inertia or motion.
 """
 
 from __future__ import annotations
@@ -22,13 +21,13 @@ HALF = 0.1  # [s], before and after a turn
 PERTURBATION = np.array([1e-5, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives
 DIFFERENCE, SMALLEST = 1e-3, 1e-3  # relative change of a parameter for derivatives, and least size of one
 FITS = 3  # of parameters, with weights that follow from the fit before
-LARGEST = 1e3  # times the least torque that matters, that no error is more than
+LARGEST = 1e3  # times the least torque that matters, limit of any error
 FINEST = 1e-20  # [(rad/(N m))^2], so that nothing by nothing is a number
 
 
 @dataclass(frozen=True)
 class Turns:
-    """What was measured around S turns, over N periods.
+    """Measurements around S reversals, over N periods.
 
     Attributes:
         time: at the start (S,) [s].
@@ -52,7 +51,7 @@ class Turns:
 
 @dataclass(frozen=True)
 class Missed:
-    """What a model misses S turns by, less what another state at the start would explain.
+    """Prediction errors of a model at S reversals, without the part due to the initial state.
 
     Attributes:
         error: of the position (S, N + 1) [rad].
@@ -85,11 +84,11 @@ class Missed:
 
 
 class Mover:
-    """Moves a model through turns.
+    """Simulates a model through reversals.
 
     Attributes:
-        ready: whether it can: its laws are formulas, others would take too long; none of its terms remembers what was
-            before a turn; and samples come often enough to tell what happens in one.
+        ready: whether it can: its laws are formulas, since others would take too long; none of its terms has memory
+            across a reversal; and the sampling rate is high enough to resolve one.
     """
 
     def __init__(self, terms: Sequence[Term], period: float) -> None:
@@ -103,9 +102,9 @@ class Mover:
         return Mover, (self._terms, self._period)  # a program cannot be pickled
 
     def missed(self, turns: Turns, theta: Array) -> Missed:
-        """What the model with parameters theta (P,) misses S turns by, in one simulation.
+        """Prediction errors of the model with parameters theta (P,) at S reversals, in one simulation.
 
-        Less what another state at the start would explain: a smoothed one is so close that what it does is linear.
+        The part due to the initial state is projected out; the smoothed state is accurate enough for linearisation.
         """
         count, size = len(turns.time), len(theta)
         push = np.maximum(np.sqrt(np.mean(turns.torque**2, axis=0)), SMALLEST)  # (S,)
@@ -137,7 +136,7 @@ class Mover:
 
 
 class TurnFinder:
-    """Finds turns of B pendulums, as soon as all around them is measured."""
+    """Finds reversals of B pendulums, once the time around them is measured."""
 
     def __init__(self, batch: int, period: float, delay: int, late: int, slowest: float) -> None:
         """Take B and the time between samples [s], how late velocities and torques come [samples], and the least speed.

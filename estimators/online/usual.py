@@ -1,4 +1,4 @@
-"""How large errors of a model usually are, and by how much others are larger."""
+"""Usual size of a model's errors, and significance of larger ones."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pendulum_env._typing import Array
 
 FEWEST = 3  # errors, before anything is usual
 PRIOR, SCATTER = 4, 1.0  # errors' worth, and standard deviation of the log of a mean square before any is known
-MEMORY = 300  # errors, of what is usual
+MEMORY = 300  # errors, memory of the usual size
 MOST = 4.0  # standard deviations that an error counts for
 LEARNT = 2.0  # standard deviations that are learnt from one
 
 
 class Usual:
-    """What log mean squares of errors are, while a model holds: of a block of rows, or of a turn, in Q units each.
+    """Distribution of log mean squared errors while a model holds: of blocks of rows or reversals, in Q units each.
 
     Attributes:
         mean: of the logs (Q,).

@@ -1,4 +1,4 @@
-"""Candidates: the variant of each effect that fits best beside the terms that a model has.
+"""Candidates: the best-fitting variant of each effect beside the terms of a model.
 
 All shape parameters of an effect are compared through Gram matrices of the windowed equations, so that a fit of many
 variants costs one batch of small solves.
@@ -22,11 +22,11 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
 
-REACH = 0.03  # of the recording, within which an instant is scanned for
-TRIED = 3  # variants of a law of the torque that are fitted exactly, of those that promise most
+REACH = 0.03  # of the recording, range of the scan for an instant
+TRIED = 3  # most promising variants of a law of the torque, which are fitted exactly
 KEPT = 8  # sets of terms whose normal equations are kept
 STARTS = 2  # variants of the grid from which a search over shape parameters starts
-FOLLOWS = 3  # turns in which a shape parameter is set to the parameter that it follows
+FOLLOWS = 3  # iterations that set a shape parameter to the parameter that it follows
 
 PERTURBATION = 1e-6  # of the largest torque, for slopes by it
 PUSHES = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # of it, either way, for bent laws of it
@@ -112,15 +112,15 @@ class Screen:
         return whole
 
     def balance(self, terms: Sequence[Term]) -> Balance:
-        """Equations of some terms, recordings of which they leave more unexplained counting less."""
+        """Equations of some terms, with smaller weights for recordings of larger residuals."""
         return self._balance(terms, [self.columns([term])[0] for term in terms], self.weights(terms))
 
     def equations(self, terms: Sequence[Term]) -> Balance:
-        """The same, recordings counting by their noise alone."""
+        """The same, weighted by noise alone."""
         return self._balance(terms, [self.columns([term])[0] for term in terms], self.data.weights)
 
     def weights(self, terms: Sequence[Term]) -> Array:
-        """Weight of each equation (R,): of several recordings those count less of which the terms leave more."""
+        """Weight of each equation (R,), smaller for recordings of larger residuals."""
         return self._weight_of_each(terms)[self._groups.owner]
 
     @cached_property
@@ -237,7 +237,7 @@ class Screen:
 
     @kept
     def frame(self, terms: Sequence[Term]) -> Array:
-        """Orthonormal columns (R, P) that span what the terms can do to the weighted errors."""
+        """Orthonormal basis (R, P) of changes of the weighted errors by the parameters."""
         return np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
 
     def trials(self, terms: Sequence[Term], variants: Sequence[Term]) -> list[Trial]:
@@ -276,8 +276,8 @@ class Screen:
     ) -> Array:
         """Squared errors (V,) of variants that scale with the torque: exact ones of those that promise most.
 
-        They promise by what they explain by the recorded torque, and by that which is predicted: where one of the two
-        is far off, the other tells.
+        They are ranked by the fit with the recorded torque and by the fit with the predicted one, as either may be far
+        off.
         """
         here = self.data.where(pairs[0][0].at)
         moved = [own._replace(linear=own.linear - near.error[here, None] * own.slope) for _, own in pairs]
@@ -313,8 +313,8 @@ class Screen:
     def hidden_noise(self, terms: Sequence[Term]) -> list[tuple[slice, float]]:
         """Variance of torque noise that terms filter out of the equations, with the rows of the joint [(N m)^2].
 
-        It counts as error all the same: a lag smooths the noise of the torque channel along with the torque, and that
-        must not make it look likelier.
+        It still counts as error: a lag smooths the noise of the torque together with the torque, which must not raise
+        its likelihood.
         """
         filters = [term for term in terms if term.fixed and term.has_state()]
         return [(self.data.where(term.at), self._absorbed(term)) for term in filters]

@@ -1,4 +1,4 @@
-"""One body of evidence: recordings as windowed equations for fitting and as segments for simulation."""
+"""Prepared data: recordings as windowed equations for fitting and as segments for simulation."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from pendulum_env.physics import BASE, Model, Samples, Term
 from pendulum_env.physics.term import loads
 from pendulum_env.recording import Recording
 
-REPEATED = 2  # impacts, below which that may be an accident
-PLACES = (1e-3, 10.0)  # [s], distances that an instant is moved by to see who notices
+REPEATED = 2  # impacts, least number: a single one may be an accident
+PLACES = (1e-3, 10.0)  # [s], trial displacements of an instant, for its standard error
 
 
 @dataclass(frozen=True)
 class Errors:
-    """How far a model is from a recording.
+    """Errors of a model on a recording.
 
     Attributes:
         torque_rms: the paper's norm (10) of measured minus modelled torque over the windows used [N m].
@@ -178,12 +178,12 @@ class Evidence:
 
 
 def _fit(error: float, deviation: float) -> float:
-    """Error relative to what there was to explain, as a fit in percent (NRMSE); 0 where there was nothing."""
+    """Fit in percent (100 % less NRMSE) from error and deviation; 0 without any deviation."""
     return 100.0 * (1.0 - error / deviation) if deviation > 0 else 0.0
 
 
 def fit_terms(evidence: Evidence, terms: Sequence[Term]) -> tuple[Model, Fit]:
-    """Fit the linear parameters of the terms; standard errors count the search over shape parameters too."""
+    """Fit the linear parameters of the terms; standard errors include the shape parameters."""
     data, screen = evidence.data, evidence.screen
     terms = screen.settle(terms)
     balance = screen.balance(terms)
@@ -206,7 +206,7 @@ def fit_terms(evidence: Evidence, terms: Sequence[Term]) -> tuple[Model, Fit]:
 
 
 def base_inertia(screen: Screen) -> float:
-    """Inertia of the joint as the base model has it clear of impacts [kg m^2], which tells the noise."""
+    """Inertia of the joint by the base model, clear of impacts [kg m^2], which scales the noise."""
     theta = (Screen(screen.data.clear) if screen.data.impacts else screen).solve(BASE)
     return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
@@ -221,10 +221,10 @@ def inertias(screen: Screen, base: Sequence[Term]) -> dict[str, float]:
 
 
 def with_impacts(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> tuple[Evidence, Evidence]:
-    """Training and held-out evidence with what turns the joint round and is no friction, see `Dataset.with_impacts`.
+    """Training and held-out data with impacts at reversals, see `Dataset.with_impacts`.
 
-    It is the same where nothing does so at least twice: once is an accident, of which nothing can be learnt. Nor is
-    there more to see beside a model with a link, whose impacts are the link's.
+    Data with fewer than two impacts stay as they are, since a single one may be an accident, and so do data for a model
+    with a link, which has impacts of its own.
     """
     if has_link(terms):
         return evidence
@@ -236,10 +236,10 @@ def with_impacts(evidence: tuple[Evidence, Evidence], terms: Sequence[Term]) -> 
 
 
 def _placement(screen: Screen, term: Term, name: str, own: Array, noise: Array) -> float:
-    """Standard error of an instant [s]: how far it may be moved before the windows that notice speak against it.
+    """Standard error of an instant [s]: its displacement by which the windowed torque changes significantly.
 
-    Few windows tell when something happened, none if the joint is at rest then, so that the fit has no slope there to
-    judge by. One standard error away, the likelihood has fallen by half: the torque changes by one standard deviation.
+    Few windows depend on the instant, none if the joint is at rest then, so that the fit may have no slope there. At
+    one standard error the torque changes by one standard deviation.
     """
     instant = term.shape[name]
     steps = np.geomspace(*PLACES, 30)

@@ -13,12 +13,12 @@ from estimators.weak_form.shapes import bound, freed
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import Table
 
-UNLIKELY = 0.5  # chance that an effect gains nothing, from which its shape is not searched any further
-SAME = 1e-6  # of a torque, by which equal laws may differ numerically
+UNLIKELY = 0.5  # p-value of an effect's gain, above which its shape is not searched further
+SAME = 1e-6  # of a torque, numerical difference of equal laws
 
 
 def candidates(models: Models, terms: Terms, barred: Iterable[str] = ()) -> list[Terms]:
-    """The terms with the best variant of each effect that they lack, the best prediction first."""
+    """The terms with the best variant of each further effect, the best prediction first."""
     present = {term.id for term in terms} | set(barred)
     missing = [effect for id, effect in models.library.items() if id not in present]
     if has_transmission(terms):  # a joint has one
@@ -31,7 +31,7 @@ def candidates(models: Models, terms: Terms, barred: Iterable[str] = ()) -> list
             and not models.train.in_loop
             and (len(terms) > len(models.base) or any(models.left.fits(other) for other in (terms, *found)))
         ):
-            continue  # something simpler explains it all; or a transmission would have shown before all else
+            continue  # something simpler explains all; or a transmission would have been added first
         models.progress(f"screening {effect.id}", done / len(missing))
         trial = promising(models, terms, effect)
         if trial is not None and models.is_possible(trial.terms):
@@ -40,7 +40,7 @@ def candidates(models: Models, terms: Terms, barred: Iterable[str] = ()) -> list
 
 
 def promising(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
-    """The best variant of an effect; of one that is unlikely to gain or explain much, the best of a coarse grid."""
+    """The best variant of an effect; for one with little gain or share, only the best of a coarse grid."""
     if not effect.multimodal:
         ranked = models.screen.ranked(terms, effect)
         if not ranked:
@@ -54,7 +54,7 @@ def promising(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
 
 
 def best(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
-    """The best variant of an effect, with as few shape parameters as the data allow; None where there is none."""
+    """The best variant of an effect, with as few free shape parameters as the data allow; None if there is none."""
     trials = models.screen.variants(terms, effect)
     if not trials:
         return None
@@ -66,18 +66,18 @@ def best(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
 
 
 def freer(models: Models, terms: Terms) -> list[Terms]:
-    """The terms with one more shape parameter of an effect off its usual value, for each that may be."""
+    """The terms with one more shape parameter of an effect released from its usual value, one by one."""
     variants = [(term, variant) for term in terms[len(models.base) :] for variant in freed(term)]
     return [refined(models, tuple(new if other is old else other for other in terms), old.id) for old, new in variants]
 
 
 def refined(models: Models, terms: Terms, id: str) -> Terms:
-    """The terms with the shape parameters of one, by its id, where the data want them."""
+    """The terms with the shape parameters of one term, by its id, fitted."""
     return models.screen.refine(models.screen.trial(terms), id).terms
 
 
 def loosened(models: Models, terms: Terms) -> Terms:
-    """The terms with shape parameters off their usual values, as long as that surely predicts better."""
+    """The terms with shape parameters released from their usual values, while that is significant."""
     for looser in sorted(freer(models, terms), key=models.promise):
         if models.is_sure(looser, terms) and models.is_possible(looser):
             return loosened(models, looser)
@@ -96,8 +96,8 @@ def rivals(models: Models, terms: Terms, term: Term) -> list[Terms]:
 def alternatives(models: Models, terms: Terms, term: Term) -> dict[str, float]:
     """Probability of each effect in the place of one of the terms, itself first, by id.
 
-    A more complex law that contains the term, as a spring contains an offset, is no rival, and nor is one with
-    which held-out errors would not fall.
+    A more complex law that contains the term, as a spring contains an offset, does not compete, nor does one that would
+    not lower the held-out errors.
     """
     others = tuple(other for other in terms if other is not term)
     open_to = [rival for rival in rivals(models, terms, term) if not contains(models, rival[-1], term)]
@@ -113,19 +113,19 @@ def alternatives(models: Models, terms: Terms, term: Term) -> dict[str, float]:
 
 
 def may_replace(models: Models, rival: Terms, terms: Terms, others: Terms) -> bool:
-    """Whether a rival lowers both errors of the others, and the terms do not surely follow the motion better."""
+    """Whether a rival lowers both errors of the others, and the terms do not follow the motion significantly better."""
     rival, terms, others = (named(models, one) for one in (rival, terms, others))
     if not models.lowers_errors(rival, others):
         return False
     if has_transmission(rival) or has_transmission(terms) or not models.train.segments:
-        return True  # segments are soon lost
+        return True  # segments with a transmission soon diverge
     first, second = (models.in_motion(models.step(None, one)).model for one in (terms, rival))
     gain, share = models.simulation_gain(first, second)
     return gain.chance > models.criterion.chance or share <= models.criterion.share
 
 
 def contains(models: Models, larger: Term, term: Term) -> bool:
-    """Whether a term with more parameters can be the same torque as another, whatever that is."""
+    """Whether a term with more parameters can reproduce any torque of another."""
     if complexity(larger) <= complexity(term) or not term.columns:
         return False
     (own,), (other,) = models.screen.columns([term]), models.screen.columns([larger])
@@ -134,19 +134,19 @@ def contains(models: Models, larger: Term, term: Term) -> bool:
 
 
 def is_needed(models: Models, terms: Terms, without: Terms) -> bool:
-    """Whether an effect surely gains and explains more than is left unexplained, which it may else be a part of."""
+    """Whether an effect gains significantly and explains more than is left; else it may belong to that rest."""
     return models.is_sure(terms, without) and models.left.explained(terms, without) > models.criterion.needed
 
 
 def explaining(models: Models, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
-    """The id of the law of some that would explain most of what terms leave; None if none would explain enough."""
+    """The id of the law that would best explain the residual of the terms; None if none explains enough."""
     trials = [best(models, terms, law) for law in laws if law.id not in ids(terms)]
     found = [trial.terms for trial in trials if trial is not None and is_needed(models, trial.terms, terms)]
     return min(found, key=models.promise)[-1].id if found else None
 
 
 def revise(models: Models, terms: Terms, base: Terms) -> Terms:
-    """Drop effects that are not needed beside the others, and swap those in whose place another surely gains."""
+    """Drop effects that are not needed beside the others, and swap those with a significantly better competitor."""
     for _ in range(2 * models.criterion.most):
         changed = challenged(models, terms, base)
         if changed is None:
@@ -156,7 +156,7 @@ def revise(models: Models, terms: Terms, base: Terms) -> Terms:
 
 
 def challenged(models: Models, terms: Terms, base: Terms) -> Terms | None:
-    """The terms with an effect less, or another in its place, where that is as good or better; None if none is."""
+    """The terms with one effect less, or another in its place, if that is as good or better; else None."""
     withouts = [tuple(t for t in terms if t is not term) for term in terms[len(base) :]]
     tighter = [
         refined(models, tuple(new if t is old else t for t in terms), old.id)
@@ -175,7 +175,7 @@ def challenged(models: Models, terms: Terms, base: Terms) -> Terms | None:
 
 
 def settle(models: Models, terms: Terms) -> Terms:
-    """Search every shape parameter again, now that all terms are in."""
+    """Refit every shape parameter with all terms present."""
     trial = models.screen.trial(terms)
     for term in terms:
         if any(not shape.integer for shape in term.free) and term.id not in models.train.data.watched:
@@ -200,17 +200,17 @@ def ids(terms: Sequence[Term]) -> frozenset[str]:
 
 
 def forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
-    """Ids of some terms, each with the names of the shape parameters that are told."""
+    """Ids of some terms, each with the names of its free shape parameters."""
     return frozenset((term.id, *(shape.name for shape in term.free)) for term in terms)
 
 
 def has_bristles(term: Term) -> bool:
-    """Whether it is friction with a state, which nobody measures."""
+    """Whether it is friction with a state, which is not measured."""
     return term.kind == "dissipative" and term.remembers
 
 
 def is_hidden(term: Term) -> bool:
-    """Whether it has a state that nobody measures, of a link or of bristles: windows know little of it, motion more."""
+    """Whether it has a hidden state, of a link or of bristles, which shows in the motion more than in windows."""
     return term.link or has_bristles(term)
 
 

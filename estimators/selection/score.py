@@ -1,14 +1,14 @@
-"""The one score: log predictive density of stretches of time that a model was not fitted to.
+"""The one score: log predictive density of blocks of time that a model was not fitted to.
 
-A model is fitted to all stretches but a tenth, which it then has to predict; held-out recordings are predicted from the
-fit to all others. What is left is taken as Student's t, since real errors have tails, and the density is that of the
-torque that was recorded, whatever becomes of it on its way to the joint. What one model gains over another is the sum
-of the differences, and how sure that is, their scatter tells: on a real machine no model is complete, residuals are
-correlated for seconds, and only what repeats from stretch to stretch and from recording to recording is sure.
+Each tenth of the blocks is predicted by the fit to the others; held-out recordings are predicted by the fit to all
+training data. Residuals are taken as Student's t, since real errors have heavy tails, and the density is that of the
+recorded torque, whatever its path to the joint. The gain of one model over another is the sum of the differences, and
+its significance follows from their scatter: on a real machine no model is complete and residuals are correlated for
+seconds, so only a gain that repeats from block to block and from recording to recording is significant.
 
-The scatter enters by the Bayesian bootstrap: stretches, and recordings, are given random weights, many times over. The
-share of draws in which nothing is gained is the chance that an effect is none; the mean of the softmax over rivals is
-the probability of each (pseudo-BMA+).
+The scatter enters by the Bayesian bootstrap: random weights of blocks and of recordings, in many draws. The share of
+draws without a gain is the p-value (`chance`) of an effect; the mean softmax over competing models is the probability
+of each (pseudo-BMA+).
 
 Source: Vehtari, Gelman and Gabry, Statistics and Computing 27, 2017; Yao, Vehtari, Simpson and Gelman, Bayesian
 Analysis 13(3), 2018; Rubin, Annals of Statistics 9(1), 1981; for the online form Dawid, JRSS A 147(2), 1984.
@@ -30,19 +30,19 @@ PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.p
 FOLDS = 10  # of cross-validation
 STRETCH = 1.0  # [s]
 DRAWS = 4000  # of the Bayesian bootstrap
-TURNS, SETTLED = 20, 1e-5  # of the fixed point for a scale, and relative change at which it ends
-DIVERGED = 1e60  # [N m], a prediction as far off is as bad as any
+TURNS, SETTLED = 20, 1e-5  # largest number of iterations for a scale, and relative change at convergence
+DIVERGED = 1e60  # [N m], limit of a prediction error, against overflow
 
 
-Hidden = Sequence[tuple[slice, float]]  # rows, and variance of the torque noise that a model takes out of them
+Hidden = Sequence[tuple[slice, float]]  # rows, and variance of the torque noise that a model absorbs in them
 
 
 @dataclass(frozen=True)
 class Stretches:
-    """Which stretch and which recording every equation lies in (R,), and the recording of every stretch (S,).
+    """Block and recording of every equation (R,), and recording of every block (S,).
 
-    Folds of cross-validation are whole stretches, or pieces of them where the torque of one moment may tell that of the
-    next: `piece` numbers these (R,).
+    Folds of cross-validation are whole blocks, or pieces of them where the torque of one moment predicts the next:
+    `piece` numbers these (R,).
     """
 
     stretch: Index
@@ -57,29 +57,29 @@ class Stretches:
 
 
 def cross_validated(balance: Balance, where: Stretches, hidden: Hidden = (), theta: Array | None = None) -> Array:
-    """Log density of each stretch (S,), predicted by the fit to the others [nat].
+    """Log density of each block (S,), predicted by the fit to the others [nat].
 
     Args:
         balance: equations of the model.
-        where: stretch and recording of each equation.
-        hidden: what torque noise the model takes out of the equations, which counts as error all the same.
-        theta: parameters that are fitted without each fold (FOLDS, P), where they are known.
+        where: block and recording of each equation.
+        hidden: torque noise that the model absorbs, which still counts as error.
+        theta: parameters fitted without each fold (FOLDS, P), if known.
     """
     return _density(balance, balance.solve_without(where.fold, FOLDS) if theta is None else theta, where, hidden)
 
 
 def predicted(theta: Array, balance: Balance, where: Stretches, hidden: Hidden = ()) -> Array:
-    """Log density of each held-out stretch (S,) under parameters (P,) fitted elsewhere [nat]."""
+    """Log density of each held-out block (S,) under parameters (P,) fitted to other data [nat]."""
     return _density(balance, theta[None], where, hidden)
 
 
 def _density(balance: Balance, theta: Array, where: Stretches, hidden: Hidden) -> Array:
-    """Log density of the torque recorded in each stretch, from fits without each fold (FOLDS, P), or from one (1, P).
+    """Log density of the torque recorded in each block, from fits without each fold (FOLDS, P), or from one (1, P).
 
-    It is that of what the equations leave, times how much of it each N m of recorded torque is: a law under which next
-    to nothing is left, since next to none of the torque comes through, tells as little of what was recorded. No torque
-    is less likely than if nothing but its size were known. The scale is that of the other folds of the same recording:
-    recordings differ in what no model explains of them.
+    It is the density of the residual times the derivative of the residual by the recorded torque, so that a law with a
+    small residual only because it transmits little of the torque gains nothing. The density is at least that of a
+    torque of known size alone. The scale is that of the other folds of the same recording, since recordings differ in
+    their unexplained part.
     """
     left, slopes = balance.residual(theta)
     left = np.clip(left, -DIVERGED, DIVERGED)
@@ -91,7 +91,7 @@ def _density(balance: Balance, theta: Array, where: Stretches, hidden: Hidden) -
         test, own = fold == k, min(k, len(left) - 1)
         square = _scales(left[own], where.recording, test)[where.recording[test]]
         density = np.log(PEAK / np.sqrt(square)) - (NU + 1) / 2 * np.log1p(left[own, test] ** 2 / (NU * square))
-        known = np.minimum(np.sqrt(square) / (PEAK * reach[test]), 1.0)  # no law tells less than one that fits nothing
+        known = np.minimum(np.sqrt(square) / (PEAK * reach[test]), 1.0)  # at least the density without any fit
         density += np.log(np.maximum(slopes[own, test], known))
         total += np.bincount(where.stretch[test], density, len(total))
     return total
@@ -103,7 +103,7 @@ def _scales(errors: Array, recording: Index, test: Mask) -> Array:
     Args:
         errors: (R,).
         recording: of each.
-        test: those that are predicted (R,); a recording with no others is judged by them all the same.
+        test: those that are predicted (R,); a recording without others uses them, too.
     """
     count = int(recording.max()) + 1
     known = ~test
@@ -124,12 +124,12 @@ def _scales(errors: Array, recording: Index, test: Mask) -> Array:
 
 @dataclass(frozen=True)
 class Gain:
-    """What one model predicts better than another.
+    """Gain in prediction of one model over another.
 
     Attributes:
         total: log density gained [nat].
-        error: its standard error, from the scatter between stretches [nat].
-        chance: probability that nothing is gained.
+        error: its standard error, from the scatter between blocks [nat].
+        chance: its p-value, the probability of no gain.
     """
 
     total: float
@@ -137,13 +137,13 @@ class Gain:
     chance: float
 
     def json(self) -> JSON:
-        """Plain dictionary for JSON; no error where there is a single stretch."""
+        """Plain dictionary for JSON; no error with a single block."""
         error = self.error if np.isfinite(self.error) else None
         return {"total": self.total, "error": error, "chance": self.chance}
 
 
 class Bootstrap:
-    """Random weights of stretches (DRAWS, S), of mean one: those of a recording vary together, and each by itself."""
+    """Random weights of blocks (DRAWS, S), of mean one: a factor for each recording times one for each block."""
 
     def __init__(self, of_stretch: Index, rng: np.random.Generator) -> None:
         self.of_stretch = of_stretch
@@ -162,7 +162,7 @@ class Bootstrap:
         Args:
             after: of the one.
             before: of the other.
-            penalty: what has to be gained for having chosen among many [nat].
+            penalty: least gain, for the choice among many models [nat].
         """
         difference = after - before
         draws = self.weights @ difference

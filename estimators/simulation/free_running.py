@@ -1,7 +1,7 @@
 """Free-running simulation against the measured position, in many short windows at once.
 
-A one-second window started from the measured state is long enough for a wrong torque to show as a wrong motion, and
-short enough that the errors of an unstable upright pendulum do not swamp everything.
+A one-second window from the measured state is long enough for a wrong torque to show as a wrong motion, and short
+enough that the growing errors of an unstable upright pendulum do not dominate.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from pendulum_env.physics.simulation import LONGEST_STEP, delayed, substeps
 from pendulum_env.physics.term import Memory
 
 SECONDS = 1.0  # length of a window
-PERTURBATION = 1e-6  # [rad], an error of the initial position that is followed
+PERTURBATION = 1e-6  # [rad], of the initial position, whose growth is simulated
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Windows of one recording that a simulation has to follow: N periods, B windows.
+    """Windows of one recording for simulation: N periods, B windows.
 
     Attributes:
         windows: the recording they are cut from.
@@ -33,8 +33,8 @@ class Segments:
         torque: held command in each period (N, B) [N m].
         position: measured (N + 1, B) [rad].
         velocity: measured at the start (B,) [rad/s].
-        hidden: state variables of terms at the start (B,) each, by term; where they are not given, the measured motion
-            up to then tells.
+        hidden: initial state variables of terms (B,) each, by term; others are propagated along the measured motion
+            before.
     """
 
     windows: Windows
@@ -56,7 +56,7 @@ class Segments:
 
 
 def choose_segments(windows: Windows, seconds: float = SECONDS) -> Segments:
-    """Cut a recording into segments that start where the velocity is known best, away from reversals."""
+    """Cut a recording into segments that start away from reversals, where the velocity is most accurate."""
     recording = windows.recording
     length = periods(windows, seconds)
     clear = distance_transform_cdt(np.r_[False, np.diff(np.sign(windows.samples.velocity)) == 0] & windows.moving)
@@ -85,7 +85,7 @@ def periods(windows: Windows, seconds: float) -> int:
 
 
 def cut_segments(windows: Windows, first: Index, length: int) -> Segments:
-    """Segments of `length` periods from given samples (B,) on, which start from the smoothed motion."""
+    """Segments of `length` periods from given samples (B,) on, with initial states from the smoothed motion."""
     recording = windows.recording
     index = first + np.arange(length + 1)[:, None]
     return Segments(
@@ -110,7 +110,7 @@ def simulate_all(
 ) -> list[Array]:
     """Simulated positions of V models, for each recording (N + 1, V, B) [rad]; the models' terms are of equal classes.
 
-    Recordings whose segments take as many periods are simulated together: a step of many costs little more.
+    Recordings with segments of equal length are simulated together: a step of many costs little more.
 
     Args:
         segments: of each recording.
@@ -126,7 +126,7 @@ def simulate_all(
 
 
 def _in_step(segments: Sequence[Segments]) -> list[list[int]]:
-    """Numbers of the recordings whose segments a simulation can step through together."""
+    """Numbers of the recordings whose segments can be simulated together."""
     groups: dict[tuple[int, int], list[int]] = {}
     for k, segment in enumerate(segments):
         key = len(segment.torque), substeps(1.0 / segment.windows.recording.rate)
@@ -159,7 +159,7 @@ def simulated(
         segments: of each recording.
         models: terms and linear parameters of each model.
         position, velocity: at the start [rad], [rad/s].
-        hidden: state variables at the start of some terms, by id; of others the segments tell, or the measured motion.
+        hidden: initial state variables of some terms, by id; the segments or the measured motion give the others.
         longest_step: of the integrator [s].
         observe: as in `simulate`.
     """
@@ -208,7 +208,7 @@ def _stacked(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Ar
 
 
 def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict[str, Memory]:
-    """State at the start of every segment of V variants of a term: as given, or as the measured motion has left it."""
+    """Initial state of every segment of V variants of a term: given, or propagated along the measured motion."""
     id = variants[0].id
     if all(id in segment.hidden for segment in segments):
         known = [np.concatenate(series) for series in zip(*(segment.hidden[id] for segment in segments), strict=True)]
@@ -228,7 +228,7 @@ def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict
 
 
 def position_noise(segments: Sequence[Segments], terms: Sequence[Term], theta: Array) -> float:
-    """Root mean square position error that the noise of the torque channel and of the initial state gives [rad]."""
+    """Root mean square position error due to noise of the torque and of the initial state [rad]."""
     rng = np.random.default_rng(0)
     perturbed = [
         replace(
@@ -256,9 +256,9 @@ def deviation(segments: Sequence[Segments]) -> float:
 
 
 def growth(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
-    """By how much a small error of the initial position grows at most in each segment (B,), as the model has it.
+    """Largest growth factor of a small error of the initial position in each segment (B,), under the model.
 
-    Where the arm is balanced upright it grows without end, and the error of a free run says nothing of the model.
+    Near the upright equilibrium it grows without bound, and a free-running error carries no information on the model.
     """
     paths = simulate_all([segments], [(terms, theta)] * 2, np.array([[0.0, 0.0], [PERTURBATION, 0.0]]))[0]
     return np.asarray(np.abs(paths[:, 1] - paths[:, 0]).max(axis=0) / PERTURBATION)

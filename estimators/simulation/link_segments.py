@@ -1,9 +1,9 @@
-"""Short segments from states that are fitted: what the motor does in them tells where the link behind it is.
+"""Short segments with fitted initial states: the motion of the motor in them gives the state of the link behind it.
 
-Nobody measures the link of a loose transmission. Carried along the measured motion from the start of a recording, its
-state is lost after a few bounces, each of which magnifies what the one before was wrong by. Segments of a quarter of a
-second forgive that (Levenberg-Marquardt, with a damping for each segment); starts that got stuck on the wrong side of
-the play are tried anew from the other.
+The link of a loose transmission is not measured. Propagated along the measured motion from the start of a recording,
+its state is lost after a few bounces, since each amplifies the error of the one before. In segments of a quarter of a
+second errors stay bounded (Levenberg-Marquardt, with a damping for each segment); initial states that converged to the
+wrong side of the play are restarted from the other.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ COARSE = 1e-3  # [s], step of the integrator
 PERTURBATION = np.array(
     [3e-4, 3e-3, 1e-3, 1e-2]
 )  # of position and velocity of motor and link, for derivatives [rad], [rad/s]
-DAMPING = np.array([0.01, 1.0, 100.0])  # factors on the damping of a state that are tried
-INITIAL_TURNS = 2  # turns for every start, and as many for the best
+DAMPING = np.array([0.01, 1.0, 100.0])  # factors tried on the damping of a state
+INITIAL_TURNS = 2  # iterations for every start, and as many for the best
 
 
 @dataclass(frozen=True)
 class Shooting:
-    """Segments of one recording with the states (S, B) that they start from: q, q', then the hidden ones."""
+    """Segments of one recording with their initial states (S, B): q, q', then the hidden ones."""
 
     segments: Segments
     states: Array
@@ -66,7 +66,7 @@ def each(points: Sequence[Point], times: int) -> list[Point]:
 
 
 def has_link(terms: Sequence[Term]) -> bool:
-    """Whether one of the terms has a link behind the motor, whose motion nobody measures."""
+    """Whether one of the terms has a link behind the motor, whose motion is not measured."""
     return any(term.link for term in terms)
 
 
@@ -76,7 +76,7 @@ def link_of(terms: Sequence[Term]) -> Term:
 
 
 def cut(windows: Windows, point: Point, first: Index) -> Shooting:
-    """Segments from given samples on, started as the measured motion suggests."""
+    """Segments from given samples on, with initial states from the measured motion."""
     segments, link = cut_segments(windows, first, periods(windows, LENGTH)), link_of(point.terms)
     hidden = start_memory([segments], [link])[link.id]
     return Shooting(
@@ -85,7 +85,7 @@ def cut(windows: Windows, point: Point, first: Index) -> Shooting:
 
 
 def consecutive(windows: Windows) -> Index:
-    """First samples of segments that follow each other all along a part of a recording."""
+    """First samples of adjacent segments along a part of a recording."""
     length = periods(windows, LENGTH)
     ends = [(begin, end - length - 1) for begin, end in stretches(windows)]
     return np.concatenate([np.unique(np.append(np.arange(b, last, length), last)) for b, last in ends if last >= b])
@@ -101,7 +101,7 @@ def slopes_by_state(shooting: Shooting, points: Sequence[Point], states: Array) 
 
 
 def state_steps(error: Array, slopes: Array, damping: Array) -> Array:
-    """Steps of states (F, S, B) that lower the errors (B, N) of B segments, for each of F factors on the damping."""
+    """Levenberg-Marquardt steps of states (F, S, B) from errors (B, N) of B segments, for F factors on the damping."""
     square = np.swapaxes(slopes, 1, 2) @ slopes
     own = np.einsum("bss->bs", square)[:, :, None] * np.eye(slopes.shape[2])
     pull = np.einsum("bns,bn->bs", slopes, error)[:, :, None]
@@ -143,9 +143,9 @@ def _best(tried: Array, after: Array, states: Array, before: Array, damping: Arr
 
 
 def initialise(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
-    """The segments from the best states there are for a point, and their squared errors (B,).
+    """The segments with the best initial states for a point, and their squared errors (B,).
 
-    Tried are the states they have, those that the measured motion suggests, and a link on either side of the play.
+    The starts are the present states, those from the measured motion, and a link on either side of the play.
     """
     traced = cut(shooting.segments.windows, point, shooting.segments.first).states
     gap = link_of(point.terms).shape.get("gap", 0.0)
@@ -164,7 +164,7 @@ def initialise(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
 
 
 def watch(windows: Windows, model: Model) -> Samples:
-    """Samples of a recording with the motion of motor and link as segments that follow each other have it."""
+    """Samples of a recording with the motion of motor and link simulated in adjacent segments."""
     point, term = Point(model.terms, model.theta), link_of(model.terms)
     x = windows.trace([term])[0]
     shooting, _ = initialise(cut(windows, point, consecutive(windows)), point)
@@ -184,7 +184,7 @@ def watch(windows: Windows, model: Model) -> Samples:
 
 
 def hidden_state(segments: Segments, x: Samples, term: Term) -> Memory:
-    """State of a link at the start of segments, as far from the measured motor as from the one that is watched."""
+    """State of a link at the start of segments, at its estimated offset from the motor."""
     position, velocity = (series[segments.first] for series in x.memory[term.id])
     q, v = np.asarray(x.position)[segments.first], np.asarray(x.velocity)[segments.first]
     return segments.position[0] + position - q, segments.velocity + velocity - v

@@ -1,4 +1,4 @@
-"""Multiple shooting: the state at the start of many short segments is fitted along with the parameters (Gauss-Newton).
+"""Multiple shooting: initial states of many short segments are fitted together with the parameters (Gauss-Newton).
 
 Source: Bock, Randwertproblemmethoden zur Parameteridentifizierung, 1987; for the elimination of the states, Golub and
 Pereyra, Inverse Problems 19(2), 2003.
@@ -31,24 +31,24 @@ from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model, Term
 
 FEWEST = 2  # segments for each parameter
-MOST = 120  # segments that parameters are fitted to
-FINE = 0.25e-3  # [s], step of the integrator in the end: contacts set in with a jump of torque
+MOST = 120  # segments in a fit of parameters
+FINE = 0.25e-3  # [s], step of the final integration: torque jumps at a contact
 DIFFERENCE = 1e-2  # relative change of a parameter for derivatives, large enough to move contacts by a step
-SHARES = (1.0, 0.4, 0.1, 0.0)  # of a step of the parameters that are tried,
+SHARES = (1.0, 0.4, 0.1, 0.0)  # tried of a step of the parameters
 LARGEST = 0.3  # relative change of a parameter in a step
 TURNS, TRIAL_TURNS, FINE_TURNS = 25, 6, 8
-STIFFER = (1.0, 1.8)  # times the contact's stiffness, from which a fit starts
-CLIMBS, CLIMB = 4, 0.9  # times a stiffer and wider play is tried, and share to which that has to lower the error
-GAIN = 0.01  # share by which a turn has to lower the squared error
-STEEP = 10.0  # times the usual slope, beyond which a segment is about to miss a contact, and counts less
+STIFFER = (1.0, 1.8)  # times the contact's stiffness: starts of a fit
+CLIMBS, CLIMB = 4, 0.9  # trials of a stiffer and wider play, and ratio of errors that each has to reach
+GAIN = 0.01  # share by which an iteration has to lower the squared error
+STEEP = 10.0  # times the usual slope: beyond it a segment nearly misses a contact, and its weight is reduced
 
 
 @dataclass(frozen=True)
 class Slopes:
     """Errors (M,) of all segments in a row and their derivatives by relative changes of the parameters (M, P).
 
-    What other states at the start would explain is taken out of both; segments that run away or are about to miss a
-    contact are weighted down.
+    The part that other initial states would explain is projected out of both; segments that diverge or nearly miss a
+    contact have lower weights.
 
     Attributes:
         error: weighted.
@@ -91,7 +91,7 @@ def _linearise(every: Sequence[Shooting], point: Point) -> Slopes:
 
 
 def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array, Array]:
-    """Errors (B, N) and derivatives (B, N, P) less what the states (B, N, S) explain."""
+    """Errors (B, N) and derivatives (B, N, P) with the states' (B, N, S) part projected out."""
     frames, _ = np.linalg.qr(by_state / (np.linalg.norm(by_state, axis=1, keepdims=True) + 1e-300))
     both = np.concatenate([error[:, :, None], by_parameter], axis=2)
     both = both - frames @ (np.swapaxes(frames, 1, 2) @ both)
@@ -152,7 +152,7 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
 
     Args:
         every: recording's windows.
-        model: to start from; one of its terms has a link. It is returned as it is where segments are too few.
+        model: initial guess; one of its terms has a link. It is returned unchanged if segments are too few.
     """
     point = Point(model.terms, model.theta)
     first = [consecutive(windows) for windows in every]
@@ -168,7 +168,7 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
         )
 
     multimodal = link_of(model.terms).multimodal
-    if multimodal:  # a loose contact has its own minimum for many a stiffness, and the windows prefer a soft one
+    if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
 
         def tried(starts: Sequence[Point]) -> tuple[Point, float]:
             found = [fitted(start, 3 * thinned, TRIAL_TURNS) for start in starts]

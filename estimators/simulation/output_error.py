@@ -1,10 +1,10 @@
-"""Output error: parameters refined by what they do to motion, over many short segments at once.
+"""Output error: parameters refined by simulated motion, over many short segments at once.
 
-Equations clear of stick say nothing of what happens in and around it. A simulation does: here all segments and all
-perturbed parameters are simulated as one batch, and the parameters are moved until the simulated positions fit the
-measured ones (Gauss-Newton). The state at the start of each segment is free: its two sensitivities are projected out.
+Equations clear of stick lack the information in and around stick, which a simulation has. All segments and all
+perturbed parameters are simulated as one batch, and the parameters are fitted to the measured positions (Gauss-Newton).
+The initial state of each segment is free: its two sensitivities are projected out.
 
-With filters, errors count as innovations: then the fit is that of largest likelihood, if only noise is left to explain.
+With filters, errors are innovations: the fit is then of maximum likelihood, if the residual is noise.
 
 Source: Ljung, System Identification, 2nd edition, section 10.2, with multiple shooting as in Bock 1983.
 """
@@ -24,7 +24,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Term
 
 TURNS = 12
-SHARES = (1.0, 0.5, 0.2, 0.05)  # of a Gauss-Newton step that are tried
+SHARES = (1.0, 0.5, 0.2, 0.05)  # tried of a Gauss-Newton step
 DIFFERENCE = 1e-3  # relative step of derivatives
 LEAP = 0.5  # largest step of a parameter from zero
 SMALLEST = 1e-3  # size against which a parameter near zero moves
@@ -64,14 +64,14 @@ class Point:
 
 
 PERTURBATION = np.array([1e-4, 1e-3])  # of the initial position [rad] and velocity [rad/s], for their sensitivities
-Filters = Sequence[Innovations]  # of each recording's segments; none where errors count as they are
+Filters = Sequence[Innovations]  # of each recording's segments; none for unfiltered errors
 
 
 def residuals(segments: Sequence[Segments], points: Sequence[Point], filters: Filters = ()) -> list[Array]:
-    """Position errors of V points, for each recording (B, N, V), free of what another initial state would explain.
+    """Position errors of V points, for each recording (B, N, V), without the part due to the initial state.
 
-    The part of each segment's error that its two initial-state sensitivities can explain is taken out. Filters turn the
-    errors [rad] into innovations, in standard deviations.
+    The part of each segment's error in the span of its two initial-state sensitivities is projected out. Filters turn
+    the errors [rad] into innovations, in standard deviations.
     """
     everyone = [(point.terms, point.theta) for point in (*points, points[0], points[0])]
     perturbations = np.zeros((len(everyone), 2))
@@ -109,7 +109,7 @@ def weigh(segments: Sequence[Segments], point: Point) -> list[Array]:
 
 
 def _weights(base: Sequence[Array]) -> list[Array]:
-    """Weight of each segment, (B, 1, 1) a recording: segments that run away at the top of the swing count less."""
+    """Weight of each segment, (B, 1, 1) a recording: segments that diverge at the top of the swing count less."""
     return [own[:, None, None] for own in trust([np.sqrt(np.mean(part[:, :, :1] ** 2, axis=(1, 2))) for part in base])]
 
 
@@ -152,7 +152,7 @@ def fit(
         damping = np.diag(1e-3 * np.linalg.norm(slopes, axis=0) + 1e-12)
         target = np.concatenate([-error, np.zeros(len(values))])
         size = np.maximum(np.abs(values), SMALLEST)
-        longest = np.where(size > SMALLEST, 0.5, LEAP / SMALLEST)  # a parameter that was zero has to get somewhere
+        longest = np.where(size > SMALLEST, 0.5, LEAP / SMALLEST)  # a parameter that was zero needs an absolute step
         step = np.clip(np.linalg.lstsq(np.vstack([slopes, damping]), target, rcond=None)[0], -longest, longest)
         if is_converged(error, slopes @ step):
             break
@@ -166,9 +166,9 @@ def fit(
 
 
 def likeliest(segments: Sequence[Segments], start: Point) -> Model:
-    """The model of largest likelihood near a point, if noise is all that it leaves to explain.
+    """The maximum-likelihood model near a point, if its residual is noise.
 
-    Segments should be about half a second long: errors of longer ones grow in other ways than a linear model says.
+    Segments should be about half a second long: the errors of longer ones grow nonlinearly.
     """
     filters = innovations(segments, start)
     return model(segments, fit(segments, start.terms, start.theta, filters=filters), filters)
@@ -185,15 +185,15 @@ def rms(
 
 
 def _count(segments: Sequence[Segments], weights: Sequence[Array]) -> float:
-    """Number of errors that are compared, as they are weighted."""
+    """Effective number of weighted errors."""
     compared = (len(segment.position[grain_of(segment) :: grain_of(segment)]) for segment in segments)
     return sum(count * float(weight.sum()) for count, weight in zip(compared, weights, strict=True))
 
 
 def noise(segments: Sequence[Segments], point: Point) -> float:
-    """Root mean square error that the noise of the torque channel alone gives, the state at the start being free [rad].
+    """Root mean square error due to torque noise alone, with free initial states [rad].
 
-    The simulated motion stands for the measured one.
+    The simulated motion takes the place of the measured one.
     """
     rng = np.random.default_rng(0)
     paths = simulate_all(segments, [(point.terms, point.theta)])

@@ -1,8 +1,8 @@
-"""Least squares by instruments: what a controller's torque owes to the sensor's noise does not bias the parameters.
+"""Least squares with instrumental variables, which removes the bias from feedback of sensor noise.
 
-In a closed loop torque answers the measured position, noise and disturbances included, so that regressors and error are
-correlated and least squares is biased. The reference that the controller follows is not: the same regressors evaluated
-along it, Z, are correlated with the motion alone,
+In a closed loop the torque depends on the measured position, noise and disturbances included, so that regressors and
+errors are correlated and least squares is biased. Regressors evaluated along the controller's reference, Z, are
+correlated with the motion, but not with the errors,
 
     theta = (Z' phi)^-1 Z' y .
 
@@ -33,8 +33,8 @@ def fit_by_reference(data: Dataset, terms: Sequence[Term]) -> Model:
 
     Args:
         data: windows of recordings with `reference`, which the motion follows.
-        terms: with their shape parameters set; all linear, none with memory or columns of torque. Parameters that
-            would leave their bounds stay there, and those that are known are so.
+        terms: with their shape parameters set; all linear, none with memory or columns of torque. Parameters are kept
+            within their bounds, known ones at their values.
 
     Raises:
         IdentificationError: if a recording has no reference, one that moves too little, or a term is no function of
@@ -71,7 +71,7 @@ def fit_by_reference(data: Dataset, terms: Sequence[Term]) -> Model:
 
 
 def _bread(z: Array, phi: Array) -> Array:
-    """Inverse (P, P) of what instruments (R, P) and regressor (R, P) share."""
+    """Inverse (P, P) of the product of instruments (R, P) and regressor (R, P)."""
     size = [np.maximum(np.linalg.norm(x, axis=0), 1e-300) for x in (z, phi)]  # scaled to equal columns
     if np.linalg.cond(z.T @ phi / np.outer(*size)) > HOPELESS:
         raise IdentificationError("the reference moves too little to tell these parameters: follow a livelier one")

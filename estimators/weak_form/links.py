@@ -1,4 +1,4 @@
-"""Windowed equations of an arm: those of its joints in a row, with the links' columns, which all joints' motion makes.
+"""Windowed equations of an arm: those of its joints in a row, with the links' columns, which depend on all joints.
 
 A window of a joint is clear of that joint's stick and reversals; others may stick meanwhile. The rigid body's columns
 are linear in the acceleration, <w Y(q, q', q'')> = <w M(q) q''> + <w Y(q, q', 0)>: the first takes raw differences,
@@ -65,14 +65,14 @@ def prepare_arm(
 
 
 def _coupled(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> Given:
-    """Columns of a motor that turns with two joints, on the rows of all."""
+    """Columns of a motor coupled to two joints, on the rows of all joints."""
     parts = [_shared(own[k], own, kind()) for k in range(len(entries[0])) for own in entries]
     linear, rates = (np.concatenate(each) for each in zip(*parts, strict=True))
     return Given(linear, rates, np.zeros((len(entries[0]), linear.shape[1])))
 
 
 def _shared(w: Windows, entries: Sequence[Windows], term: Term) -> tuple[Array, Array]:
-    """Columns (R, P) on the rows of a joint, and their time derivatives, of what turns with several joints."""
+    """Columns (R, P) on the rows of a joint, and their time derivatives, of a motor coupled to several joints."""
     factors = loads(term.at)
     if w.at not in factors:
         return (np.zeros((len(w.centers), len(term.columns))),) * 2
@@ -116,9 +116,9 @@ def _columns(entries: Sequence[Windows], body: Body) -> _Columns:
 
 
 def _calibrated(entries: Sequence[Windows], k: int, columns: _Columns) -> Windows:
-    """Windows of joint k whose noise is no more than what links and every smooth law of the joint leave of the torque.
+    """Windows of joint k whose noise estimate is at most the residual of links and all smooth laws of the joint.
 
-    Its equation has the accelerations of all joints, and the noise of their encoders.
+    The equation of a joint contains the accelerations of all joints, and so the noise of their encoders.
     """
     w = entries[k]
     laws = [law for law in smooth_laws(w) if law.id not in ("inertia", "gravity")]

@@ -1,6 +1,6 @@
-"""Search over the shape parameters of one term, the linear parameters following along (variable projection).
+"""Search over the shape parameters of one term, with the linear parameters eliminated (variable projection).
 
-The searches meet the data only through functions that judge a whole batch of variants at once.
+The searches access the data only through functions that evaluate a whole batch of variants.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from estimators.regression.least_squares import is_converged
 from pendulum_env._typing import Array
 from pendulum_env.physics import Shape, Term
 
-TURNS = 20  # of Gauss-Newton at most
+TURNS = 20  # largest number of Gauss-Newton steps
 SCANNED = 21  # instants at a time
 STEPS = (1.0, 0.4, 0.1, 0.02)  # shares of a Gauss-Newton step that are tried
 DIFFERENCE = 1e-3  # relative, for derivatives
@@ -29,18 +29,18 @@ def moved(term: Term, shapes: Sequence[Shape], values: Sequence[float] | Array) 
 
 
 def continuous(term: Term) -> list[Shape]:
-    """Shape parameters that a search may move: free ones that are no integers and follow no other parameter."""
+    """Free shape parameters that are continuous and follow no other parameter."""
     return [shape for shape in term.free if not shape.integer and not shape.follows]
 
 
 def freed(term: Term) -> list[Term]:
-    """The term with one shape parameter that is at its usual value off it, for each that is."""
+    """Variants of the term, each with one shape parameter released from its usual value."""
     usual = [shape for shape in term.shapes if shape.unusual is not None and shape not in term.free]
     return [moved(term, [shape], [shape.unusual]) for shape in usual if shape.unusual is not None]
 
 
 def bound(term: Term) -> list[Term]:
-    """The term with one shape parameter that is off its usual value back at it, for each that may be."""
+    """Variants of the term, each with one shape parameter reset to its usual value."""
     unusual = [shape for shape in term.free if shape.unusual is not None]
     return [moved(term, [shape], [shape.usual]) for shape in unusual if shape.usual is not None]
 

@@ -5,7 +5,7 @@ Multiplying the balance by a smooth window w of compact support and integrating 
     <w tau> = sum_k theta_k <w (mass_k q'' + force_k + dry_k sgn q')>,
 
 in which both sides pass the same zero-phase low-pass filter. Windows that overlap little have nearly uncorrelated
-errors, so ordinary least squares on them is close to efficient, and a window either touches stick or it does not.
+errors, so ordinary least squares on them is close to efficient; windows that touch stick are left out.
 
 Two facts about sampled data are built in. The command is held: the second difference of the position at sample k is
 the average acceleration under a triangle over samples k - 1 to k + 1, whose torque is exactly the mean of commands
@@ -32,18 +32,18 @@ from pendulum_env.physics.term import LOAD, ROOM, UNLOADED, traces
 from pendulum_env.recording import Recording
 from pendulum_env.recording.record import NEWTON_METRE
 
-LEAD_IN = 0.3  # [s] at the start, in which effects with memory still know a start that was not recorded
+LEAD_IN = 0.3  # [s] at the start, in which effects with memory still depend on their unrecorded initial state
 SLOWEST = 0.02  # [rad/s]; below it, or below five times its noise, a velocity has no sign
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What is averaged over the windows of one recording, or of several in a row: rows of a regression.
+    """Averages over the windows of one recording, or of several in a row: rows of a regression.
 
     Attributes:
         samples: at N instants.
         acceleration: there, see `Windows`.
-        narrow: averages (R, N) of what is held from sample to sample, like torque.
+        narrow: averages (R, N) of series held from sample to sample, like torque.
         wider: of smooth functions, which pass the triangle first.
     """
 
@@ -71,7 +71,7 @@ class Rows:
         mass = column.mass(x)
         if np.ndim(mass) or mass:
             averages = averages + self.narrow @ (mass * self.acceleration)
-        return np.nan_to_num(averages, nan=0.0, posinf=0.0, neginf=0.0)  # a state that diverged explains nothing
+        return np.nan_to_num(averages, nan=0.0, posinf=0.0, neginf=0.0)  # a diverged state has no column
 
     def columns(self, variants: Sequence[Term], traced: Sequence[Samples]) -> list[tuple[Array, Array]]:
         """For each variant of one effect its linear columns (R, P) and the sum of its fixed columns (R,).
@@ -98,7 +98,7 @@ class Rows:
 
 
 def _averaged(averages: csr_array, series: ArrayLike) -> Array:
-    """Averages (R,) of a series, or of what is the same at all instants."""
+    """Averages (R,) of a series, or of a constant."""
     return np.asarray(averages @ np.broadcast_to(np.asarray(series, dtype=float), averages.shape[1:]))
 
 
@@ -134,14 +134,14 @@ class Windows:
             less noisy, (N,) [rad/s^2]; only its averages are meaningful.
         kernel: window w, (2 m + 1,), summing to one.
         centers: sample index of each window that is clear of stick, (R,).
-        turning: of each other one in which the joint moves most of the time: near a turn, a start or a halt.
+        turning: the same for other windows with mostly motion: near a reversal, a start or a halt.
         moving: samples whose velocity has a sign, (N,).
         torque_noise: standard deviation of a window's torque from white noise [N m].
         acceleration_noise: the same for its acceleration [rad/s^2].
         acceleration_shared: correlation of that noise between windows half a window apart.
         velocity_noise: standard deviation of the smoothed velocity [rad/s].
-        first, stop: samples from which windows are taken, a part of the recording; the rest leads terms with memory in.
-        at: joint of an arm that was recorded, by its name.
+        first, stop: range of samples with windows; those before it initialise terms with memory.
+        at: name of the recorded joint of an arm.
         run: number of the arm's recording, which its joints share.
     """
 
@@ -168,12 +168,12 @@ class Windows:
 
     @cached_property
     def rows(self) -> Rows:
-        """What is averaged over the windows."""
+        """Averages over the windows."""
         return self._rows(self.kernel)
 
     @cached_property
     def rates(self) -> Rows:
-        """The same of time derivatives, by which torque that lags is predicted: <w f'> = -<w' f>."""
+        """The same of time derivatives, for torque with a lag: <w f'> = -<w' f>."""
         padded = np.pad(self.kernel, 2)
         return self._rows(0.5 * self.recording.rate * (padded[:-2] - padded[2:]))
 
@@ -192,7 +192,7 @@ class Windows:
         return np.asarray(self.rows.narrow @ series)
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
-        """Samples with the state variables that each of several variants of one effect has along the recording."""
+        """Samples with the state variables of each of several variants of one effect along the recording."""
         return trace_all([self], variants)[0]
 
     def driving(self, kind: type[Term]) -> Samples:
@@ -207,7 +207,7 @@ class Windows:
         return self.rows.columns(variants, self.trace(variants))
 
     def absorbed(self, term: Term) -> float:
-        """Variance of white torque noise that the term's fixed columns take out of the windows [(N m)^2]."""
+        """Variance of white torque noise that the term's fixed columns absorb in the windows [(N m)^2]."""
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
         held = noise.copy()
         held[1:] = 0.5 * (noise[1:] + noise[:-1])
@@ -225,7 +225,7 @@ class Windows:
         return self.average(self.samples.torque)
 
     def net_torque(self) -> Array:
-        """Averages (R,) of the measured torque less what the known load takes: what the model is to explain [N m]."""
+        """Averages (R,) of the measured torque less that of the known load: the model's left-hand side [N m]."""
         return self.torque() - self.rows.column(LOAD, self.samples) if self.samples.load else self.torque()
 
     def at_centers(self) -> Samples:
@@ -235,11 +235,11 @@ class Windows:
         return Samples(x.time[c], x.position[c], x.velocity[c], x.torque[c], load=x.load, temperature=warm)
 
     def noise(self, inertia: float) -> float:
-        """Standard deviation that measurement noise alone gives a window's residual [N m], a known load's included."""
+        """Standard deviation of a window's residual due to noise [N m]; inertia of known loads is added."""
         return float(np.hypot(self.torque_noise, self._moved(inertia) * self.acceleration_noise))
 
     def shared_noise(self, inertia: float) -> float:
-        """Covariance that measurement noise alone gives the residuals of windows that follow each other [(N m)^2]."""
+        """Covariance of the residuals of adjacent windows due to measurement noise [(N m)^2]."""
         of_torque = self.torque_noise**2 * shared(np.convolve(self.kernel, [0.5, 0.5]), len(self.kernel) // 2)
         return of_torque + (self._moved(inertia) * self.acceleration_noise) ** 2 * self.acceleration_shared
 
@@ -261,7 +261,7 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
     driving = [w.driving(kind) for w in windows]
     if not kind.has_state():
         return [[x] * len(variants) for x in driving]
-    runs, commands, periods = [], [], []  # one for each segment: nobody knows what happens in a gap
+    runs, commands, periods = [], [], []  # one for each segment: the motion in a gap is unknown
     for w, x in zip(windows, driving, strict=True):
         for begin, end in pairwise((*w.recording.starts, len(w.recording))):
             part = slice(begin, end)
@@ -291,7 +291,7 @@ def bump(half_width: int) -> Array:
     return weights / weights.sum()
 
 
-Part = tuple[float, float]  # shares of a recording where a part begins and ends
+Part = tuple[float, float]  # begin and end of a part, as shares of a recording
 WHOLE: Part = (0.0, 1.0)
 
 
@@ -301,7 +301,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     Args:
         recording: at least 0.1 s longer than a window.
         half_width: of a window [s]; at least two samples are taken.
-        part: where windows are taken from.
+        part: range of the recording with windows.
     """
     m = max(2, round(half_width * recording.rate))
     smoothing = max(2, round(0.75 * m))
