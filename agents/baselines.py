@@ -1,19 +1,20 @@
 """What a trained policy is compared with: signals drawn in advance, and planning with the current estimates.
 
-All are policies of one interface: observations (B, 23) of `ExcitationDesign` in, shares of the peak torque (B, 1) out.
+All are policies of one interface: observations (B, 20) of `ExcitationDesign` in, shares of the peak torque (B, 1) out.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from agents import multisine
 from agents.foresight import foresee
-from agents.knowledge import COUNT, NOMINAL, worth
+from agents.knowledge import COUNT, NOMINAL, log_det
 from agents.observer import CONSTRAINTS, EPISODE, TICK, Batch, Constraint, read
 from pendulum_env._typing import Array
 from pendulum_env.excitation import excitation
@@ -43,53 +44,50 @@ class Signals:
 class LookAhead:
     """Of all sequences of a few torques, plays the first torque of the one that promises to teach most.
 
-    What counts is what policies are paid for, with the estimates in the place of the truth. The sequences are simulated
-    with these, all in one batch, and decided anew at every step. Under a budget, the levels are shares of the torque
-    that would spend it evenly, and torque has a price: worth grows by P / k in step k, for which an even step's energy
-    is paid.
+    What counts is log det information. The sequences are simulated with the current estimates, all in one batch, and
+    decided anew at every step. Under a budget, the levels are shares of the torque that would spend it evenly, and
+    torque has a price: log det grows by P / k in step k, for which an even step's energy is paid. With one torque, held
+    for one step, it is the greedy choice. Source of the greedy one: Blanke and Lelarge, FLEX, ICML 2023.
     """
 
     def __init__(self, constraint: Constraint, torques: int, ticks: int, levels: Sequence[float]) -> None:
         """Take how many torques a sequence has, how long each is held [ticks], and their levels."""
         self.constraint, self.ticks = constraint, ticks
-        self.sequences = np.array(list(itertools.product(levels, repeat=torques))).T  # (torques, C)
+        self._sequences = np.array(list(itertools.product(levels, repeat=torques))).T  # (torques, C)
 
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Batch, State]:
         """Torques (B, 1)."""
-        shares, gain = self.foreseen(observation)
-        return shares[np.arange(len(gain)), gain.argmax(axis=1), None].astype(np.float32), state
-
-    def foreseen(self, observation: Any) -> tuple[Array, Array]:
-        """First torques of the sequences, shares of the peak, and what these are worth [nat], both (B, C)."""
         seen = read(observation)
-        most = np.ones(len(observation))
+        most = np.full(len(observation), self.constraint.peak)
         if self.constraint.rms is not None:
             pace = np.sqrt(np.maximum(seen.budget_left, 0.0) / np.maximum(seen.time_left, 1e-3))
-            most = np.minimum(most, self.constraint.rms / self.constraint.peak * pace)
-        shares = self.sequences[:, None] * most[:, None]  # (torques, B, C)
-        held = np.repeat(shares, self.ticks, axis=0) * (self.constraint.peak * seen.strength)[:, None]  # (ticks, B, C)
-        size = np.maximum(seen.estimates, 0.3)  # early estimates may be impossible
-        rows, usable = foresee(held, size * NOMINAL, seen.position, seen.velocity)
+            most = np.minimum(most, self.constraint.rms * pace)
+        torque = self._sequences[:, None] * most[:, None]  # (torques, B, C)
+        held = np.repeat(torque, self.ticks, axis=0)  # (ticks, B, C)
+        theta = np.maximum(seen.estimates, 0.3) * NOMINAL  # early estimates may be impossible
+        rows, usable = foresee(held, theta, seen.position, seen.velocity)
         rows = rows * usable[..., None]
-        learnt = seen.information[:, None] + np.einsum("tbci,tbcj->bcij", rows, rows)
-        gain = worth(learnt, size[:, None])
-        return shares[0], gain if self.constraint.rms is None else gain - self._cost(seen.time_left)
+        worth = log_det(seen.information[:, None] + np.einsum("tbci,tbcj->bcij", rows, rows))
+        if self.constraint.rms is not None and len(self._sequences) > 1:  # one step never pays at rest
+            worth = worth - self._cost(seen.time_left)
+        first = torque[0][np.arange(len(worth)), worth.argmax(axis=1)]
+        return (first / self.constraint.peak)[:, None].astype(np.float32), state
 
     def _cost(self, time_left: Array) -> Array:
         """What the energy of the sequences is worth by now (B, C) [nat]."""
         step = HEAD_START + (1.0 - time_left) * EPISODE / TICK
-        energy = self.ticks * (self.sequences**2).sum(axis=0)  # in that of an even step
+        energy = self.ticks * (self._sequences**2).sum(axis=0)  # in that of an even step
         return (COUNT / step)[:, None] * energy
 
 
-def _two_tone(constraint: Constraint, seed: int) -> Policy:
-    """The paper's signal with phases drawn anew for every pendulum and episode, as large as the constraint allows."""
+def _drawn(name: str, constraint: Constraint, seed: int) -> Policy:
+    """Signals drawn anew for every pendulum and episode, as large as the constraint allows."""
     rng, time = np.random.default_rng(seed), np.linspace(0.0, EPISODE, round(EPISODE / TICK), endpoint=False)
 
     def draw() -> Array:
-        torque = excitation("paper", rng, EPISODE, constraint.peak).signal(time)
+        torque = excitation(name, rng, EPISODE, constraint.peak).signal(time)
         if constraint.rms is not None:
             torque = torque * constraint.rms / np.sqrt(np.mean(torque**2))
         return torque / constraint.peak
@@ -104,16 +102,22 @@ def _optimised(constraint: Constraint, _: int) -> Policy:
     return Signals(lambda: shares)
 
 
-def _look_ahead(constraint: Constraint, _: int) -> Policy:  # by some 0.45 s
+def _greedy(constraint: Constraint, _: int) -> Policy:
+    return LookAhead(constraint, 1, 1, (-1.0, -0.5, 0.0, 0.5, 1.0))
+
+
+def _look_ahead(constraint: Constraint, _: int) -> Policy:  # 0.4 s
     if constraint.rms is None:
-        return LookAhead(constraint, 8, 3, (-1.0, 1.0))
+        return LookAhead(constraint, 4, 5, (-1.0, 0.0, 1.0))
     return LookAhead(constraint, 3, 7, (-2.0, -1.0, 0.0, 1.0, 2.0))
 
 
 BASELINE = "two-tone"  # the paper's
 BASELINES: dict[str, Callable[[Constraint, int], Policy]] = {
-    BASELINE: _two_tone,
+    BASELINE: partial(_drawn, "paper"),
     "multisine-optimised": _optimised,
+    "prbs": partial(_drawn, "prbs"),
+    "greedy": _greedy,
     "look-ahead": _look_ahead,
 }
 

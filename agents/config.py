@@ -14,7 +14,7 @@ MOST_LEVELS = 1000
 ROLLOUT = 50_000_000  # decisions of all pendulums between two updates, of some 100 bytes each
 USUAL: dict[str, dict[str, Any]] = {  # what a constraint changes
     "peak": {},
-    "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "head_start": 150},
+    "rms": {"levels": (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6), "entropy": 0.001, "steps": 3_600_000},
 }
 
 
@@ -42,19 +42,19 @@ class Config:
 
     constraint: str = "peak"
     seed: int = within(0, 2**20 - 1, 0)  # beyond, plants of an evaluation would be drawn
-    steps: int = within(1, 10**12, 4_000_000)
-    pendulums: int = within(1, 100_000, 256)
-    batch: int = within(1, 10**7, 4000)
+    steps: int = within(1, 10**12, 1_200_000)
+    pendulums: int = within(1, 100_000, 64)
+    batch: int = within(1, 10**7, 2000)
     learning_rate: float = within(0.0, 1.0, 1e-3)
     gamma: float = within(0.0, 1.0, 0.99)
     hidden: int = within(1, 4096, 64)
-    rollout: int = within(1, 10**6, 125)
-    epochs: int = within(1, 10_000, 6)
+    rollout: int = within(1, 10**6, 250)
+    epochs: int = within(1, 10_000, 8)
     entropy: float = within(0.0, 1e6, 0.003)
-    levels: tuple[float, ...] = several(-1.0, 1.0, MOST_LEVELS, (-1.0, 1.0))
-    price_rate: float = within(0.0, 1e6, 1e-4)
+    levels: tuple[float, ...] = several(-1.0, 1.0, MOST_LEVELS, (-1.0, -0.5, 0.0, 0.5, 1.0))
+    price_rate: float = within(0.0, 1e6, 3e-5)
     head_start: int = within(0, 10**9, 50)
-    checkpoint: int = within(1, 10**12, 500_000)
+    checkpoint: int = within(1, 10**12, 200_000)
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Config:

@@ -15,8 +15,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from agents.knowledge import COUNT, NOMINAL, worth
-from agents.observer import BOUND, CONSTRAINTS, EPISODE, INPUTS, TICK, Batch, Observer
+from agents.knowledge import log_det
+from agents.observer import BOUND, CONSTRAINTS, EPISODE, TICK, Batch, Observer
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
@@ -27,8 +27,6 @@ from pendulum_env.vector_env import DirectDrivePendulumVector
 from pendulum_env.wrappers.spread import Spread
 
 RATE = 1000.0  # [Hz], of the measurement and of the physics
-SHORTEST = 100  # ticks of an episode whose length is drawn
-LIMITS = (0.5, 1.0), (5.0, 12.0), (1.5, 6.0)  # that are drawn: share of the torque, [rad/s], [rad]
 
 Bools = NDArray[np.bool_]
 
@@ -36,12 +34,11 @@ Bools = NDArray[np.bool_]
 class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
     """B pendulums whose parameters are to be learnt, each drawn anew at every episode; made by `gymnasium.make_vec`.
 
-    Action (B, 1): torque as a share of the peak, in [-1, 1], held for 20 ms. Observation (B, 23): sin q, cos q,
+    Action (B, 1): torque as a share of the peak, in [-1, 1], held for 20 ms. Observation (B, 20): sin q, cos q,
     q' / 10; log information of inertia, gravity, viscous and dry friction, their six correlations, deviation of the
-    estimates from nominal; share of time left, of budget left, and whether the joint is stuck; share of the torque that
-    is allowed, of the limit on speed and of the way to that on turns, both signed and 0 without a limit. Reward: growth
-    of what information is worth, `agents.knowledge.worth` [nat], none of a tick in which |q'| falls below 0.2 rad/s.
-    All episodes last equally long and end together.
+    estimates from nominal; share of time left, of budget left, and whether the joint is stuck; under a limit on turns
+    also the share of the way to it, signed. Reward: growth of log det information [nat], none of
+    a tick in which |q'| falls below 0.2 rad/s. All episodes last equally long and end together.
 
     `info`: `torque` that acted [N m] (B,), `positions` [rad] and `torques` [N m] as measured at 1 kHz since the last
     observation (B, 20), `information` (B, 4, 4) and `estimates` (B, 4) in nominal units; after a reset also `plant`,
@@ -57,7 +54,6 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         max_turns: float | None = None,
         seconds: float = EPISODE,
         spread: float = 0.3,
-        varied: bool = False,
         effects: Sequence[str] = (),
         counts: int = COUNTS,
         torque_noise: float = TORQUE_NOISE,
@@ -72,7 +68,6 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
             max_turns: to either side, beyond which likewise no torque acts that drives it outwards.
             seconds: length of an episode.
             spread: relative half width within which the four parameters are drawn.
-            varied: whether limits of half of the plants, and the length of all episodes, are drawn anew with each.
             effects: hidden in the plants, as `stribeck=0.4`; the estimator does not know of them.
             counts: of the encoder per turn; 0 measures the angle exactly.
             torque_noise: standard deviation of the measured torque [N m].
@@ -83,7 +78,6 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         """
         self.constraint = find("constraint", constraint, CONSTRAINTS)
         self.observer = Observer(self.constraint, seconds, RATE, max_speed, max_turns)
-        self._longest = self.observer.ticks
         self.autoreset = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
         self.num_envs, self.render_mode = num_envs, None
@@ -96,8 +90,8 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
             torque_noise=torque_noise,
             autoreset_mode=autoreset_mode,
         )
-        self._spread, self._varied = Spread(self.pendulums.model, spread), varied
-        self.single_observation_space = gym.spaces.Box(-BOUND, BOUND, (INPUTS,), dtype=np.float32)
+        self._spread = Spread(self.pendulums.model, spread)
+        self.single_observation_space = gym.spaces.Box(-BOUND, BOUND, (self.observer.inputs,), dtype=np.float32)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (1,), dtype=np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -124,11 +118,9 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         """Begin an episode with plants (P, B), drawn unless they are given."""
         plant = self._spread.draw(self.np_random, self.num_envs) if plant is None else plant
         _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": plant})
-        self._ended, self._size = False, plant[:COUNT].T / NOMINAL
-        if self._varied:
-            self._draw_limits()
+        self._ended = False
         self.observer.start(info["position"], info["velocity"])
-        self._known = worth(self.observer.knowledge.information, self._size)
+        self._known = log_det(self.observer.knowledge.information)
         none = np.zeros((self.num_envs, self.observer.held))
         start = none + info["position"][:, None]
         return self.observer.observe(), self._info(np.zeros(self.num_envs), start, none, plant.T)
@@ -150,7 +142,7 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
         torque = self.observer.allow(np.asarray(actions, dtype=float)[:, 0])
         positions, torques = self._hold(torque)
         self.observer.take(positions, torques)
-        before, self._known = self._known, worth(self.observer.knowledge.information, self._size)
+        before, self._known = self._known, log_det(self.observer.knowledge.information)
         reward = self._known - before
         self._ended = self.observer.tick >= self.observer.ticks
         observation, info = self.observer.observe(), self._info(torque, positions.T, torques.T)
@@ -160,16 +152,6 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
             observation, info = self._begin()
             info |= final
         return observation, reward, nobody, truncated, info
-
-    def _draw_limits(self) -> None:
-        """A length of all episodes, and limits of torque, speed and angle for half of the plants."""
-        rng, observer = self.np_random, self.observer
-        observer.ticks = int(rng.integers(SHORTEST, self._longest, endpoint=True))
-        low, high = np.array(LIMITS).T[..., None]
-        drawn = rng.uniform(low, high, (len(LIMITS), self.num_envs))
-        none = rng.random(drawn.shape) < np.cbrt(0.5)
-        observer.strength = np.where(none[0], 1.0, drawn[0])
-        observer.max_speed, observer.max_angle = np.where(none[1:], np.inf, drawn[1:])
 
     def _hold(self, torque: Array) -> tuple[Array, Array]:
         """Measured positions and torques (held, B) while a torque is held."""
@@ -196,7 +178,7 @@ class ExcitationDesignVector(VectorEnv[Batch, Batch, Array]):
 class ExcitationDesign(gym.Env[Batch, Batch]):
     """One pendulum whose parameters are to be learnt: `ExcitationDesignVector` with a batch of one.
 
-    Action (1,), observation (23,), reward and `info` are those of the batch, without its first axis. An episode is
+    Action (1,), observation (20,), reward and `info` are those of the batch, without its first axis. An episode is
     truncated after `seconds`, 10 s or 500 steps by default; none terminates.
     """
 

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,6 @@ CLOSE = (0.01, 0.003)  # shares of its value that every parameter has to stay wi
 RESAMPLES = 2000
 FRESH = 2**20  # added to seeds, for plants that no training has drawn
 PART = 160  # plants at most that are simulated together; how many workers there are changes nothing
-NOTHING: Mapping[str, Any] = {}
 Statistic = Callable[[Array, Array], float]
 Contender = Callable[[int], Policy]  # makes a policy from the seed of what it draws
 
@@ -99,7 +97,7 @@ def compare(
     plants: int,
     *,
     seed: int = 0,
-    design: Mapping[str, Any] = NOTHING,
+    effects: Sequence[str] = (),
     scheme_id: str = "filtered_dynamic",
     executor: Executor | None = None,
     tell: Progress | None = None,
@@ -113,13 +111,13 @@ def compare(
         constraint: of the torque.
         plants: number of them.
         seed: of plants, noise and signals.
-        design: what else is to be said of plants and limits, arguments of `ExcitationDesignVector`.
+        effects: hidden in the plants.
         scheme_id: of the estimator.
         executor: workers, here or on a cluster; None does it here.
         tell: called with the progress, as text and as a share.
     """
     sizes = [min(PART, plants - first) for first in range(0, plants, PART)]
-    alike = partial(observe, constraint=constraint, design=dict(design), scheme_id=scheme_id)
+    alike = partial(observe, constraint=constraint, effects=tuple(effects), scheme_id=scheme_id)
     jobs = {
         (name, part): partial(alike, contender, plants=size, seed=seed + 4 * FRESH * part)
         for name, contender in contenders.items()
@@ -140,7 +138,7 @@ def observe(
     plants: int,
     *,
     seed: int = 0,
-    design: Mapping[str, Any] = NOTHING,
+    effects: Sequence[str] = (),
     scheme_id: str = "filtered_dynamic",
 ) -> Outcome:
     """Let a policy excite fresh plants for 10 s, the online estimator beside it at 1 kHz.
@@ -148,7 +146,7 @@ def observe(
     The same seed gives the same plants and the same noise to every policy.
     """
     policy = contender(seed)
-    env = ExcitationDesignVector(plants, constraint=constraint, **design)
+    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects)
     estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants)
     observation, info = env.reset(seed=FRESH + seed)
     truth = info["plant"][:, :COUNT]
@@ -173,7 +171,7 @@ def observe(
         torque[k], position[k], learnt[k] = info["torque"], info["positions"][:, -1], log_det(information)
         speed = np.maximum(speed, np.abs(np.diff(info["positions"])).max(axis=1) * RATE)
     bound = np.full((len(MOMENTS), plants), np.nan)
-    if not design.get("effects"):
+    if not effects:
         bound = cramer_rao(truth, np.repeat(torque, held, axis=0))
     error, worst = np.sqrt((errors**2).mean(axis=2)), np.abs(errors).max(axis=2)
     return Outcome(error, worst, learnt, bound, torque, position, speed, acting / steps)
@@ -223,16 +221,31 @@ def interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) ->
     return float(low), float(high)
 
 
-def evaluation_json(outcomes: Mapping[str, Outcome], base: str, **setting: object) -> JSON:
+def evaluation_json(outcomes: Mapping[str, Outcome], base: str, trained: Sequence[str] = (), **setting: object) -> JSON:
     """All policies beside a baseline, for programs; what is infinite or unknown is null.
 
     Args:
         outcomes: by name of the policy.
         base: name of the baseline.
+        trained: policies of one training with several seeds, of which median and worst are told as well.
         setting: what else is to be written down.
     """
     told = {name: _policy_json(outcome, outcomes[base]) for name, outcome in outcomes.items()}
-    return {"schema": SCHEMA, **setting, "baseline": base, "policies": told}
+    written: JSON = {"schema": SCHEMA, **setting, "baseline": base, "policies": told}
+    if len(trained) > 1:
+        written["trainings"] = {
+            "policies": list(trained),
+            "gain": {
+                name: _median_and_worst([told[policy]["gain"][name]["ratio"] for policy in trained])
+                for name in told[base]["gain"]
+            },
+        }
+    return written
+
+
+def _median_and_worst(ratios: Sequence[float | None]) -> JSON:
+    known = [0.0 if ratio is None else ratio for ratio in ratios]  # what half the plants never reach
+    return {"median": float(np.median(known)), "worst": min(known)}
 
 
 def _policy_json(outcome: Outcome, base: Outcome) -> JSON:

@@ -66,21 +66,6 @@ def log_det(information: Array) -> Array:
     return np.linalg.slogdet(information).logabsdet
 
 
-def worth(information: Array, size: Array) -> Array:
-    """What information (..., P, P) is worth [nat]: the mean of D- and A-optimality of relative errors.
-
-    The determinant says how small the ellipsoid of errors is, the trace what their mean square is, which the parameter
-    that is known worst makes. Where all variances are halved, both grow by as much.
-
-    Args:
-        information: in nominal units.
-        size: of the parameters as shares of the nominal ones (..., P).
-    """
-    relative = information * size[..., :, None] * size[..., None, :]
-    variance = np.trace(np.linalg.inv(relative), axis1=-2, axis2=-1) / COUNT
-    return np.asarray(0.5 * (log_det(relative) - COUNT * np.log(variance)))
-
-
 def recall(features: Array) -> tuple[Array, Array]:
     """Information (B, P, P) and estimates as shares (B, P) that features tell of."""
     scale = np.sqrt(PRIOR * np.exp(DECADES * features[:, :COUNT].astype(float)))

@@ -96,7 +96,8 @@ class Network:
             raise ValueError(f"its constraint is {shown(constraint)}, none of {', '.join(CONSTRAINTS)}")
         if not weights:
             raise ValueError("it lacks weight0")
-        inputs = [INPUTS, *(len(bias) for bias in biases)]
+        seen = weights[0].shape[1]  # one more with a limit on turns
+        inputs = [seen if seen == INPUTS + 1 else INPUTS, *(len(bias) for bias in biases)]
         for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
             if weight.shape != (len(bias), inputs[k]):
                 raise ValueError(f"weight{k} has shape {weight.shape}, where {(len(bias), inputs[k])} follows")

@@ -20,8 +20,8 @@ EPISODE = 10.0  # [s], the usual length of one
 TICK = 0.02  # [s], over which a torque is held: decisions at 50 Hz
 FAST = 10.0  # [rad/s], by which velocity is divided in the observation
 BOUND = 5.0  # of the observation
-INPUTS = 3 + FEATURES + 6  # of the observation
-ODD = [0, 2, INPUTS - 2, INPUTS - 1]  # places of an observation that change sign in a mirror
+INPUTS = 3 + FEATURES + 3  # of the observation; with a limit on turns it has one more
+ODD = (0, 2, INPUTS)  # places of an observation that change sign in a mirror
 
 Batch = NDArray[np.float32]
 
@@ -55,16 +55,15 @@ class Seen(NamedTuple):
     time_left: Array  # share
     budget_left: Array  # share; 1 where there is none to keep
     stuck: Array  # 1 where the last tick was slower than what teaches
-    strength: Array  # share of the constraint's torque that is allowed
-    hurry: Array  # share of the limit on speed, signed; 0 where there is none
-    outwards: Array  # share of the way to the limit on turns, signed; 0 where there is none
 
 
 def read(observation: Array | Batch) -> Seen:
     """Meaning of observations (B, N)."""
     o = np.asarray(observation, dtype=float)
     information, estimates = recall(o[:, 3 : 3 + FEATURES])
-    return Seen(np.arctan2(o[:, 0], o[:, 1]), FAST * o[:, 2], information, estimates, *o[:, 3 + FEATURES :].T)
+    time_left, budget_left, stuck = o[:, 3 + FEATURES : INPUTS].T
+    position = np.arctan2(o[:, 0], o[:, 1])
+    return Seen(position, FAST * o[:, 2], information, estimates, time_left, budget_left, stuck)
 
 
 def mirrored(observation: Any) -> tuple[Array, Array]:
@@ -74,7 +73,7 @@ def mirrored(observation: Any) -> tuple[Array, Array]:
     """
     turned = np.array(observation, dtype=float)
     sign = np.where(turned[..., 2] < 0, -1.0, 1.0)
-    turned[..., ODD] *= sign[..., None]
+    turned[..., [place for place in ODD if place < turned.shape[-1]]] *= sign[..., None]
     return turned, sign
 
 
@@ -86,9 +85,6 @@ class Observer:
         ticks: of an episode.
         tick: that begins now.
         knowledge: what has been learnt.
-        strength: share of the constraint's torque that is allowed, scalar or (B,).
-        max_speed: [rad/s], scalar or (B,).
-        max_angle: to either side [rad], scalar or (B,).
     """
 
     def __init__(
@@ -113,9 +109,10 @@ class Observer:
         if self.held < 2 or abs(self.held - TICK * rate) > 1e-6:
             raise Mistake(f"torque is chosen every {TICK:g} s, so {rate:g} Hz will not do: give a multiple of 50 Hz")
         self.constraint, self.rate, self.ticks = constraint, rate, round(seconds / TICK)
-        self.strength: float | Array = 1.0
-        self.max_speed: float | Array = np.inf if max_speed is None else max_speed
-        self.max_angle: float | Array = np.inf if max_turns is None else 2 * np.pi * max_turns
+        self.inputs = INPUTS + (max_turns is not None)
+        self._max_speed = np.inf if max_speed is None else max_speed
+        self._max_angle = None if max_turns is None else 2 * np.pi * max_turns
+        self._budget = np.inf if constraint.rms is None else constraint.rms**2 * self.ticks  # [(N m)^2 ticks]
 
     def start(self, position: Array, velocity: Array) -> None:
         """Begin an episode at positions [rad] and velocities [rad/s] (B,)."""
@@ -124,15 +121,13 @@ class Observer:
         self.knowledge = Knowledge.none(batch)
         self._position, self._velocity, self._torque = position, velocity, np.zeros(batch)
         self._stuck = np.ones(batch, dtype=bool)
-        rms = np.inf if self.constraint.rms is None else self.constraint.rms
-        self._budget = (rms * self.strength) ** 2 * self.ticks * np.ones(batch)  # [(N m)^2 ticks]
-        self._left = self._budget
+        self._left = np.full(batch, self._budget)
 
     def allow(self, share: Array) -> Array:
         """Torque (B,) that constraint and limits let act for a tick, of shares of the peak (B,) [N m]."""
-        torque = self.constraint.peak * self.strength * np.clip(share, -1.0, 1.0)
-        for limited in (self._velocity / self.max_speed, self._position / self.max_angle):
-            torque = np.where(limited * np.sign(torque) >= 1.0, 0.0, torque)
+        torque = self.constraint.peak * np.clip(share, -1.0, 1.0)
+        too_fast = (np.abs(self._velocity) >= self._max_speed) & (torque * self._velocity > 0)
+        torque = np.where(too_fast | (self._outwards() * np.sign(torque) >= 1.0), 0.0, torque)
         affordable = np.sqrt(np.maximum(self._left, 0.0))
         torque = np.clip(torque, -affordable, affordable)
         self._left = self._left - torque**2
@@ -160,11 +155,16 @@ class Observer:
         self.tick += 1
 
     def observe(self) -> Batch:
-        """Observations (B, INPUTS)."""
-        q, v, every = self._position, self._velocity, np.ones_like(self._position)
-        time_left = max(0.0, 1.0 - self.tick / self.ticks) * every
-        budget_left = every if self.constraint.rms is None else self._left / self._budget
-        limits = self.strength * every, v / self.max_speed, q / self.max_angle
-        parts = [np.sin(q), np.cos(q), v / FAST], self.knowledge.features().T
-        seen = np.concatenate([*parts, [time_left, budget_left, self._stuck, *limits]])
-        return np.clip(seen.T, -BOUND, BOUND).astype(np.float32)
+        """Observations (B, inputs)."""
+        q, batch = self._position, len(self._position)
+        time_left = np.full(batch, max(0.0, 1.0 - self.tick / self.ticks))
+        budget_left = np.ones(batch) if np.isinf(self._budget) else self._left / self._budget
+        parts = np.stack([np.sin(q), np.cos(q), self._velocity / FAST]), self.knowledge.features().T
+        rest = np.stack([time_left, budget_left, self._stuck])
+        if self._max_angle is not None:
+            rest = np.concatenate([rest, self._outwards()[None]])
+        return np.clip(np.concatenate([*parts, rest]).T, -BOUND, BOUND).astype(np.float32)
+
+    def _outwards(self) -> Array:
+        """Share of the way to the limit on turns (B,), signed; 0 where there is none."""
+        return np.zeros_like(self._position) if self._max_angle is None else self._position / self._max_angle

@@ -8,7 +8,7 @@ from agents.baselines import BASELINES, baseline
 from agents.design_env import ExcitationDesignVector
 from agents.foresight import foresee
 from agents.knowledge import NOMINAL, log_det
-from agents.observer import CONSTRAINTS, INPUTS
+from agents.observer import CONSTRAINTS
 from benchmarks.multisine import PAPER, optimise, taught
 
 
@@ -34,10 +34,11 @@ def test_every_baseline_plays_within_the_constraint_and_repeats(name, constraint
     np.testing.assert_array_equal(torques, play(name, constraint, steps=20)[0])
 
 
-def test_the_two_tones_spend_the_whole_budget_and_differ_between_pendulums():
-    policy, state, shares = baseline("two-tone", "rms", seed=4), None, []
+@pytest.mark.parametrize("name", ["two-tone", "prbs"])
+def test_signals_spend_the_whole_budget_and_differ_between_pendulums(name):
+    policy, state, shares = baseline(name, "rms", seed=4), None, []
     for k in range(500):
-        action, state = policy.predict(np.zeros((2, INPUTS)), state, np.full(2, k == 0))
+        action, state = policy.predict(np.zeros((2, 20)), state, np.full(2, k == 0))
         shares.append(action[:, 0])
     torques = CONSTRAINTS["rms"].peak * np.array(shares)
     np.testing.assert_allclose(np.sqrt((torques**2).mean(axis=0)), 3.0, rtol=1e-6)

@@ -35,9 +35,7 @@ def run(env, steps: int, seed: int = 0, action=tones) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in rows.items()} | {"info": info}
 
 
-@pytest.mark.parametrize(
-    "arguments", [{"constraint": "peak"}, {"constraint": "rms"}, {"max_turns": 1.0}, {"varied": True}]
-)
+@pytest.mark.parametrize("arguments", [{"constraint": "peak"}, {"constraint": "rms"}, {"max_turns": 1.0}])
 def test_the_checkers_have_nothing_to_say(arguments):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -52,7 +50,7 @@ def test_gymnasium_knows_it_by_its_conventions_without_torch(how):
         "env = gymnasium.make_vec(id, num_envs=3); print(env.reset(seed=0)[0].shape, 'torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "(3, 23) False"
+    assert done.stdout.strip() == "(3, 20) False"
 
 
 def test_a_picture_is_of_the_newest_sample():
@@ -104,8 +102,7 @@ def test_an_episode_ends_and_another_plant_is_drawn(mode):
 
 def test_information_is_the_sum_of_outer_products_of_rows_that_are_fast_enough():
     count, steps = 3, 200
-    env = ExcitationDesignVector(count, torque_noise=0.0)
-    seen = run(env, steps)
+    seen = run(ExcitationDesignVector(count, torque_noise=0.0), steps)
     q = np.concatenate([np.zeros((count, 2)), np.concatenate(list(seen["positions"]), axis=1)], axis=1)
     v = 1000.0 * np.diff(q)  # (B, N + 1), the first 0 before the start
     M = np.tile(PRIOR * np.eye(4), (count, 1, 1))
@@ -117,12 +114,8 @@ def test_information_is_the_sum_of_outer_products_of_rows_that_are_fast_enough()
                 row = [(speed[-1] - speed[0]) / TICK, np.sin(way).mean(), (way[-1] - way[0]) / TICK, np.sign(speed[0])]
                 M[b] += np.outer(row * NOMINAL, row * NOMINAL)
     np.testing.assert_allclose(seen["info"]["information"], M, rtol=1e-9, atol=1e-9)
-    size = env.reset(seed=0)[1]["plant"] / NOMINAL
-    known = [
-        0.5 * np.linalg.slogdet(own)[1] - 2 * np.log(np.trace(np.linalg.inv(own), axis1=1, axis2=2) / 4)
-        for own in (size[:, :, None] * each * size[:, None] for each in (M, np.tile(PRIOR * np.eye(4), (count, 1, 1))))
-    ]
-    np.testing.assert_allclose(seen["reward"].sum(axis=0), known[0] - known[1], rtol=1e-9)
+    gained = np.linalg.slogdet(M)[1] - 4 * np.log(PRIOR)
+    np.testing.assert_allclose(seen["reward"].sum(axis=0), gained, rtol=1e-9)
 
 
 def test_estimates_come_near_the_plant_without_knowing_it():
@@ -198,17 +191,3 @@ def test_limits_take_away_the_torque_that_drives_the_arm_on():
     share = bound["observation"][..., -1]
     np.testing.assert_allclose(share[1:], bound["positions"][..., -1] / np.pi, atol=1e-6)
     assert (bound["torque"][share[:-1] >= 1] == 0).all()
-
-
-def test_limits_that_are_drawn_are_told_and_kept_to():
-    env = ExcitationDesignVector(200, varied=True)
-    lengths = []
-    for seed in range(3):
-        seen = run(env, 60, seed, action=lambda k, count: np.ones((count, 1)))
-        what = read(seen["observation"][-1])
-        np.testing.assert_allclose(np.abs(seen["torque"]).max(axis=0), 6.0 * what.strength, rtol=1e-6)
-        free = (what.strength == 1) & (what.hurry == 0) & (what.outwards == 0)
-        assert 0.3 < free.mean() < 0.7
-        lengths.append(env.observer.ticks)
-    assert len(set(lengths)) > 1
-    assert 1.0 < what.hurry.max() < 1.6  # no torque acts from the tick on that begins beyond the limit

@@ -18,12 +18,11 @@ from pendulum_env._typing import JSON
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import Policy
 from workbench.cluster import connected
-from workbench.inputs import argument, check_outputs, number, one_of, take_report, whole, write_json, wrote
+from workbench.inputs import argument, check_outputs, one_of, take_report, whole, write_json, wrote
 from workbench.mistakes import InputError
 from workbench.terminal import Terminal
 
 MOST = 10_000  # plants, which take a quarter of an hour for each policy
-DESIGN = ("spread", "max_speed", "max_turns", "effects")  # of the environment, beside the constraint
 SHIPPED = "agent"  # the policy that ships for the constraint
 PLANNER = "look-ahead"  # with which the agent's information and time are compared
 
@@ -35,12 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--constraint", type=one_of("constraint", CONSTRAINTS), default="peak", help=", ".join(CONSTRAINTS)
     )
-    parser.add_argument("--plants", type=whole(2, MOST), default=160, help="fresh plants (default 160)")
-    parser.add_argument(
-        "--spread", type=number(0.0, 0.9), default=0.3, help="share by which their parameters differ (default 0.3)"
-    )
-    parser.add_argument("--max-speed", type=number(0.1, 1e3), help="beyond which no torque drives the arm on [rad/s]")
-    parser.add_argument("--max-turns", type=number(0.01, 1e3), help="to either side, beyond which likewise")
+    parser.add_argument("--plants", type=whole(2, MOST), default=160, help="fresh plants, within 30 %% (default 160)")
     parser.add_argument("--seed", type=whole(0), default=0, help="of plants, noise and signals (default 0)")
     parser.add_argument(
         "--scheme",
@@ -78,13 +72,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             arguments.constraint,
             arguments.plants,
             seed=arguments.seed,
-            design={name: getattr(arguments, name) for name in DESIGN},
+            effects=arguments.effects,
             scheme_id=arguments.scheme,
             executor=executor,
             tell=tell,
         )
-    setting = {name: getattr(arguments, name) for name in ("constraint", "plants", "seed", "scheme", *DESIGN)}
-    told = evaluation_json(outcomes, BASELINE, **setting)
+    setting = {name: getattr(arguments, name) for name in ("constraint", "plants", "seed", "scheme", "effects")}
+    told = evaluation_json(outcomes, BASELINE, trained=files, **setting)
     show(told, terminal)
     write_json(arguments.json, told)
     if arguments.report is not None:
@@ -95,14 +89,17 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def show(told: JSON, terminal: Terminal) -> None:
     """Print what `evaluation_json` tells."""
     policies = told["policies"]
-    plants = f"{told['plants']} plants within {100 * told['spread']:.0f} %"
-    terminal.say(f"{plants}, 10 s, constraint {told['constraint']}; medians over plants")
+    terminal.say(f"{told['plants']} plants within 30 %, 10 s, constraint {told['constraint']}; medians over plants")
     terminal.heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
     first = policies[told["baseline"]]
     rows = [[name, *_errors(figures), *map(_median, figures["time_to"].values())] for name, figures in policies.items()]
     terminal.table(("policy", *(f"at {moment}" for moment in first["error"]), *first["time_to"]), rows)
     terminal.heading(f"Gain over {told['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
     rows = [[name, *(_gain(gain) for gain in figures["gain"].values())] for name, figures in policies.items()]
+    if "trainings" in told:
+        for which in ("median", "worst"):
+            gains = told["trainings"]["gain"].values()
+            rows.append([f"{which} of the trainings", *(f"{gain[which]:.2f}" for gain in gains)])
     terminal.table(("policy", *first["gain"]), rows)
     terminal.heading("What it takes")
     terminal.table(
