@@ -25,7 +25,6 @@ from estimators.in_loop.rollouts import FINE, Rollouts, with_gain
 from estimators.selection.data import Evidence, Step, fit_terms
 from estimators.selection.models import Models
 from estimators.selection.moves import best, ids, loosened, settle
-from estimators.selection.score import STRETCH, Bootstrap
 from estimators.selection.search import Selection, select
 from estimators.simulation.output_error import Point
 from estimators.weak_form.windows import WHOLE
@@ -68,10 +67,8 @@ class Looped:
         first, last = (WHOLE, WHOLE) if unseen else ((0.0, 1 - HELD_OUT), (1 - HELD_OUT, 1.0))
         unseen = unseen or fitted
         base, windows = base_of(setting.base, fitted), Evidence.of(fitted, part=first)
-        held, running = (InLoop(Rollouts(fitted, is_held=own, shares=first), windows) for own in (True, False))
-        bootstrap = Bootstrap(held.data.stretches(STRETCH)[2], np.random.default_rng(0))
-        is_running = bootstrap.gain(running.screen.density(base), held.screen.density(base))
-        train = running if is_running.chance <= setting.criterion.chance else held  # as servos are usually told
+        ways = [InLoop(Rollouts(fitted, is_held=held, shares=first), windows) for held in (True, False)]
+        train = likelier(ways, base)
         rest = Rollouts(unseen, is_held=train.data.is_held, shares=last)
         check = InLoop(rest, Evidence.of(unseen, part=last), train)
         models = Models(
@@ -190,6 +187,16 @@ def _calibrated(recordings: Sequence[Recording], holdout: Sequence[Recording]) -
         )
         return Calibrated(tuple(recordings), tuple(holdout), doubt)
     return Calibrated.of(recordings, holdout)
+
+
+def likelier(ways: Sequence[InLoop], base: Sequence[Term]) -> InLoop:
+    """That of several ways to look at recordings under which a model of some terms is the likeliest."""
+
+    def of(one: InLoop) -> float:
+        one.screen.settle(base)
+        return one.screen.likelihood(base)
+
+    return max(ways, key=of)
 
 
 def base_of(base: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term, ...]:

@@ -46,15 +46,10 @@ def squared_scales(rollouts: Rollouts, errors: Array) -> Array:
     return np.asarray(square[owner])
 
 
-def densities(rollouts: Rollouts, errors: Array) -> Array:
-    """Log density of each error of V models with the scales that fit them, but for a constant (R, V) [nat]."""
-    square = squared_scales(rollouts, errors)
-    return np.asarray(-0.5 * np.log(square) - (NU + 1) / 2 * np.log1p(errors**2 / (NU * square)))
-
-
 def likelihood(rollouts: Rollouts, errors: Array) -> Array:
-    """Log density of all errors (R, V) of V models, but for a constant (V,) [nat]."""
-    return np.asarray(densities(rollouts, errors).sum(axis=0))
+    """Log density of errors of V models (R, V) with the scales that fit them, but for a constant (V,) [nat]."""
+    square = squared_scales(rollouts, errors)
+    return np.asarray(-np.sum(0.5 * np.log(square) + (NU + 1) / 2 * np.log1p(errors**2 / (NU * square)), axis=0))
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from estimators.signals.differentiation import encoder_noise
 from estimators.simulation.output_error import Point
 from estimators.weak_form.dataset import Given, Structure
 from estimators.weak_form.windows import known_load
@@ -117,7 +116,9 @@ class Rollouts:
     @cached_property
     def resolution(self) -> float:
         """Standard deviation of the least error that an encoder makes [rad]."""
-        return max(FINEST, min(encoder_noise(recording.position) for recording in self.recordings))
+        steps = [np.abs(np.diff(recording.position)) for recording in self.recordings]
+        least = min(float(own[own > FINEST].min(initial=np.inf)) for own in steps)
+        return least / np.sqrt(12.0) if np.isfinite(least) else FINEST
 
     @cached_property
     def mistimed(self) -> tuple[Self, Self]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.in_loop.fit import ROUGHLY, Linear, densities, fit, likeliest, likelihood, linear
+from estimators.in_loop.fit import ROUGHLY, Linear, fit, likeliest, likelihood, linear
 from estimators.in_loop.rollouts import Rollouts
 from estimators.kept import kept
 from estimators.regression.least_squares import Balance, Columns
@@ -128,10 +128,9 @@ class LoopScreen:
             values = np.maximum(np.abs(theta), share * typical) if share else theta
             yield Point(terms, values).at(Point(terms, values).values)
 
-    def density(self, terms: Sequence[Term]) -> Array:
-        """Log density of each stretch (S,) under the likeliest fit of some terms, but for a constant [nat]."""
-        told = densities(self.data, self.near(self.settle(terms)).error[:, None])[:, 0]
-        return np.asarray(np.bincount(self.data.stretches(STRETCH)[0], told), dtype=float)
+    def likelihood(self, terms: Sequence[Term]) -> float:
+        """Log density of the errors of the likeliest fit of some terms, but for a constant [nat]."""
+        return float(likelihood(self.data, self.near(terms).error[:, None])[0])
 
     def balance(self, terms: Sequence[Term]) -> Balance:
         """Equations of some terms, weighted by how far off each error is."""
