@@ -300,7 +300,8 @@ def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(caps
     body = read_body(tmp_path / "arm.urdf")
     for name, value in zip(body.names, body.values.tolist(), strict=True):
         assert abs(theta[name]["value"] - value) < max(4 * theta[name]["std"], 0.005 * abs(value)), name
-    assert theta["coulomb@base"]["value"] == pytest.approx(PAPER["coulomb"], rel=0.01)
+    dry = theta["coulomb@base"]  # a fiftieth of the torque that this motion takes
+    assert abs(dry["value"] - PAPER["coulomb"]) < 4 * dry["std"] and dry["std"] < 0.02 * PAPER["coulomb"]
 
 
 @pytest.mark.parametrize(
