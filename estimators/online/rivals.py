@@ -286,6 +286,7 @@ class Rivals:
         y, passed = base.y + own.y - bins.y[:, None], base.passed + own.passed - 1.0
         rows = zip(base.phi[:, 0], base.slope[:, 0], own.phi, own.slope, y, passed, strict=True)
         densities, errors = zip(*(self._take(*row) for row in rows), strict=True)
+        self.families[0].root = self._running.root[0, 0]  # for those who go on with these families and others
         return np.array(densities), np.array(errors) * bins.scale
 
     def _take(

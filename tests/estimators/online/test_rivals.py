@@ -46,6 +46,19 @@ def test_each_variant_is_least_squares_in_all_columns(id, shapes):
     assert densities.shape == (40, 2) and errors.shape == (40,)
 
 
+def test_families_go_on_in_another_batch_with_all_that_they_have_learnt():
+    variant = effect("cogging")(order=3.0)
+    parts = [bins_of(60, seed) for seed in range(3)]
+    rivals = Rivals([Family(BASE, (), parts[0], 2), Family(BASE, [variant], parts[0], 2)], 60)
+    for part in parts[1:]:
+        rivals = Rivals(rivals.families, 60)
+        rivals.take(part)
+    rows = [part.rows([*BASE, variant]) for part in parts]
+    phi, y = np.concatenate([one.phi[:, 0] for one in rows]), np.concatenate([one.y[:, 0] for one in rows])
+    expected = np.linalg.solve(phi.T @ phi + np.eye(phi.shape[1]) / PRIOR, phi.T @ y)
+    np.testing.assert_allclose(rivals.families[1].theta[0], expected, rtol=1e-6, atol=1e-9)
+
+
 def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():
     """The density of one more error is Student's t with scale^2 (1 + phi' P phi), P that of all columns."""
     variant = effect("cogging")(order=5.0)
