@@ -4,7 +4,9 @@ The motor's side has nothing of the links but what comes through the transmissio
 
     I q'' + b q' + fc sgn q' + k s + d s' = tau,    s = q - q_link beyond a play to either side of its middle
 
-so that k, d and the play follow joint by joint, whatever the links are.
+so that k, d and the play follow joint by joint, whatever the links are. Where both encoders disagree by a function of
+the angle, scale or eccentricity, that looks like a spring that carries the links' weight: so the stretch has to explain
+more than a torque of the angle does, q and two harmonics of a turn.
 Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
 """
 
@@ -16,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares as search
 
-from estimators.regression.equations import Equations, IdentificationError
+from estimators.regression.equations import Equations
 from estimators.regression.least_squares import Fit, least_squares, solve
 from estimators.schemes.six import GUARD
 from estimators.signals.differentiation import white_noise
@@ -44,6 +46,7 @@ class Transmission:
         stiffness, damping: of the transmission beyond its play; None where neither is seen.
         play: from the middle to either side; None if there is none.
         left: torque that remains [N m].
+        hindrance: why neither could be told; empty if they could.
     """
 
     joint: str
@@ -51,10 +54,13 @@ class Transmission:
     damping: Estimate | None
     play: Estimate | None
     left: float
+    hindrance: str = ""
 
     @property
     def text(self) -> str:
         """`joint_flexibility@elbow: 120 ± 2 N m/rad, ...`."""
+        if self.hindrance:
+            return self.hindrance
         if self.stiffness is None or self.damping is None:
             return f"the transmission of {self.joint} is as stiff as its encoders can tell"
         effect = "joint_flexibility" if self.play is None else "backlash"
@@ -76,7 +82,7 @@ def find_transmissions(recordings: Sequence[ArmRecording], sliding: Collection[s
         sliding: joints that slide.
 
     Raises:
-        IdentificationError: if a joint is hardly ever clear of stick, or a recording is too short.
+        IdentificationError: if a recording is too short.
     """
     both = [recording for recording in recordings if recording.link_position is not None]
     return tuple(_between(both, k, joint in sliding) for k, joint in enumerate(both[0].names if both else ()))
@@ -87,6 +93,7 @@ class _Rows:
     """What was measured of both sides, clear of stick (R,) each, and the noise of the stretch [rad]."""
 
     motor: Array  # acceleration, velocity and its sign (R, 3)
+    angle: Array  # functions of it (R, 5)
     stretch: Array
     rate: Array
     torque: Array
@@ -97,7 +104,7 @@ class _Rows:
     def of(cls, recordings: Sequence[ArmRecording], k: int) -> _Rows:
         parts: list[Array] = []
         clusters: list[Index] = []
-        noise = []
+        noise, first = [], 0
         for segment in (own for recording in recordings for own in recording.segments):
             assert segment.link_position is not None
             motor = segment.joints[k]
@@ -106,24 +113,28 @@ class _Rows:
             m, beyond = measure(motor, smoothing), measure(link, smoothing)
             use = m.clear(GUARD)
             stretch, rate = m.position - beyond.position, m.velocity - beyond.velocity
-            columns = (m.acceleration, m.velocity, np.sign(m.velocity), stretch, rate, m.torque)
-            parts.append(np.column_stack(columns)[use])
-            first = clusters[-1].max() + 1 if clusters else 0
-            clusters.append(first + np.unique(m.time[use] // LENGTH, return_inverse=True)[1])
+            motion = (m.acceleration, m.velocity, np.sign(m.velocity), stretch, rate, m.torque)
+            harmonics = (function(order * m.position) for order in (1, 2) for function in (np.sin, np.cos))
+            parts.append(np.column_stack([*motion, m.position, *harmonics])[use])
+            names, own = np.unique(m.time[use] // LENGTH, return_inverse=True)
+            clusters.append(first + own)
+            first += len(names)
             noise.append(np.hypot(white_noise(motor.position), white_noise(link.position)))
-        if sum(map(len, parts)) < FEWEST:
-            raise IdentificationError(
-                f"{recordings[0].name}: joint '{recordings[0].names[k]}' is hardly ever clear of stick and reversals: "
-                "record longer, faster or wider motion"
-            )
         rows = np.concatenate(parts)
-        return cls(rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5], np.concatenate(clusters), float(max(noise)))
+        moving = rows[:, :3], rows[:, 6:], rows[:, 3], rows[:, 4], rows[:, 5]
+        return cls(*moving, np.concatenate(clusters), float(max(noise)))
 
     def columns(self, middle: float, play: float) -> Array:
         """Regressor (R, 5) with the transmission's two columns last."""
         off = self.stretch - middle
         beyond = off - np.clip(off, -play, play)
         return np.column_stack([self.motor, beyond, self.rate * (beyond != 0)])
+
+    def is_elastic(self, middle: float, play: float) -> bool:
+        """Whether the stretch surely explains more of the torque than the angle does."""
+        phi = np.column_stack([self.columns(middle, play), self.angle])
+        fit = solve(Equations(phi, self.torque), np.ones(len(phi)), self.clusters)
+        return bool(fit.theta[3] > SURE * fit.std[3])
 
     def residual(self, shape: Array) -> Array:
         """Torque (R,) that is left with a middle and a play."""
@@ -146,20 +157,25 @@ class _Rows:
 def _between(recordings: Sequence[ArmRecording], k: int, slides: bool) -> Transmission:
     """The transmission of a joint: elastic, or loose as well where a play surely leaves less."""
     joint, rows = recordings[0].names[k], _Rows.of(recordings, k)
-    said = along if slides else str
-    rigid = np.column_stack([rows.columns(0.0, 0.0)[:, :5], np.ones(len(rows.torque))])
+    if len(rows.torque) < FEWEST:
+        hindrance = f"{joint} is hardly ever clear of stick and reversals: its transmission needs wider motion"
+        return Transmission(joint, None, None, None, float("nan"), hindrance)
+    size, said = float(np.std(rows.stretch)), along if slides else str
+    if size < SEEN * rows.noise or size == 0:
+        left = rows.torque - rows.motor @ least_squares(rows.motor, rows.torque)
+        return Transmission(joint, None, None, None, float(np.sqrt(np.mean(left**2))))
+    rigid = np.column_stack([rows.columns(0.0, 0.0), np.ones(len(rows.torque))])
     theta = least_squares(rigid, rows.torque)
-    middle = -float(theta[5] / theta[3]) if theta[3] else 0.0
+    middle = -float(theta[-1] / theta[3]) if theta[3] else 0.0
     off = np.abs(rows.stretch - np.median(rows.stretch))
     starts = [(float(np.median(rows.stretch)), play) for play in np.quantile(off, PLAYS).tolist()]
     best = min(starts, key=lambda shape: float(np.sum(rows.residual(np.array(shape)) ** 2)))
-    size = max(float(np.std(rows.stretch)), 1e-300)
     found = search(rows.residual, best, x_scale=size, diff_step=1e-3, max_nfev=TURNS).x
     (elastic, std), (loose, wide) = rows.fit(middle, 0.0), rows.fit(float(found[0]), float(abs(found[1])))
-    play = Estimate(float(abs(found[1])), float(wide[6]), said("rad"))
+    play = Estimate(float(abs(found[1])), float(wide[-1]), said("rad"))
     is_loose = play.value > SURE * play.std and elastic.rms > WORSE * loose.rms and loose.theta[3] > SURE * wide[3]
     fit, errors = (loose, wide) if is_loose else (elastic, std)
-    if size < SEEN * rows.noise or fit.theta[3] < SURE * errors[3]:
+    if not rows.is_elastic(*((float(found[0]), play.value) if is_loose else (middle, 0.0))):
         return Transmission(joint, None, None, None, fit.rms)
     stiffness, damping = (
         Estimate(float(fit.theta[n]), float(errors[n]), said(unit)) for n, unit in ((3, "N m/rad"), (4, "N m s/rad"))

@@ -48,6 +48,29 @@ def test_stiffness_and_play_follow_from_both_sides_of_a_joint(play, tmp_path):
         assert found.play.value == pytest.approx(play, rel=0.03)
 
 
+def test_encoders_that_disagree_by_the_angle_are_no_spring():
+    """A link's encoder off its axis by a milliradian, behind a rigid joint."""
+    recording = run(stiffness=2e5)
+    assert recording.link_position is not None
+    off = 1e-3 * np.sin(recording.position + 0.3) + 5e-4 * recording.position
+    (found,) = find_transmissions([replace(recording, link_position=recording.position - off)])
+    assert found.stiffness is None
+    (found,) = find_transmissions([replace(recording, link_position=recording.position)])
+    assert found.stiffness is None
+
+
+def test_a_joint_that_rests_takes_nothing_from_others():
+    moves = run()
+    assert moves.link_position is not None
+    still = np.repeat(moves.position[:1], len(moves), axis=0)
+    rests = replace(moves, position=still, link_position=still)
+    (found,), (alone,) = find_transmissions([rests, moves]), find_transmissions([moves])
+    assert found.stiffness is not None and alone.stiffness is not None
+    assert found.stiffness.value == pytest.approx(alone.stiffness.value, rel=1e-6)
+    (found,) = find_transmissions([rests])
+    assert found.stiffness is None and "hinge is hardly ever clear of stick" in found.text
+
+
 def test_a_stiff_joint_is_said_to_be_as_stiff_as_the_encoders_tell():
     recording = run(stiffness=2e5)
     (found,) = find_transmissions([recording])
