@@ -22,6 +22,7 @@ PERIOD = 10.0  # [s]
 POINTS = 120  # instants at which a series is judged
 USUAL_RANGE, USUAL_STROKE = np.pi, 0.2  # [rad] and [m] to either side, where the file has no limits
 USUAL_SLIDE = 0.5  # [m/s]
+NARROWEST = 1e-3  # [rad] or [m] between limits, below which a motion tells nothing
 MARGIN = 0.9  # of the limits that is used
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the motion that is tried until the torque suffices
 ANEW = 0.1  # share of the tries that are drawn anew
@@ -102,6 +103,8 @@ def design_excitation(
             raise IdentificationError(
                 f"{body.name}: joint '{joint}' is never within {max_angle:g} rad of zero: allow a larger angle"
             )
+    for joint in np.array(body.joints)[high - low < NARROWEST]:
+        raise IdentificationError(f"{body.name}: the limits of joint '{joint}' leave it no room to move: widen them")
     speed = np.where(slides, USUAL_SLIDE, USUAL_SPEED if max_speed is None else max_speed)
     speed = np.minimum(body.velocity_limits, speed)
     most = np.minimum(body.torque_limits, np.where(slides, np.inf, np.inf if max_torque is None else max_torque))

@@ -25,6 +25,7 @@ from pendulum_env._typing import Array, Mask
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term, effects
+from pendulum_env.physics.term import loads
 
 CALIBRATE = 1.0  # [s] of motion in the first fit of all models
 REFINE = (2, 4, 8, 16)  # [s] of motion, after which grids of shape parameters are refined
@@ -145,7 +146,7 @@ class Diagnoser:
             binner = Binner(rate, smoothing or Smoothing.of_encoder(COUNTS, rate), batch)
         self._binner = binner
         length = self._binner.every / rate  # of a bin [s]
-        self.threshold = threshold_of(alarms_per_hour, BLOCK * length)
+        self.threshold = threshold_of(alarms_per_hour, BLOCK * length / len(self._binner.joints))
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
         rival = (criterion or Criterion()).rival
         joints = self._binner.joints
@@ -209,11 +210,14 @@ class EffectMonitor:
         """Forget all that was measured, and all effects that were added."""
         self._past = [self._base]
         self._kept: list[Bin] = []
+        self._moved = np.zeros(len(self._joints))  # time that each joint has been in motion [s]
         self._begin()
 
     def _begin(self) -> None:
         """Begin to compare models, from what is kept."""
         self._rivals: Rivals | None = None
+        self._tried = np.zeros(len(self._joints), dtype=bool)  # joints that effects are tried at
+        self._untried: dict[str, str] = {}  # effects that are not run for now, with the reason
         self._scale = np.ones(len(self._joints))  # of errors at each joint, relative to those of all
         self._waiting: list[Bin] = []  # to be taken together
         self._blocks: deque[Array] = deque(maxlen=STRETCHES * self._often)  # log predictive densities (F,)
@@ -263,12 +267,16 @@ class EffectMonitor:
 
     def take(self, one: Bin) -> None:
         """Take in a bin of motion."""
-        seen = len(self._kept) * self._length
-        if seen < KEPT:
+        j = one.joint
+        if self._moved[j] < KEPT:
             self._kept.append(one)
+        self._moved[j] += self._length * len(self._joints)
         if self._rivals is None:
-            if seen + self._length >= CALIBRATE:
+            if len(self._kept) * self._length >= CALIBRATE:
                 self._fit()
+            return
+        if not self._tried[j] and self._moved[j] >= CALIBRATE:  # it had not moved until then
+            self._begin()
             return
         self._waiting.append(one)
         if len(self._waiting) < TOGETHER:
@@ -294,6 +302,7 @@ class EffectMonitor:
 
     def _fit(self) -> None:
         """Fit all models to what is kept: they predict from now on."""
+        self._tried = self._moved >= 0.5 * CALIBRATE
         bins = self._bins(self._kept)
         base = Family(self.terms, (), bins, 0)
         if len(self._joints) > 1:
@@ -303,11 +312,21 @@ class EffectMonitor:
             self._scale /= self._scale.mean()
             bins = self._bins(self._kept)
             base = Family(self.terms, (), bins, 0)
-        grids = [thinned(variants) for id, variants in self._grids(base, bins) if id not in self._added and variants]
+        variants = {id: own for id, own in self._grids(base, bins) if id not in self._added and own}
+        grids = [thinned(own) for own in variants.values()]
+        self._untried = {
+            id: "acts at a joint that has hardly moved yet" if self._is_idle(kind) else "has no form that shows here"
+            for id, kind in self._library.items()
+            if id not in variants and id not in self._added
+        }
         width = max((len(variants[0].columns) for variants in grids), default=0)
         families = [Family(self.terms, variants, bins, width) for variants in [(), *grids]]
         self._fitted = len(bins.y)
         self._rivals, self._bets = Rivals(families, self._fitted), Bets(len(families) - 1)
+
+    def _is_idle(self, effect: type[Term]) -> bool:
+        """Whether an effect's joint has hardly moved."""
+        return not any(self._tried[[name == effect.at for name in self._joints]])
 
     def _bins(self, bins: Sequence[Bin]) -> Bins:
         return Bins.of(bins, self._period, self._joints, self._scale)
@@ -316,9 +335,9 @@ class EffectMonitor:
         names = [column.name for term in self.terms for column in term.columns]
         known = dict(zip(names, base.theta[0].tolist(), strict=False))
         for id, effect in self._library.items():
-            own = bins.at == effect.at
-            if not own.any():  # its joint has not moved yet
+            if self._is_idle(effect):
                 continue
+            own = bins.at == effect.at
             x, residual = bins.of_joint(effect.at).middle, (base.residual[:, 0] * bins.scale)[own]
             variants = [term for term in effect.grid(x, residual) if term.possible(x)]
             follows = {s.name: known[s.follows] for s in effect.shapes if s.follows in known}
@@ -355,6 +374,7 @@ class EffectMonitor:
             motion=self._seen * self._length,
             error=float(np.sqrt(np.mean(np.square(list(self._errors))))),
             added=self._added,
+            not_run={**self._blank.not_run, **self._untried},
         )
         blocks = np.array(self._blocks)
         if len(blocks) < 2:
@@ -399,6 +419,8 @@ def hindrance(effect: type[Term]) -> str:
         return "depends on the past beyond what a sample tells"
     if effect.delay is not Term.delay:
         return "is a delay, which is not linear in anything"
+    if len(loads(effect.at)) > 1:
+        return "loads two joints at once"
     if any(shape.instant for shape in effect.shapes):
         return "happens at one moment: WatchModel tells when a value changes"
     return ""

@@ -10,7 +10,7 @@ import gymnasium as gym
 from estimators.arguments import chosen_schemes
 from estimators.arms.identification import for_arms
 from estimators.arms.online import ArmEstimator
-from estimators.wrappers.arms import body_of
+from estimators.wrappers.arms import body_of, terms_of
 from estimators.wrappers.measuring import Measuring
 from estimators.wrappers.options import rate_of
 from pendulum_env._typing import Array, Mask
@@ -62,7 +62,7 @@ class EstimateArmParameters(Measuring):
         self,
         env: gym.Env[Any, Any],
         schemes: str | Sequence[str] = "filtered_dynamic",
-        terms: Sequence[Term] | None = None,
+        terms: Sequence[str | Term] | None = None,
         *,
         robot: str | None = None,
         rate: float | None = None,
@@ -72,7 +72,7 @@ class EstimateArmParameters(Measuring):
         Args:
             env: the environment.
             schemes: ids of schemes; "all" are the six.
-            terms: at joints; viscous and Coulomb friction by default.
+            terms: at joints, by id (`viscous@elbow`) or as they are; viscous and Coulomb friction by default.
             robot: file of its links, URDF or MJCF, of which lengths and axes are used; None asks the environment.
             rate: samples per second [Hz]; None asks the environment, as for its encoders, whose steps are smoothed.
 
@@ -83,8 +83,9 @@ class EstimateArmParameters(Measuring):
         """
         rate, body = rate_of(env, rate), body_of(env, robot)
         counts = getattr(env.unwrapped, "counts", COUNTS)
+        _, *at_joints = terms_of(body, terms)
         self.estimators = {
-            scheme.id: ArmEstimator(body, rate, terms, scheme, counts=counts)
+            scheme.id: ArmEstimator(body, rate, at_joints, scheme, counts=counts)
             for scheme in for_arms(chosen_schemes(schemes))
         }
         self.parameters = tuple(column.name for column in next(iter(self.estimators.values())).model.columns)

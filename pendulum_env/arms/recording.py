@@ -21,6 +21,7 @@ from pendulum_env.recording.preview import Preview, preview
 from pendulum_env.recording.record import NEWTON_METRE, ColumnError
 from pendulum_env.recording.storage import write_recording
 from pendulum_env.recording.study import Carried, Source
+from pendulum_env.words import listing
 
 QUANTITIES = ("position", "torque")
 OF_JOINTS = (*QUANTITIES, "temperature", "link_position")  # the last two where there are any
@@ -145,13 +146,17 @@ def read_arm_recording(
     links = [own.link_position for own in single if own.link_position is not None]
     measured = [own.temperature for own in single]
     warm = np.column_stack([np.full(len(first), ROOM) if own is None else own for own in measured])
+    notes = [note for own in single for note in own.notes]
+    if links and len(links) < len(joints):
+        without = [joint for joint, own in zip(joints, single, strict=True) if own.link_position is None]
+        notes.append(f"positions of links are not used, as there are none of {listing(without)}")
     columns_of = {joint: told.get(f"position_{joint}", UNUSED) for joint in held}
     return ArmRecording(
         first.name,
         first.time,
         np.column_stack([own.position for own in single]),
         np.column_stack([own.torque for own in single]),
-        notes=tuple(dict.fromkeys(note for own in single for note in own.notes)),
+        notes=tuple(dict.fromkeys(notes)),
         link_position=np.column_stack(links) if len(links) == len(joints) else None,
         temperature=None if all(own is None for own in measured) else warm,
         starts=first.starts,

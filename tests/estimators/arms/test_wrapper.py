@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.two_link import Multisine
 from estimators.arms import identify_arm
-from estimators.wrappers import EstimateArmParameters, WatchModel
+from estimators.wrappers import DiagnoseOnline, EstimateArmParameters, WatchModel
 from pendulum_env import ARM, PENDULUM
 from pendulum_env.arms import read_body
 from pendulum_env.arms.joints import Links, friction
@@ -69,3 +69,13 @@ def test_a_pendulum_is_not_watched_by_the_model_of_an_arm(env, tmp_path):
     model = ArmModel.build((Links(body), *friction(body)), np.ones(10))
     with pytest.raises(ValueError, match="of an arm"):
         WatchModel(gym.make(PENDULUM), model)
+
+
+@pytest.mark.parametrize("wrapper", [EstimateArmParameters, WatchModel, DiagnoseOnline])
+def test_all_wrappers_take_terms_of_joints_by_name(wrapper):
+    names = ["viscous@shoulder", "viscous@elbow", "coulomb@elbow"]
+    wrapper(gym.make(ARM, rate=RATE), terms=names).reset(seed=0)
+    with pytest.raises(ValueError, match="viscos"):
+        wrapper(gym.make(ARM), terms=["viscos@elbow"])
+    with pytest.raises(ValueError, match="coulomb@knee is at none of the joints shoulder, elbow"):
+        wrapper(gym.make(ARM), terms=["coulomb@knee"])

@@ -13,9 +13,11 @@ from gymnasium.vector import VectorWrapper
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import diagnose
 from estimators.online import Diagnoser
+from estimators.online.binning import Bin
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, DiagnoseOnlineVector, EstimateParameters
-from pendulum_env.physics import BASE
+from pendulum_env.arms.joints import FRICTION, at_joint, coupled, placed
+from pendulum_env.physics import BASE, effects
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import QuadraticDrag, Stribeck
 from pendulum_env.physics.library import effect
@@ -192,3 +194,55 @@ def test_a_rarer_alarm_needs_more_evidence():
     assert rare - often == pytest.approx(np.log(100))
     with pytest.raises(ValueError, match="alarms_per_hour"):
         DiagnoseOnline(gym.make(PENDULUM), alarms_per_hour=0.0)
+
+
+class TwoJoints:
+    """Bins of two joints with friction, drag at the second, which begins to move after six seconds."""
+
+    every, joints = 10, ("first", "second")
+
+    def __init__(self):
+        self.count, self.rng = 0, np.random.default_rng(0)
+
+    def reset(self, which):
+        self.count = 0
+
+    def take(self, time, position, torque):
+        self.count += 1
+        return [self.bin(j, self.count / 100) for j in range(2 if self.count > 600 else 1)]
+
+    def bin(self, joint, begin):
+        t = begin + 1e-3 * np.arange(13)
+        way = 1.0 if int(begin / 0.4) % 2 else -1.0
+        speed = way * (2.0 + np.sin((5.0 + 2.0 * joint) * t))
+        load = 0.3 * speed + 0.5 * way + 0.1 * joint * speed * np.abs(speed)
+        series = np.array([t, np.cos(t), speed, load])
+        moved = 0.01 * self.count
+        return Bin(0, joint, series, np.zeros(0), float(load[2:-1].mean()) + 0.01 * self.rng.normal(), moved)
+
+
+def test_a_joint_that_moves_later_is_diagnosed_from_then_on():
+    joints = TwoJoints.joints
+    terms = [placed(term, joint) for joint in joints for term in FRICTION]
+    library = {f"quadratic_drag@{joint}": at_joint(effects()["quadratic_drag"], joint) for joint in joints}
+    diagnoser = Diagnoser(1000.0, terms, library=library, binner=TwoJoints())
+    blank = np.zeros(1), np.zeros((1, 2)), np.zeros((1, 2))
+    for _ in range(590):
+        (said,) = diagnoser.take(*blank)
+    assert said.kind == "nothing" and "hardly moved" in said.not_run["quadratic_drag@second"]
+    for _ in range(800):
+        (said,) = diagnoser.take(*blank)
+    assert said.group == ("quadratic_drag@second",) and not said.not_run
+    assert said.ranking[0].theta["quadratic_drag@second"] == pytest.approx(0.1, rel=0.05)
+
+
+def test_false_alarms_are_counted_in_blocks_of_all_joints():
+    """Two joints fill twice as many blocks an hour."""
+    terms = [placed(term, joint) for joint in TwoJoints.joints for term in FRICTION]
+    of_two = Diagnoser(1000.0, terms, library={}, binner=TwoJoints()).threshold
+    assert of_two - Diagnoser(1000.0, library={}).threshold == pytest.approx(np.log(2))
+
+
+def test_a_coupling_of_two_joints_is_refused_in_a_model_that_is_diagnosed_online():
+    with pytest.raises(ValueError, match="coupling@first,second cannot be in a model"):
+        Diagnoser(1000.0, [coupled("first,second", False)()], binner=TwoJoints())
