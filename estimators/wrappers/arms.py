@@ -56,10 +56,14 @@ def body_of(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
     """Links of a file, or of an environment that can write them.
 
     Raises:
-        ValueError: if there is no file, and the environment does not tell.
+        ValueError: if there is no file, and the environment does not tell, or the file has more joints or fewer.
     """
     if robot is not None:
-        return read_body(robot)
+        body = read_body(robot)
+        joints = tuple(getattr(env.unwrapped, "joints", body.joints))
+        if len(joints) != len(body.joints):
+            raise ValueError(f"the environment has joints {', '.join(joints)}, and {robot} {', '.join(body.joints)}")
+        return body
     text = getattr(env.unwrapped, "urdf", None)
     if text is None:
         raise ValueError("the environment does not tell its links: pass robot=, a file in URDF or MJCF")

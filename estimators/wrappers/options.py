@@ -101,7 +101,13 @@ def make(
     batch: int,
     options: dict[str, Any],
 ) -> OnlineEstimator:
-    """Estimator for an environment; see `OnlineEstimator` for the options."""
+    """Estimator for an environment; see `OnlineEstimator` for the options.
+
+    Raises:
+        ValueError: if the environment is an arm.
+    """
+    if is_arm(env):
+        raise ValueError("the environment is an arm: wrap it, or each one of a vector, in EstimateArmParameters")
     rate = rate_of(env, rate)
     if options.get("smoothing") is None:
         options = {**options, "smoothing": smoothing_of(env, rate)}

@@ -80,7 +80,7 @@ class SimulatedArm(gym.Env[Observation, Action]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode at rest, all joints at zero, or at `position` [rad] and `velocity` [rad/s] of `options`, (n,).
+        """Begin at rest, all joints at zero, or at `position` [rad] and `velocity` [rad/s] of `options`, (n,) each.
 
         Raises:
             ValueError: if an option is unknown, or not n numbers.

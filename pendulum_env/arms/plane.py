@@ -34,7 +34,8 @@ def planar_links(body: Body) -> tuple[Link, ...]:
     if list(model.parents)[1:] != list(range(count)):  # nor do any follow others
         raise BodyError(f"{body.name}: branches, the simulator knows chains only: {ELSEWHERE}")
     gravity, data = np.array(model.gravity.linear), model.createData()
-    axes = np.asarray(pin.computeJointJacobians(model, data, np.zeros(count)))[3:].T  # in space, all joints at zero
+    jacobian = np.reshape(pin.computeJointJacobians(model, data, np.zeros(count)), (6, count))  # of one joint, flat
+    axes = jacobian[3:].T  # in space, all joints at zero
     up = -gravity / max(float(np.linalg.norm(gravity)), ALIKE)
     for joint, axis in zip(body.joints, axes, strict=True):
         if abs(axis @ up) > ALIKE or axis @ axes[0] < 1 - ALIKE:

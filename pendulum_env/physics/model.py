@@ -305,7 +305,9 @@ class Model:
         """
         if not isinstance(data, dict) or data.get("schema") != SCHEMA:
             if isinstance(data, dict) and data.get("schema") == ARM_SCHEMA:
-                raise ModelError("this is a model of an arm: compare and add take it with --robot, export takes none")
+                raise ModelError(
+                    "this is a model of an arm, of which a pendulum has no use: commands take it with --robot"
+                )
             raise ModelError(f"this is not a model: 'schema' should be {SCHEMA}")
         try:
             return cls._of(Value("the model", "", data))

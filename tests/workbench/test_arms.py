@@ -253,6 +253,7 @@ def test_a_diagnosis_names_what_is_missing_where_a_joint_slides(capsys, lift):
             ("record", "-o", "x.csv", *MOVING, "--backend", "pymunk"),
             "joint 'torso' does not turn in a vertical plane.*: simulate it in MuJoCo, --backend mujoco",
         ),
+        (("record", "-o", "x.csv", *MOVING, "--effect", "cogging@torso"), "cogging is of joints that turn"),
         (("add", "model.json", "cogging@torso", "run.csv"), "cogging is of joints that turn: it cannot be at 'torso'"),
         (
             ("compare", "model.json", "run.csv", "--joints", "shoulder,elbow"),
@@ -287,6 +288,13 @@ def test_record_an_arm_with_an_effect_at_a_joint(capsys, folder):
     assert code == 0
     code, out, _ = run(capsys, folder, "diagnose", "run.csv", "--only", "torque_offset,spring")
     assert code == 0 and "Missing: torque_offset@elbow" in out
+
+
+def test_one_joint_of_an_arm_is_recorded_alone(capsys, folder, tmp_path):
+    arguments = ("--joints", "shoulder", "--seconds", "3", "--rate", "500", "-o", str(tmp_path / "one.csv"))
+    code, out, _ = run(capsys, folder, "record", *arguments)
+    assert code == 0 and "1 joint" in out
+    assert len(read_arm_recording(tmp_path / "one.csv", ("shoulder",))) == 1500
 
 
 def test_an_arm_in_space_is_recorded_in_mujoco_and_has_its_files_parameters(capsys, tmp_path):

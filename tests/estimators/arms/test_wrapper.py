@@ -2,9 +2,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from benchmarks import six_joint
 from benchmarks.two_link import Multisine
 from estimators.arms import identify_arm
-from estimators.wrappers import DiagnoseOnline, EstimateArmParameters, WatchModel
+from estimators.wrappers import DiagnoseOnline, EstimateArmParameters, EstimateParameters, WatchModel
 from pendulum_env import ARM, PENDULUM
 from pendulum_env.arms import read_body
 from pendulum_env.arms.joints import Links, friction
@@ -61,6 +62,14 @@ def test_spec_rebuilds_it_and_the_picture_shows_what_is_known():
 def test_an_environment_without_links_is_refused():
     with pytest.raises(ValueError, match="does not tell its links: pass robot="):
         EstimateArmParameters(gym.make(PENDULUM))
+    with pytest.raises(ValueError, match="wrap it, or each one of a vector, in EstimateArmParameters"):
+        EstimateParameters(gym.make(ARM))
+
+
+def test_a_file_of_another_arm_is_refused(tmp_path):
+    (tmp_path / "six.urdf").write_text(six_joint.urdf())
+    with pytest.raises(ValueError, match=r"joints shoulder, elbow, and .*six\.urdf base, shoulder"):
+        EstimateArmParameters(gym.make(ARM), robot=str(tmp_path / "six.urdf"))
 
 
 def test_a_pendulum_is_not_watched_by_the_model_of_an_arm(env, tmp_path):

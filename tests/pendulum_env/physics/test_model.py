@@ -114,7 +114,7 @@ def with_theta(**entries: object) -> dict:
         (edited(schema="something else"), "this is not a model: 'schema' should be pendulum-ident/model@1"),
         (
             edited(schema="pendulum-ident/arm-model@1"),
-            "this is a model of an arm: compare and add take it",
+            "this is a model of an arm, of which a pendulum has no use: commands take it with --robot",
         ),
         ([], "this is not a model"),
         (None, "this is not a model"),
