@@ -15,6 +15,7 @@ import numpy as np
 
 from estimators.arms.balance import VIEWS, rows
 from estimators.arms.identification import ARM_SCHEMES, stack
+from estimators.regression.equations import IdentificationError
 from estimators.signals.measurements import measure_joints
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import STANDARD, Body
@@ -70,10 +71,26 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
     return Torques(tuple(_converted(recording, gains) for recording in recordings), gains)
 
 
-def without_loads(recordings: Sequence[ArmRecording]) -> list[ArmRecording]:
-    """Recordings of the arm with what it carries least, which is part of it: known loads are not."""
-    least = min((0.0 if one.carried is None else one.carried.mass for one in recordings), default=0.0)
-    return [one for one in recordings if one.carried is None or one.carried.mass <= least]
+def without_loads(
+    fitted: Sequence[ArmRecording], held_out: Sequence[ArmRecording] = ()
+) -> tuple[list[ArmRecording], list[ArmRecording]]:
+    """Recordings of the arm with what it carries least, which is part of it: known loads are not.
+
+    Raises:
+        IdentificationError: if none is left of those to fit, or of those to hold out.
+    """
+
+    def mass(one: ArmRecording) -> float:
+        return 0.0 if one.carried is None else one.carried.mass
+
+    least = min(map(mass, (*fitted, *held_out)), default=0.0)
+    left, checks = ([one for one in part if mass(one) <= least] for part in (fitted, held_out))
+    for what, part, bare in (("fitted", fitted, left), ("held-out", held_out, checks)):
+        if part and not bare:
+            raise IdentificationError(
+                f"every {what} recording has a known load, which is no part of the arm: add one of the arm without it"
+            )
+    return left, checks
 
 
 def _standard(carried: Carried, body: Body) -> Array:

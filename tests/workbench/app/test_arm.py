@@ -145,3 +145,20 @@ def test_joints_of_a_study_move_and_others_are_held_where_the_recordings_have_th
     assert '["torso", "shoulder", "elbow"]' in FILES["study"](session.state, "")[1]
     drop(session, *two_link(tmp_path, 4.0)[:1])
     assert "what is loaded is not of this robot" in session.notice
+
+
+def test_a_held_out_recording_with_a_known_load_is_not_the_bare_arm(session, tmp_path):
+    robot, run = two_link(tmp_path, 4.0)
+    for name in ("bare.csv", "loaded.csv"):
+        (tmp_path / name).write_bytes(run.read_bytes())
+    entries = '[[recording]]\nfile = "run.csv"\n' + "".join(
+        f'[[recording]]\nfile = "{name}.csv"\nrole = "holdout"\n{load}'
+        for name, load in (("bare", ""), ("loaded", "load = {mass = 2, center = [0.1, 0, 0]}\n"))
+    )
+    (tmp_path / "study.toml").write_text(entries)
+    drop(session, robot, run, *(tmp_path / f"{name}" for name in ("bare.csv", "loaded.csv", "study.toml")))
+    state = session.state
+    assert session.notice == "" and [one.name for one in state.holdout] == ["bare"]
+    assert "Left out, as a known load is no part of the arm: loaded" in stage_text(session)
+    session.act(lambda: session.remove("bare.csv"))
+    assert session.state.trouble.startswith("every held-out recording has a known load")
