@@ -21,7 +21,7 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.body import STANDARD, Body
 from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.recording.record import RecordingError, TorqueConstant
 from pendulum_env.recording.study import Carried
 
 SCHEME = next(scheme for scheme in ARM_SCHEMES if scheme.id == "filtered_dynamic")
@@ -47,10 +47,12 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
     Args:
         recordings: some with a known weight (`carried`), some with another or none.
         body: the links.
+
+    Raises:
+        RecordingError: if the currents of a joint are in two units.
     """
-    asked = {joint: unit for recording in recordings for joint, unit in recording.currents.items()}
-    weights = {recording.carried for recording in recordings}
-    if not asked or len(weights) < 2:
+    asked = _units(recordings)
+    if not asked or len({recording.carried for recording in recordings}) < 2:
         return Torques(tuple(recordings), {})
     parts = [measure_joints(recording.joints) for recording in recordings]
     measured = [m for part in parts for m in part]
@@ -64,9 +66,11 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
             weighs[here] = data.equations.phi[here, :count] @ body.combine @ _standard(recording.carried, body)
     gains = {}
     for joint, unit in asked.items():
-        own = data.usable & (data.joint == body.joints.index(joint))
+        alike = np.array([joint in recording.currents for recording in recordings])  # others are in N m
+        weights = {recording.carried for recording in recordings if joint in recording.currents}
+        own = data.usable & (data.joint == body.joints.index(joint)) & alike[of]
         value, std = _beside(data.equations.phi[own], weighs[own], data.equations.y[own], data.clusters[own])
-        if value > SURE * std:
+        if len(weights) > 1 and value > SURE * std:
             gains[joint] = TorqueConstant(1 / value, std / value**2, unit, len(weights))
     return Torques(tuple(_converted(recording, gains) for recording in recordings), gains)
 
@@ -91,6 +95,20 @@ def without_loads(
                 f"every {what} recording has a known load, which is no part of the arm: add one of the arm without it"
             )
     return left, checks
+
+
+def _units(recordings: Sequence[ArmRecording]) -> dict[str, str]:
+    """Units of currents by joint; raises RecordingError as `in_torque`."""
+    first: dict[str, tuple[str, str]] = {}
+    for recording in recordings:
+        for joint, unit in recording.currents.items():
+            name, other = first.setdefault(joint, (recording.name, unit))
+            if unit != other:
+                raise RecordingError(
+                    f"{recording.name}: torque of joint '{joint}' is in {unit}, and in {other} in {name}: read both in "
+                    "one unit"
+                )
+    return {joint: unit for joint, (_, unit) in first.items()}
 
 
 def _standard(carried: Carried, body: Body) -> Array:

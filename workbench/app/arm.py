@@ -130,7 +130,7 @@ class ArmState(State):
     @property
     def recordings(self) -> list[Recording]:
         """Those that are loaded, in N m as far as that is known."""
-        return list(self._torques)
+        return [one.recording for one in self.loaded] if self.trouble else list(self._torques)
 
     @cached_property
     def _prepared(self) -> Fitted | str:  # type: ignore[override]
@@ -170,7 +170,7 @@ class ArmState(State):
     @cached_property
     def questions(self) -> list[str]:
         """What is doubtful in the recordings, a sentence or a question each."""
-        away = straying(self.body, self._torques)
+        away = straying(self.body, self.recordings)  # type: ignore[arg-type]
         if self.trouble:
             return away
         loaded = loaded_text(self._torques, [*self.train, *self.holdout])  # type: ignore[list-item]

@@ -55,3 +55,15 @@ def test_the_bare_arm_is_that_of_fitted_and_held_out_recordings_together(logged)
         without_loads([empty], [loaded])
     with pytest.raises(IdentificationError, match="every fitted recording has a known load"):
         without_loads([loaded], [empty])
+
+
+def test_gains_come_of_recordings_in_one_unit(logged):
+    empty, loaded = logged
+    known = replace(empty, torque=empty.torque * GAINS, currents={})  # in N m
+    alone = in_torque([known, loaded], six_joint.body())
+    assert not alone.gains and alone.recordings[1].currents == loaded.currents
+    milli = replace(loaded, name="milli", torque=loaded.torque * 1e3, currents=dict.fromkeys(loaded.currents, "mA"))
+    with pytest.raises(RecordingError, match="milli: torque of joint 'shoulder' is in mA, and in A in"):
+        in_torque([empty, milli], six_joint.body())
+    both = in_torque([known, empty, loaded], six_joint.body())
+    assert both.gains["shoulder"].value == pytest.approx(GAINS[1], rel=0.02)
