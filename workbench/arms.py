@@ -38,7 +38,7 @@ from workbench.export.joints import FORMATS
 from workbench.export.request import Request
 from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
 from workbench.mistakes import InputError
-from workbench.robot import RobotFile, held_text, looked_for, meaning, straying
+from workbench.robot import RobotFile, held_text, loaded_text, looked_for, meaning, straying
 from workbench.story import Story, judged, parameters_line
 from workbench.terminal import Terminal
 from workbench.words import enumerate_words, plus_minus
@@ -378,19 +378,11 @@ def _given(
         terminal.say(f"torque gain of {joint}: {size}, as known loads tell it")
     for text in meaning(torques.recordings, body):
         terminal.say(f"warning: {text}", style="yellow")
-    fitted, held_out = (
-        _without_loads(part, terminal)
-        for part in (torques.recordings[: len(asked.fitted)], torques.recordings[len(asked.fitted) :])
-    )
+    count = len(asked.fitted)
+    fitted, held_out = without_loads(torques.recordings[:count], torques.recordings[count:])
+    if text := loaded_text(torques.recordings, [*fitted, *held_out]):
+        terminal.say(text)
     return _Given(robot, body, fitted, held_out, asked.fitted)
-
-
-def _without_loads(recordings: Sequence[ArmRecording], terminal: Terminal) -> list[ArmRecording]:
-    """Recordings of the arm with what it carries least: known loads tell gains, and are no part of the arm."""
-    left = without_loads(recordings)
-    if loaded := [one.name for one in recordings if one not in left]:
-        terminal.say(f"not fitted, as a known load is no part of the arm: {enumerate_words(loaded)}")
-    return left
 
 
 def _robot(arguments: argparse.Namespace, told: Asked) -> RobotFile:

@@ -98,6 +98,12 @@ def held_text(body: Body) -> str:
     return f"held: {', '.join(places)}" if places else ""
 
 
+def loaded_text(recordings: Sequence[ArmRecording], left: Sequence[ArmRecording]) -> str:
+    """Which recordings are left out for their loads; empty if none is."""
+    names = [one.name for one in recordings if one not in left]
+    return f"left out, as a known load is no part of the arm: {listing(names)}" if names else ""
+
+
 def looked_for(body: Body, only: Sequence[str] | None, without: Sequence[str]) -> dict[str, type[Term]]:
     """Effects that a diagnosis looks for at the joints of a robot, by id: all, or only some, or all but some.
 

@@ -15,12 +15,13 @@ import numpy as np
 
 from estimators.arms.balance import VIEWS, rows
 from estimators.arms.identification import ARM_SCHEMES, stack
+from estimators.regression.equations import IdentificationError
 from estimators.signals.measurements import measure_joints
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import STANDARD, Body
 from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.recording.record import TorqueConstant
+from pendulum_env.recording.record import RecordingError, TorqueConstant
 from pendulum_env.recording.study import Carried
 
 SCHEME = next(scheme for scheme in ARM_SCHEMES if scheme.id == "filtered_dynamic")
@@ -46,10 +47,12 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
     Args:
         recordings: some with a known weight (`carried`), some with another or none.
         body: the links.
+
+    Raises:
+        RecordingError: if the currents of a joint are in two units.
     """
-    asked = {joint: unit for recording in recordings for joint, unit in recording.currents.items()}
-    weights = {recording.carried for recording in recordings}
-    if not asked or len(weights) < 2:
+    asked = _units(recordings)
+    if not asked or len({recording.carried for recording in recordings}) < 2:
         return Torques(tuple(recordings), {})
     parts = [measure_joints(recording.joints) for recording in recordings]
     measured = [m for part in parts for m in part]
@@ -63,17 +66,49 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
             weighs[here] = data.equations.phi[here, :count] @ body.combine @ _standard(recording.carried, body)
     gains = {}
     for joint, unit in asked.items():
-        own = data.usable & (data.joint == body.joints.index(joint))
+        alike = np.array([joint in recording.currents for recording in recordings])  # others are in N m
+        weights = {recording.carried for recording in recordings if joint in recording.currents}
+        own = data.usable & (data.joint == body.joints.index(joint)) & alike[of]
         value, std = _beside(data.equations.phi[own], weighs[own], data.equations.y[own], data.clusters[own])
-        if value > SURE * std:
+        if len(weights) > 1 and value > SURE * std:
             gains[joint] = TorqueConstant(1 / value, std / value**2, unit, len(weights))
     return Torques(tuple(_converted(recording, gains) for recording in recordings), gains)
 
 
-def without_loads(recordings: Sequence[ArmRecording]) -> list[ArmRecording]:
-    """Recordings of the arm with what it carries least, which is part of it: known loads are not."""
-    least = min((0.0 if one.carried is None else one.carried.mass for one in recordings), default=0.0)
-    return [one for one in recordings if one.carried is None or one.carried.mass <= least]
+def without_loads(
+    fitted: Sequence[ArmRecording], held_out: Sequence[ArmRecording] = ()
+) -> tuple[list[ArmRecording], list[ArmRecording]]:
+    """Recordings of the arm with what it carries least, which is part of it: known loads are not.
+
+    Raises:
+        IdentificationError: if none is left of those to fit, or of those to hold out.
+    """
+
+    def mass(one: ArmRecording) -> float:
+        return 0.0 if one.carried is None else one.carried.mass
+
+    least = min(map(mass, (*fitted, *held_out)), default=0.0)
+    left, checks = ([one for one in part if mass(one) <= least] for part in (fitted, held_out))
+    for what, part, bare in (("fitted", fitted, left), ("held-out", held_out, checks)):
+        if part and not bare:
+            raise IdentificationError(
+                f"every {what} recording has a known load, which is no part of the arm: add one of the arm without it"
+            )
+    return left, checks
+
+
+def _units(recordings: Sequence[ArmRecording]) -> dict[str, str]:
+    """Units of currents by joint; raises RecordingError as `in_torque`."""
+    first: dict[str, tuple[str, str]] = {}
+    for recording in recordings:
+        for joint, unit in recording.currents.items():
+            name, other = first.setdefault(joint, (recording.name, unit))
+            if unit != other:
+                raise RecordingError(
+                    f"{recording.name}: torque of joint '{joint}' is in {unit}, and in {other} in {name}: read both in "
+                    "one unit"
+                )
+    return {joint: unit for joint, (_, unit) in first.items()}
 
 
 def _standard(carried: Carried, body: Body) -> Array:

@@ -60,30 +60,34 @@ class ArmModel(Model):
             ModelError: if the file is missing, is no model of an arm, or is one of another arm.
         """
         try:
-            data = Value("the model", "", read_json(path, HINT))
-            if data["schema"].text() != ARM_SCHEMA:
-                raise ModelError(f"is no model of an arm; {HINT}")
-            joints = [joint.text() for joint in data["joints"].items(1000)]
-            if tuple(joints) != body.joints:
-                raise ModelError(f"is of an arm with joints {', '.join(joints)}, not {', '.join(body.joints)}")
-            base = data["base"].content
-            if base != {parameter.name: parameter.text for parameter in body.base}:
-                raise ModelError("is of an arm with other links, or with rotors where this has none, or without")
-            theta = data["theta"]
-            told = theta.content if isinstance(theta.content, dict) else {}
-            terms = [
-                _term(item, body, f"coupling.inertia@{item['joint'].text()}" in told)
-                for item in data["terms"].items(1000)
-            ]
-            model = cls.build((Links(body), *terms), 0.0)
-            log_format = data.get("log_format")
-            return replace(
-                model,
-                estimates={name: read_estimate(theta[name], own.unit) for name, own in model.estimates.items()},
-                log_format={} if log_format is None else log_format.table(),
-            )
+            return cls.of_body(read_json(path, HINT), body)
         except (Unreadable, ModelError) as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+
+    @classmethod
+    def of_body(cls, content: JSON, body: Body) -> ArmModel:
+        """Model of a body from a dictionary that `json` made; raises ModelError, or Unreadable, as `load`."""
+        data = Value("the model", "", content)
+        if data["schema"].text() != ARM_SCHEMA:
+            raise ModelError(f"is no model of an arm; {HINT}")
+        joints = [joint.text() for joint in data["joints"].items(1000)]
+        if tuple(joints) != body.joints:
+            raise ModelError(f"is of an arm with joints {', '.join(joints)}, not {', '.join(body.joints)}")
+        base = data["base"].content
+        if base != {parameter.name: parameter.text for parameter in body.base}:
+            raise ModelError("is of an arm with other links, or with rotors where this has none, or without")
+        theta = data["theta"]
+        told = theta.content if isinstance(theta.content, dict) else {}
+        terms = [
+            _term(item, body, f"coupling.inertia@{item['joint'].text()}" in told) for item in data["terms"].items(1000)
+        ]
+        model = cls.build((Links(body), *terms), 0.0)
+        log_format = data.get("log_format")
+        return replace(
+            model,
+            estimates={name: read_estimate(theta[name], own.unit) for name, own in model.estimates.items()},
+            log_format={} if log_format is None else log_format.table(),
+        )
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from workbench.arms import SAVED
 from workbench.mistakes import InputError
 from workbench.report.arm import render_arm, render_arm_comparison
 from workbench.report.words import name, opening
-from workbench.robot import RobotFile, looked_for, meaning, straying
+from workbench.robot import RobotFile, loaded_text, looked_for, meaning, straying
 
 SCHEMES = for_arms([scheme(id) for id in ("dynamic", "filtered_dynamic", "filtered_hamiltonian")])  # the sure ones
 
@@ -130,14 +130,14 @@ class ArmState(State):
     @property
     def recordings(self) -> list[Recording]:
         """Those that are loaded, in N m as far as that is known."""
-        return list(self._torques)
+        return [one.recording for one in self.loaded] if self.trouble else list(self._torques)
 
     @cached_property
     def _prepared(self) -> Fitted | str:  # type: ignore[override]
         try:
             both = list(zip(self.loaded, self._torques, strict=True))
-            train, holdout = (
-                without_loads([own for one, own in both if one.held_out == held]) for held in (False, True)
+            train, holdout = without_loads(
+                *([own for one, own in both if one.held_out == held] for held in (False, True))
             )
             if not train:
                 return "every recording is held out: keep one to fit the model to" if holdout else NO_RECORDING
@@ -170,8 +170,11 @@ class ArmState(State):
     @cached_property
     def questions(self) -> list[str]:
         """What is doubtful in the recordings, a sentence or a question each."""
-        away = straying(self.body, self._torques)
-        return away if self.trouble else [*away, *meaning(self._torques, self.body)]
+        away = straying(self.body, self.recordings)  # type: ignore[arg-type]
+        if self.trouble:
+            return away
+        loaded = loaded_text(self._torques, [*self.train, *self.holdout])  # type: ignore[list-item]
+        return [*away, *([loaded] if loaded else []), *meaning(self._torques, self.body)]
 
     @property
     def rungs(self) -> tuple[Rung, ...]:

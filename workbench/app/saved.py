@@ -14,6 +14,8 @@ from types import NoneType
 from typing import Any, cast, get_args, get_origin, get_type_hints
 
 from pendulum_env._typing import JSON
+from pendulum_env.arms.joints import Links
+from pendulum_env.arms.model import ArmModel
 from pendulum_env.excitation import SIGNALS, Excitation, signal_from_json, signal_json
 from pendulum_env.physics import Model, Term
 from pendulum_env.reading import Unreadable, amount, read_json
@@ -62,7 +64,8 @@ def pack(state: State) -> bytes:
     """
     known: JSON = {"schema": SCHEMA, "origins": [one.origin for one in state.loaded]}
     if isinstance(state, ArmState):  # of which models and diagnosis are made anew
-        known |= {"robot": state.robot.file.name, "asked": state.asked}
+        known |= {"robot": state.robot, "asked": state.asked, "model_file": state.model_file}
+        known |= {"base": ArmModel.build((Links(state.body), *state.terms), 1.0) if state.terms else None}
     else:
         known |= {"base": _of(state.terms), **{key: getattr(state, name) for key, name in MEMBERS.items()}}
     packed = io.BytesIO()
@@ -95,8 +98,8 @@ def opened(folder: Path) -> State:
         raise Unreadable(f"'schema' of {CONTENTS} should be {SCHEMA}; {HINT}")
     sources = read_sources(folder / STUDY) if content.get("origins") else ()
     loaded, begun = list[Loaded](), State()
-    if isinstance(content.get("robot"), str):
-        begun = ArmState(robot=RobotFile(folder / safe_name(content["robot"]), _joints(sources), bolted=True))
+    if "robot" in content:
+        begun = ArmState(robot=_robot(content["robot"], folder, sources))
     for source in sources:
         file = folder / safe_name(source.file.name)
         if not file.is_file():
@@ -105,6 +108,9 @@ def opened(folder: Path) -> State:
     try:
         if isinstance(begun, ArmState):
             begun = replace(begun, loaded=tuple(loaded), asked=_typed(Asked, content["asked"]))
+            if content.get("base") is not None:
+                terms = ArmModel.of_body(content["base"], begun.body).terms[1:]
+                begun = replace(begun, terms=terms, model_file=_typed(str, content["model_file"]))
             begun.check(begun.asked)
             return begun
         hints, terms = get_type_hints(State), _typed(Model, content["base"]).terms
@@ -120,8 +126,15 @@ def opened(folder: Path) -> State:
     return state
 
 
-def _joints(sources: Sequence[Source]) -> tuple[str, ...] | None:
-    return next((source.joints for source in sources), None)
+def _robot(told: Any, folder: Path, sources: Sequence[Source]) -> RobotFile:
+    """The robot of a session; older ones tell the file's name alone, and their study which joints move."""
+    if isinstance(told, str):
+        return RobotFile(folder / safe_name(told), next((source.joints for source in sources), None), bolted=True)
+    try:
+        robot = _typed(RobotFile, told)
+    except (LookupError, TypeError, ValueError) as error:
+        raise Unreadable(f"'robot' of {CONTENTS} makes no sense ({error}); {HINT}") from None
+    return replace(robot, file=folder / robot.file)
 
 
 def _of(terms: tuple[Term, ...]) -> Model:
@@ -131,6 +144,8 @@ def _of(terms: tuple[Term, ...]) -> Model:
 
 def _plain(record: Any) -> Any:
     """A record as JSON has it, one level deep."""
+    if isinstance(record, Path):
+        return record.name
     if isinstance(record, Model):
         return record.json()
     if isinstance(record, Term):
@@ -160,6 +175,8 @@ def _typed(kind: Any, content: Any) -> Any:
         return tuple(_typed(one, item) for one, item in zip(each, content, strict=True))
     if get_origin(kind) is Mapping:
         return {key: _typed(parts[1], item) for key, item in content.items()}
+    if kind is Path:
+        return Path(safe_name(_typed(str, content)))
     if kind is float:
         return kind(content)
     if not isinstance(content, str if issubclass(kind, StrEnum) else kind):

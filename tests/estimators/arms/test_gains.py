@@ -7,7 +7,8 @@ import pytest
 
 from benchmarks import six_joint
 from estimators.arms import identify_arm
-from estimators.arms.gains import in_torque
+from estimators.arms.gains import in_torque, without_loads
+from estimators.regression.equations import IdentificationError
 from pendulum_env.recording import RecordingError
 from pendulum_env.recording.study import Carried
 
@@ -43,3 +44,26 @@ def test_a_current_without_a_gain_is_no_torque(logged):
     (alone,) = in_torque(logged[:1], six_joint.body()).recordings
     with pytest.raises(RecordingError, match="joint 'shoulder': torque is in A, and nothing tells its gain: give it"):
         identify_arm(alone, six_joint.body())
+
+
+def test_the_bare_arm_is_that_of_fitted_and_held_out_recordings_together(logged):
+    empty, loaded = logged
+    heavier = replace(loaded, carried=Carried(3.0, loaded.carried.center))
+    assert without_loads([empty, loaded], [empty, heavier]) == ([empty], [empty])
+    assert without_loads([loaded, heavier]) == ([loaded], [])
+    with pytest.raises(IdentificationError, match="every held-out recording has a known load, which is no part"):
+        without_loads([empty], [loaded])
+    with pytest.raises(IdentificationError, match="every fitted recording has a known load"):
+        without_loads([loaded], [empty])
+
+
+def test_gains_come_of_recordings_in_one_unit(logged):
+    empty, loaded = logged
+    known = replace(empty, torque=empty.torque * GAINS, currents={})  # in N m
+    alone = in_torque([known, loaded], six_joint.body())
+    assert not alone.gains and alone.recordings[1].currents == loaded.currents
+    milli = replace(loaded, name="milli", torque=loaded.torque * 1e3, currents=dict.fromkeys(loaded.currents, "mA"))
+    with pytest.raises(RecordingError, match="milli: torque of joint 'shoulder' is in mA, and in A in"):
+        in_torque([empty, milli], six_joint.body())
+    both = in_torque([known, empty, loaded], six_joint.body())
+    assert both.gains["shoulder"].value == pytest.approx(GAINS[1], rel=0.02)

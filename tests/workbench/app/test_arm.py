@@ -1,14 +1,21 @@
 """Sessions of an arm, without a browser."""
 
+import io
 import json
+import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.two_link import Multisine, TwoLink
+from pendulum_env.arms import at_joint, friction
+from pendulum_env.arms.joints import Links
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording, write_arm_recording
+from pendulum_env.physics.friction import Stribeck
+from pendulum_env.reading import Unreadable
 from tests import robots
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import files_of, upload, url
@@ -18,10 +25,12 @@ pytest.importorskip("dash")
 
 from workbench.app.arm import ArmState
 from workbench.app.mapping import Choice
+from workbench.app.saved import CONTENTS, STUDY, opened, pack, study
 from workbench.app.session import Session
 from workbench.app.stages import arm
 from workbench.app.stages.export import FILES
 from workbench.app.state import State
+from workbench.robot import RobotFile
 
 TWO, OFFSET = TwoLink(), 0.3  # [N m], hidden in the elbow
 
@@ -145,3 +154,55 @@ def test_joints_of_a_study_move_and_others_are_held_where_the_recordings_have_th
     assert '["torso", "shoulder", "elbow"]' in FILES["study"](session.state, "")[1]
     drop(session, *two_link(tmp_path, 4.0)[:1])
     assert "what is loaded is not of this robot" in session.notice
+
+
+def test_a_held_out_recording_with_a_known_load_is_not_the_bare_arm(session, tmp_path):
+    robot, run = two_link(tmp_path, 4.0)
+    for name in ("bare.csv", "loaded.csv"):
+        (tmp_path / name).write_bytes(run.read_bytes())
+    entries = '[[recording]]\nfile = "run.csv"\n' + "".join(
+        f'[[recording]]\nfile = "{name}.csv"\nrole = "holdout"\n{load}'
+        for name, load in (("bare", ""), ("loaded", "load = {mass = 2, center = [0.1, 0, 0]}\n"))
+    )
+    (tmp_path / "study.toml").write_text(entries)
+    drop(session, robot, run, *(tmp_path / f"{name}" for name in ("bare.csv", "loaded.csv", "study.toml")))
+    state = session.state
+    assert session.notice == "" and [one.name for one in state.holdout] == ["bare"]
+    assert "Left out, as a known load is no part of the arm: loaded" in stage_text(session)
+    session.act(lambda: session.remove("bare.csv"))
+    assert session.state.trouble.startswith("every held-out recording has a known load")
+
+
+def test_a_saved_session_keeps_the_robot_and_the_model_it_began_from(session, tmp_path):
+    file, run = two_link(tmp_path, 4.0)
+    robot = RobotFile(file, ("shoulder", "elbow"), bolted=True, rotors=True, weightless=True)
+    session.act(lambda: session.take_robot(robot))
+    empty = reopened(session, tmp_path / "empty")
+    assert replace(empty.robot, file=file) == robot and not empty.loaded
+    drop(session, run)
+    body = session.state.body
+    begun = ArmModel.build((Links(body), *friction(body), at_joint(Stribeck, "elbow")(0.1)), 1.0)
+    session.act(lambda: session.begin_from("first.json", url(json.dumps(begun.json()).encode())))
+    assert session.notice == ""
+    again = reopened(session, tmp_path / "again")
+    assert replace(again.robot, file=file) == robot and again.model_file == "first.json"
+    assert ArmModel.build((Links(body), *again.terms), 1.0).json() == begun.json()
+
+
+def reopened(session, folder: Path) -> ArmState:
+    again = Session(folder, session.workers)
+    again.act(lambda: again.open("session.zip", url(FILES["session"](session.state, "")[1])))
+    assert again.notice == ""
+    return again.state
+
+
+def test_a_session_saved_before_robots_were_whole_opens(session, tmp_path):
+    drop(session, *two_link(tmp_path, 4.0))
+    content = json.loads(zipfile.ZipFile(io.BytesIO(pack(session.state))).read(CONTENTS))
+    old = {key: content[key] for key in ("schema", "origins", "asked")} | {"robot": "arm.urdf"}
+    (tmp_path / CONTENTS).write_text(json.dumps(old))
+    (tmp_path / STUDY).write_text(study(session.state))
+    assert opened(tmp_path).robot == RobotFile(tmp_path / "arm.urdf", session.state.joints, bolted=True)
+    (tmp_path / CONTENTS).write_text(json.dumps(old | {"robot": {"file": "arm.urdf", "rotors": "many"}}))
+    with pytest.raises(Unreadable, match=r"'robot' of session.* makes no sense"):
+        opened(tmp_path)
