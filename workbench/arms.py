@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,7 +31,7 @@ from pendulum_env.arms.recording import ArmRecording, write_arm_recording
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
-from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.recording.study import Source, read_as
 from pendulum_env.words import Table, parameters_table
 from workbench.export.joints import FORMATS
@@ -382,7 +382,14 @@ def _given(
     fitted, held_out = without_loads(torques.recordings[:count], torques.recordings[count:])
     if text := loaded_text(torques.recordings, [*fitted, *held_out]):
         terminal.say(text)
-    return _Given(robot, body, fitted, held_out, asked.fitted)
+    return _Given(robot, body, fitted, held_out, tuple(_with_gains(source, torques.gains) for source in asked.fitted))
+
+
+def _with_gains(source: Source, gains: Mapping[str, TorqueConstant]) -> Source:
+    """A source read with the gains of currents that known weights told, as the next log of the arm has to be."""
+    found = {f"torque_{joint}": f"{gain.value:.6g}" for joint, gain in gains.items()}
+    columns = {name: text.replace("?", found.get(name, "?")) for name, text in source.columns.items()}
+    return replace(source, columns=columns)
 
 
 def _robot(arguments: argparse.Namespace, told: Asked) -> RobotFile:

@@ -49,7 +49,7 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
         body: the links.
 
     Raises:
-        RecordingError: if the currents of a joint are in two units.
+        RecordingError: if the currents of a joint are in two units, or count against the weight.
     """
     asked = _units(recordings)
     if not asked or len({recording.carried for recording in recordings}) < 2:
@@ -70,6 +70,11 @@ def in_torque(recordings: Sequence[ArmRecording], body: Body) -> Torques:
         weights = {recording.carried for recording in recordings if joint in recording.currents}
         own = data.usable & (data.joint == body.joints.index(joint)) & alike[of]
         value, std = _beside(data.equations.phi[own], weighs[own], data.equations.y[own], data.clusters[own])
+        if len(weights) > 1 and value < -SURE * std:
+            raise RecordingError(
+                f"the known weight acts on joint '{joint}' with the other sign than the current: say -COLUMN for its "
+                "torque, or check the center of the weight"
+            )
         if len(weights) > 1 and value > SURE * std:
             gains[joint] = TorqueConstant(1 / value, std / value**2, unit, len(weights))
     return Torques(tuple(_converted(recording, gains) for recording in recordings), gains)

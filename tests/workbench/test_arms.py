@@ -361,3 +361,26 @@ def test_a_pendulums_command_knows_no_joints(capsys, folder):
     assert "its study names joints of an arm" in capsys.readouterr().err
     assert main(["identify", str(folder / "plain.csv"), "--columns", "torque_elbow=torque_elbow"]) == 2
     assert "columns are named for" in capsys.readouterr().err
+
+
+def test_a_model_of_currents_keeps_the_gains_that_known_weights_told(capsys, tmp_path):
+    weight = six_joint.Load(2.0, (0.03, 0.02, 0.09), (1e-5, 1e-5, 1e-5))
+    (tmp_path / "arm.urdf").write_text(six_joint.urdf())
+    for name, load in (("empty", None), ("loaded", weight)):
+        one = six_joint.simulate(1, seconds=8.0, load=load)
+        names = {f"torque_{joint}": f"i{k}" for k, joint in enumerate(six_joint.JOINTS)}
+        torque = dict(
+            zip(names.values(), one.torque.T / np.array([[1.0], [9.0], [7.5], [3.2], [2.1], [1.4]]), strict=True)
+        )
+        columns = {f"position_{joint}": one.position[:, k] for k, joint in enumerate(six_joint.JOINTS)}
+        robots.write({"time": one.time, **columns, **torque}, tmp_path / f"{name}.csv")
+    said = "".join(
+        f'torque_{joint} = "i{k}{":A*?" if 0 < k < 5 else ""}"\n' for k, joint in enumerate(six_joint.JOINTS)
+    )
+    weighs = "load = {mass = 2, center = [0.03, 0.02, 0.09]}"
+    files = f'[[recording]]\nfile = "empty.csv"\n[[recording]]\nfile = "loaded.csv"\n{weighs}\n'
+    (tmp_path / "study.toml").write_text(f"[columns]\n{said}{files}")
+    code, out, _ = run(capsys, tmp_path, "identify", "study.toml", "--scheme", "filtered_dynamic", "-o", "model.json")
+    assert code == 0 and "torque gain of shoulder: 9.0" in out
+    code, out, _ = run(capsys, tmp_path, "compare", "model.json", "empty.csv")
+    assert code == 0 and re.search(r"torque_shoulder=i1:A\*(9|8\.99)[\d.]*,", out)

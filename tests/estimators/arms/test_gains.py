@@ -40,6 +40,12 @@ def test_a_known_weight_tells_the_gains_of_the_joints_that_feel_it(logged):
     assert empty.torque[:, 1] == pytest.approx(logged[0].torque[:, 1] * found.gains["shoulder"].value)
 
 
+def test_a_current_that_counts_the_other_way_round_is_said_to(logged):
+    signs = np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
+    with pytest.raises(RecordingError, match="the known weight acts on joint 'elbow' with the other sign"):
+        in_torque([replace(run, torque=run.torque * signs) for run in logged], six_joint.body())
+
+
 def test_a_current_without_a_gain_is_no_torque(logged):
     (alone,) = in_torque(logged[:1], six_joint.body()).recordings
     with pytest.raises(RecordingError, match="joint 'shoulder': torque is in A, and nothing tells its gain: give it"):
