@@ -266,3 +266,19 @@ def same_by_lines(state, folder, monkeypatch):
         assert theta == pytest.approx(state.model.theta, rel=1e-6)
         assert told["model"].theta == pytest.approx(state.model.theta, rel=1e-6)
     return told.get("found")
+
+
+def test_gravity_that_the_driver_takes_off_is_one_press_away(session, tmp_path):
+    robot, run = two_link(tmp_path, 4.0)
+    header, *_ = run.read_text().splitlines()
+    rows = np.loadtxt(run, delimiter=",", skiprows=1)
+    rows[:, 3:] -= [TWO.bias(q, np.zeros(2)) for q in rows[:, 1:3]]
+    np.savetxt(run, rows, delimiter=",", header=header, comments="")
+    drop(session, robot, run)
+    before = session.state.body.names
+    assert "Then press “Its torques are without gravity”" in stage_text(session)
+    session.act(session.turn_gravity)
+    assert session.state.robot.weightless and session.state.body.names != before
+    assert "Then press" not in stage_text(session) and "Its torques are with gravity" in stage_text(session)
+    session.act(session.turn_gravity)
+    assert session.state.body.names == before

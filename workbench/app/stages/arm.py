@@ -13,7 +13,7 @@ from dash.development.base_component import Component
 
 from estimators.arms.diagnosis import gather_arm
 from workbench.app import card
-from workbench.app.arm import ArmState
+from workbench.app.arm import WEIGHTLESS, ArmState
 from workbench.app.asked import NOTHING
 from workbench.app.parts import button, dropdown, fragment, graph, labelled, panel, saves, table
 from workbench.app.recorder import DIAGNOSIS
@@ -48,7 +48,8 @@ def _robot(state: ArmState) -> Component:
         "Columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
         "(joints) and what other columns mean.",
     ]
-    return panel("The robot", *(html.P(text) for text in said), button("Leave the robot", "leave-robot"))
+    gravity = button("Its torques are with gravity" if state.robot.weightless else WEIGHTLESS, "turn-gravity")
+    return panel("The robot", *(html.P(text) for text in said), button("Leave the robot", "leave-robot"), " ", gravity)
 
 
 def _courses(state: ArmState, k: int) -> list[Figure]:
