@@ -69,14 +69,20 @@ def _body(robot: RobotFile, held: tuple[tuple[str, float], ...], changed: Hashab
     return body.weightless if robot.weightless else body
 
 
-def meaning(recordings: Sequence[ArmRecording], body: Body) -> list[str]:
-    """What the torques of recordings seem to be, where they are not those that the joints need, a question each."""
+def meaning(recordings: Sequence[ArmRecording], body: Body, off: str = "say --no-gravity") -> list[str]:
+    """What the torques of recordings seem to be, where they are not those that the joints need, a question each.
+
+    Args:
+        recordings: in N m, or nothing is asked.
+        body: the links.
+        off: what to do where gravity is taken off.
+    """
     found = [] if any(one.currents for one in recordings) else shares(recordings, body)
     weightless = [one.joint for one in found if one.is_weightless]
     texts = []
     if weightless:
         joints = f"joint{'s' * (len(weightless) > 1)} {listing(weightless)}"
-        texts.append(f"no gravity in the torque of {joints}: does the driver take it off? Then say --no-gravity")
+        texts.append(f"no gravity in the torque of {joints}: does the driver take it off? Then {off}")
     for one in found:
         if one.is_geared:
             texts.append(

@@ -42,9 +42,14 @@ class Nearest:
     farthest: str
 
     @property
+    def exists(self) -> bool:
+        """Whether some body has these parameters."""
+        return self.distance <= NEAR
+
+    @property
     def text(self) -> str:
-        """Whether some body has these parameters, in a sentence."""
-        if self.distance <= NEAR:
+        """The same in a sentence."""
+        if self.exists:
             return f"some body has these parameters, within {max(self.distance, 0.1):.1f} standard errors"
         return (
             f"no body has these parameters: the nearest is {self.distance:.1f} standard errors off, in {self.farthest}"

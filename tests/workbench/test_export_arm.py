@@ -74,7 +74,12 @@ def test_mujoco_feels_the_torque_of_the_model(tmp_path, capsys, robot):
         inertia, viscous = (model.estimates[f"coupling.{name}@pitch,flange"].value for name in ("inertia", "viscous"))
         motor[:, m] = motor[:, n] = inertia * (a[:, m] + a[:, n]) + viscous * (v[:, m] + v[:, n])
         beside = [spring, motor]
-    felt = torques(mujoco.MjModel.from_xml_path(xml), body, q, v, a)
+    world = mujoco.MjModel.from_xml_path(xml)
+    dry = [world.dof_frictionloss[world.joint(at).dofadr[0]] for at in body.joints]
+    assert dry == pytest.approx([model.estimates[f"coulomb@{at}"].value for at in body.joints])
+    if robot == "six":
+        assert world.tendon_frictionloss == pytest.approx([model.estimates["coupling.coulomb@pitch,flange"].value])
+    felt = torques(world, body, q, v, a)
     expected = told(model, q, v, a, beside)
     assert np.abs(felt - expected).max() < 1e-4 * np.abs(expected).max()
 
@@ -91,6 +96,9 @@ def test_a_robot_description_has_the_links_and_the_friction_that_were_found(tmp_
     assert again.joints == model.body.joints and again.names == model.body.names
     assert again.values == pytest.approx(model.theta[: len(again.names)], abs=1e-6)
     assert again.model.damping[:2] == pytest.approx([model.estimates[f"viscous@{at}"].value for at in again.joints[:2]])
+    assert again.model.friction[:2] == pytest.approx(
+        [model.estimates[f"coulomb@{at}"].value for at in again.joints[:2]]
+    )
     assert "cannot hold stribeck" in (tmp_path / "new.urdf").read_text()
     assert main(["identify", "none.csv", "--robot", new]) == 2  # the file is read
 
@@ -107,3 +115,18 @@ def test_what_is_no_form_of_an_arm_is_one_sentence(tmp_path, capsys):
         assert said in err and err.count("\n") == 1
     assert main(["export", saved, "--to", "mjcf"]) == 2
     assert "--robot" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("form", ["mjcf", "urdf"])
+def test_links_that_no_body_has_are_exported_only_as_the_nearest(tmp_path, capsys, form):
+    path, saved, new = (str(tmp_path / name) for name in ("arm.urdf", "model.json", "new.xml"))
+    model = model_of(tmp_path / "arm.urdf", robots.urdf(robots.TORSO))
+    k = model.body.names.index("Iyy@elbow")
+    theta = np.where(np.arange(len(model.theta)) == k, -model.theta, model.theta)
+    ArmModel.build(model.terms, theta, 1e-4 * np.abs(theta) + 1e-6).save(saved)
+    asked = ["export", saved, "--robot", path, "--to", form, "-o", new]
+    assert main(asked) == 2
+    said = capsys.readouterr().err
+    assert "no body has these parameters: the nearest is" in said and said.count("\n") == 1
+    assert main([*asked, "--approximate"]) == 0
+    assert "no body has these parameters" in (tmp_path / "new.xml").read_text()

@@ -33,6 +33,7 @@ from workbench.report.arm import render_arm, render_arm_comparison
 from workbench.report.words import name, opening
 from workbench.robot import RobotFile, loaded_text, looked_for, meaning, straying
 
+WEIGHTLESS = "Its torques are without gravity"
 SCHEMES = for_arms([scheme(id) for id in ("dynamic", "filtered_dynamic", "filtered_hamiltonian")])  # the sure ones
 
 
@@ -174,7 +175,7 @@ class ArmState(State):
         if self.trouble:
             return away
         loaded = loaded_text(self._torques, [*self.train, *self.holdout])  # type: ignore[list-item]
-        return [*away, *([loaded] if loaded else []), *meaning(self._torques, self.body)]
+        return [*away, *([loaded] if loaded else []), *meaning(self._torques, self.body, f"press “{WEIGHTLESS}”")]
 
     @property
     def rungs(self) -> tuple[Rung, ...]:

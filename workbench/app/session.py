@@ -216,6 +216,12 @@ class Session:
         """Begin without a robot, and without its recordings."""
         self.change("leave the robot", State())
 
+    def turn_gravity(self) -> None:
+        """Take the robot's torques for those without gravity, or again for those with it; the ladder starts anew."""
+        if isinstance(state := self.state, ArmState):
+            robot = replace(state.robot, weightless=not state.robot.weightless)
+            self.change("take gravity off, or back", state.anew(robot=robot))
+
     @read_together()
     def load(self, sources: Iterable[Source], refused: Sequence[str] = ()) -> None:
         """Read recordings: those that can be read stay, and those whose columns are not clear wait: see `cards`.

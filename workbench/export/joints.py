@@ -1,6 +1,6 @@
 """The forms `mjcf` and `urdf` of an arm: the links that are likeliest behind its base parameters, and what joints do.
 
-Links are those of `standard_parameters`: bodies that exist, with the base parameters that were found, and near the file
+Links are those of `nearest_body`: bodies that exist, with the base parameters that were found, and near the file
 where these leave it open. Shapes and meshes are not part of a model and so of neither form.
 """
 
@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
-from estimators.arms.standard import standard_parameters
+from estimators.arms.standard import nearest_body
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import STANDARD
 from pendulum_env.arms.joints import Coupling
@@ -48,8 +48,9 @@ def mjcf(model: ArmModel, request: Request) -> Exported:
         BodyError: without MuJoCo.
     """
     mujoco, body = library(), model.body
-    joints, notes = _friction("mjcf", model, ("spring", Coupling.id), request)
-    spec = specification(body, _standard(model), {joint: (own.viscous, own.dry) for joint, own in joints.items()})
+    standard, off = _standard(model)
+    joints, notes = _friction("mjcf", model, ("spring", Coupling.id), off, request)
+    spec = specification(body, standard, {joint: (own.viscous, own.dry) for joint, own in joints.items()})
     spec.option.timestep = request.step
     for joint in spec.joints:
         joint.solref_friction = STEPS * request.step, 1.0
@@ -81,8 +82,9 @@ def urdf(model: ArmModel, request: Request) -> Exported:
     Raises:
         ExportError: if the model has what a robot description does not, and may not be exported without it.
     """
-    body, pin, standard = model.body, pinocchio(), _standard(model)
-    joints, notes = _friction("urdf", model, (), request)
+    body, pin = model.body, pinocchio()
+    standard, off = _standard(model)
+    joints, notes = _friction("urdf", model, (), off, request)
     of, robot = body.model, Element("robot", name=body.name)
     SubElement(robot, "link", name="base")
     for k, joint in enumerate(body.links):
@@ -126,16 +128,18 @@ def urdf(model: ArmModel, request: Request) -> Exported:
 FORMATS: dict[str, Callable[[ArmModel, Request], Exported]] = {"mjcf": mjcf, "urdf": urdf}
 
 
-def _standard(model: ArmModel) -> Array:
-    found = standard_parameters(model)
-    return np.array([found[name].value for name in model.body.standard])
+def _standard(model: ArmModel) -> tuple[Array, list[str]]:
+    """Standard parameters (S,) of the nearest body, and what is to be said where no body has the model's parameters."""
+    found = nearest_body(model)
+    off = [] if found.exists else [f"the links as identified: {found.text}"]
+    return np.array([found.parameters[name].value for name in model.body.standard]), off
 
 
 def _friction(
-    format: str, model: ArmModel, held: tuple[str, ...], request: Request
+    format: str, model: ArmModel, held: tuple[str, ...], off: list[str], request: Request
 ) -> tuple[dict[str, Friction], tuple[str, ...]]:
     """Friction of each joint, and what the format does not hold, a sentence each, if that is allowed."""
-    joints, missing = {}, []
+    joints, missing = {}, list(off)
     for joint in model.body.joints:
         own, tables = at(model, joint)
         kept = [id for id in held if id != "spring" or value(own, "spring.stiffness") >= 0]

@@ -13,7 +13,7 @@ from dash.development.base_component import Component
 
 from estimators.arms.diagnosis import gather_arm
 from workbench.app import card
-from workbench.app.arm import ArmState
+from workbench.app.arm import WEIGHTLESS, ArmState
 from workbench.app.asked import NOTHING
 from workbench.app.parts import button, dropdown, fragment, graph, labelled, panel, saves, table
 from workbench.app.recorder import DIAGNOSIS
@@ -48,7 +48,8 @@ def _robot(state: ArmState) -> Component:
         "Columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
         "(joints) and what other columns mean.",
     ]
-    return panel("The robot", *(html.P(text) for text in said), button("Leave the robot", "leave-robot"))
+    gravity = button("Its torques are with gravity" if state.robot.weightless else WEIGHTLESS, "turn-gravity")
+    return panel("The robot", *(html.P(text) for text in said), button("Leave the robot", "leave-robot"), " ", gravity)
 
 
 def _courses(state: ArmState, k: int) -> list[Figure]:
@@ -168,6 +169,7 @@ def arm_export(session: Session, state: ArmState) -> list[Component]:
 def commands(state: ArmState) -> str:
     """Command lines that come to the same model."""
     robot = ["--robot", state.robot.file.name, "--base", "fixed"]
+    robot += ["--rotors"] * bool(state.robot.rotors) + ["--no-gravity"] * state.robot.weightless
     start = state.model_file or export.MODEL
     lines = [] if state.model_file else [["identify", STUDY, *robot, "--scheme", SAVED, "-o", start]]
     for effect in export.moves(state):
@@ -183,30 +185,42 @@ def commands(state: ArmState) -> str:
 
 def snippet(state: ArmState) -> str:
     """Python that comes to the same model."""
-    body, moves = state.body, export.moves(state)
+    body, moves, looked = state.body, export.moves(state), state.asked.effects
     held = f", held={dict(body.held)!r}" if body.held else ""
+    rotors = f", rotors={state.robot.rotors}" if state.robot.rotors is not None else ""
+    weightless = ".weightless" * state.robot.weightless
+    given: list[Any] = [one.recording for one in state.loaded]
+    has_loads, is_chosen = any(one.currents or one.carried for one in given), state.asked != NOTHING
     terms = f"ArmModel.load({state.model_file!r}, body).terms[1:]" if state.model_file else "None"
     used = {"add_arm": any(moves), "diagnose_arm": "" in moves, "identify_arm": True}
     arms = ["ArmModel"] * bool(state.model_file) + ["read_arm_source", "read_body"]
     lines = [
         f"from estimators.arms import {', '.join(name for name, is_used in used.items() if is_used)}",
+        *["from estimators.arms.gains import in_torque, without_loads"] * has_loads,
         f"from pendulum_env.arms import {', '.join(arms)}",
         "from pendulum_env.recording.study import read_sources",
+        *["from workbench.robot import looked_for"] * ("" in moves and is_chosen),
         "",
         f"sources = read_sources({STUDY!r})",
-        f"body = read_body({state.robot.file.name!r}, joints=sources[0].joints{held}, bolted=True)",
+        f"body = read_body({state.robot.file.name!r}, joints=sources[0].joints{held}, bolted=True{rotors}){weightless}",
         "others = {*body.held, *body.links} - {*body.joints}",
+        "recordings = [read_arm_source(one, body.joints, others) for one in sources]",
+        *["recordings = in_torque(recordings, body).recordings"] * has_loads,
         "fitted, held_out = (",
-        "    [read_arm_source(one, body.joints, others) for one in sources if one.role == role]",
+        "    [own for one, own in zip(sources, recordings) if one.role == role]",
         '    for role in ("fit", "holdout")',
         ")",
+        *["fitted, held_out = without_loads(fitted, held_out)"] * has_loads,
         f"model = identify_arm(fitted, body, {terms})[{SAVED!r}].model",
     ]
     for effect in moves:
         if effect:
             lines.append(f"model = add_arm(model, {effect!r}, fitted, held_out).after.model")
         else:
-            lines.append("found = diagnose_arm(fitted, body, held_out, terms=model.terms[1:])")
+            library = ", library=library" * is_chosen
+            if is_chosen:
+                lines.append(f"library = looked_for(body, {looked['only']!r}, {looked['without']!r})")
+            lines.append(f"found = diagnose_arm(fitted, body, held_out, terms=model.terms[1:]{library})")
     return "\n".join([*lines, f"model.save({export.MODEL!r})"])
 
 

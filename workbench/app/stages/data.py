@@ -236,6 +236,7 @@ def connect(bench: Bench) -> None:
             "demo": lambda session: recorder.start(session, *recorder.DEMO),
             "align": lambda session: align(session, True, "correct the torque"),
             "leave-robot": Session.leave_robot,
+            "turn-gravity": Session.turn_gravity,
             "align-back": lambda session: align(session, False, "take the torque as it was logged"),
         }
     )
