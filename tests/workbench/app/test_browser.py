@@ -223,6 +223,7 @@ def test_the_story_from_loading_to_undo(tab: Tab, folder: Path) -> None:
     page.wait_for_selector("td:has-text('broken')")
     assert page.inner_text("#notice") == ""
     page.get_by_role("button", name="Remove broken").click()
+    page.wait_for_selector("td:has-text('broken')", state="detached")
     tab.load(folder / "swing.csv")
     page.wait_for_selector("td:has-text('swing')")
     assert tab.title() == "Something is missing in this model"
@@ -320,6 +321,7 @@ def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(
         tab.go("diagnose")
         tab.page.click("#diagnose")
         tab.page.wait_for_selector("#job progress")
+        tab.page.wait_for_selector("#waiting", state="hidden")  # what the click asked for has come
         tab.page.route(asks := re.compile("_dash-update-component"), lambda route: held.append(route))
         with tab.page.expect_request(asks):
             pass
