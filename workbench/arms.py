@@ -104,8 +104,6 @@ def _simulated(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
             if arguments.backend is not None:
                 raise
     try:
-        for text in arguments.effects:
-            kind_at(re.split("[=:]", text)[0], body)
         if links is None:
             return SpatialArm(body, effects=arguments.effects, max_torque=MOST_TORQUE, **seen)
         return PlanarArm(

@@ -12,10 +12,9 @@ import numpy as np
 
 from estimators.arms.meaning import shares
 from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.joints import at_joints, joint_effects, kind_at
+from pendulum_env.arms.joints import joint_effects, kinds_at
 from pendulum_env.arms.recording import ArmRecording, read_arm_source
 from pendulum_env.arms.robot import pinocchio
-from pendulum_env.lookup import find
 from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term
 from pendulum_env.recording import Source
@@ -121,14 +120,10 @@ def looked_for(body: Body, only: Sequence[str] | None, without: Sequence[str]) -
     Raises:
         ValueError: if one is unknown, or none is left.
     """
-    known = joint_effects()
-
-    def kinds(ids: Sequence[str]) -> list[type[Term]]:
-        everywhere = [find("effect of joints", id, known) for id in ids if "@" not in id]
-        return [*at_joints(everywhere, body), *(kind_at(id, body) for id in ids if "@" in id)]
-
-    barred = {kind.id for kind in kinds(without)}
-    found = {kind.id: kind for kind in kinds(list(known) if only is None else only) if kind.id not in barred}
+    what = "effect of joints"
+    barred = {kind.id for kind in kinds_at(without, body, what)}
+    wanted = kinds_at(joint_effects() if only is None else only, body, what)
+    found = {kind.id: kind for kind in wanted if kind.id not in barred}
     if not found:
         raise Mistake("no effect is left to look for: leave out fewer, or look for more")
     return found

@@ -10,8 +10,7 @@ from typing import Any
 import gymnasium as gym
 
 from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.joints import Coupling, Links, at_joints, check_places, friction, joint_effects, kind_at, placed
-from pendulum_env.lookup import find
+from pendulum_env.arms.joints import Coupling, Links, check_places, friction, joint_effects, kinds_at, placed
 from pendulum_env.physics import Term
 from pendulum_env.physics.library import term
 
@@ -41,15 +40,8 @@ def effects_of(body: Body, names: Sequence[str] | None) -> dict[str, type[Term]]
     Raises:
         ValueError: if there is no such effect or joint.
     """
-    alone = {id: kind for id, kind in joint_effects().items() if kind is not Coupling}
-    if names is None:
-        return {kind.id: kind for kind in at_joints(alone.values(), body)}
-    found = [
-        own
-        for name in names
-        for own in ([kind_at(name, body)] if "@" in name else at_joints([find("effect", name, alone)], body))
-    ]
-    return {kind.id: kind for kind in found}
+    alone = [id for id, kind in joint_effects().items() if kind is not Coupling]
+    return {kind.id: kind for kind in kinds_at(alone if names is None else names, body)}
 
 
 def body_of(env: gym.Env[Any, Any], robot: str | None = None) -> Body:

@@ -239,6 +239,6 @@ class SpatialArm(SimulatedArm):
         """
         (mass,) = body.mass_matrix(np.zeros((1, len(body.joints))), body.values)
         light = np.minimum(1.0, np.diag(mass) / PAPER["inertia"])
-        models = joint_models(friction_of(body, light), body.joints, effects)
+        models = joint_models(friction_of(body, light), body.joints, effects, body.sliding)
         sensor = Sensor(counts, torque_noise, ideal_velocity=True)
         super().__init__(body.joints, SpatialBodies(body, models, 1.0 / rate), sensor, rate=rate, max_torque=max_torque)

@@ -6,7 +6,7 @@ at a joint is the pendulum's term under another name, `stribeck@elbow`; it meets
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
@@ -183,25 +183,38 @@ def kind_at(text: str, body: Body) -> type[Term]:
         ValueError: if there is no such effect or joint; the message names the nearest.
     """
     joints, (id, _, at) = body.joints, text.partition("@")
-    for joint, slides in zip(joints, body.slides, strict=True):
-        if joint in loads(at) and not can_sit(id, slides) and can_sit(id):
-            raise Mistake(f"{id} is of joints that turn: it cannot be at '{joint}', which slides")
     if id != Coupling.id:
-        kind, joint = effect_at(text, joints, joint_effects() | TABLES)
+        kind, joint = effect_at(text, joints, joint_effects() | TABLES, body.sliding)
         return at_joint(kind, joint, body.slides[joints.index(joint)])
     pair = [find("joint", joint, {name: name for name in joints}) for joint in loads(at)]
+    _refuse_sliding(id, pair, body.sliding)
     if len(pair) != 2 or at.startswith("-"):
         raise Mistake(f"'{text}' should name two joints, such as {id}@{joints[0]},{joints[-1]}, with - for the second")
     return coupling(at, body)
 
 
+def kinds_at(names: Iterable[str], body: Body, what: str = "effect") -> list[type[Term]]:
+    """Effects of an arm by name, `stribeck` at each joint where it makes sense, `stribeck@elbow` at that one.
+
+    Raises:
+        ValueError: if there is no such effect or joint; the message says of what, and names the nearest.
+    """
+    names, known = list(names), joint_effects()
+    everywhere = [find(what, name, known) for name in names if "@" not in name]
+    return [*at_joints(everywhere, body), *(kind_at(name, body) for name in names if "@" in name)]
+
+
 def effect_at(
-    text: str, joints: Sequence[str], known: Mapping[str, type[Term]] | None = None
+    text: str,
+    joints: Sequence[str],
+    known: Mapping[str, type[Term]] | None = None,
+    sliding: Collection[str] = (),
 ) -> tuple[type[Term], str]:
     """Effect and joint of `stribeck@elbow`, of those that are known: by default all effects that can be at a joint.
 
     Raises:
-        ValueError: if there is no such effect or joint; the message names the nearest.
+        ValueError: if there is no such effect or joint, the message names the nearest; or if that joint slides and the
+            effect is of those that turn.
     """
     id, at, joint = text.partition("@")
     if known is None and id in (Coupling.id, TemperatureDependentFriction.id):
@@ -210,7 +223,16 @@ def effect_at(
         raise Mistake(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
     if id in NOT_DECENTRALISED:
         raise Mistake(f"{id} is no effect of one joint's motion and torque alone: it cannot sit at a joint of an arm")
-    return find("effect", id, known or joint_effects()), find("joint", joint, {name: name for name in joints})
+    joint = find("joint", joint, {name: name for name in joints})
+    kind = find("effect", id, known or joint_effects())
+    _refuse_sliding(id, [joint], sliding)
+    return kind, joint
+
+
+def _refuse_sliding(id: str, joints: Iterable[str], sliding: Collection[str]) -> None:
+    for joint in joints:
+        if joint in sliding and not can_sit(id, slides=True):
+            raise Mistake(f"{id} is of joints that turn: it cannot be at '{joint}', which slides")
 
 
 @dataclass(frozen=True, eq=False)

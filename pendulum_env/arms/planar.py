@@ -9,7 +9,7 @@ a joint reverses inside a step, the step is made again with the friction that ac
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -68,7 +68,10 @@ def joint_names(count: int) -> tuple[str, ...]:
 
 
 def joint_models(
-    friction: Sequence[tuple[float, float]], names: Sequence[str], effects: Sequence[str] = ()
+    friction: Sequence[tuple[float, float]],
+    names: Sequence[str],
+    effects: Sequence[str] = (),
+    sliding: Collection[str] = (),
 ) -> tuple[Model, ...]:
     """Friction of each joint, and the effects hidden there.
 
@@ -76,6 +79,7 @@ def joint_models(
         friction: viscous [N m s/rad] and dry [N m], of each joint.
         names: of the joints.
         effects: `stribeck@elbow=0.4`, with parameters as for a pendulum.
+        sliding: joints that slide.
 
     Raises:
         ValueError: if an effect, joint or parameter is unknown.
@@ -83,7 +87,7 @@ def joint_models(
     models = [Model.build(FRICTION, np.array(pair)) for pair in friction]
     for text in effects:
         place = re.split("[=:]", text, maxsplit=1)[0]
-        kind, joint = effect_at(place, names)
+        kind, joint = effect_at(place, names, sliding=sliding)
         at = list(names).index(joint)
         models[at] = hide(models[at], kind.id + text[len(place) :])
     return tuple(models)
