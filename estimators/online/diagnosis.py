@@ -17,7 +17,7 @@ import numpy as np
 from estimators.online.binning import BLOCK, Bin, Binner, BinSource
 from estimators.online.evidence import Bets, threshold_of
 from estimators.online.grids import refined, thinned
-from estimators.online.rivals import Bins, Family, Rivals
+from estimators.online.rivals import Bins, Family, Rivals, Running
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import STRETCH, Bootstrap
 from estimators.signals.measurements import Smoothing
@@ -303,16 +303,15 @@ class EffectMonitor:
     def _fit(self) -> None:
         """Fit all models to what is kept: they predict from now on."""
         self._tried = self._moved >= 0.5 * CALIBRATE
-        bins = self._bins(self._kept)
-        base = Family(self.terms, (), bins, 0)
+        running = Running.of(self.terms, self._bins(self._kept))
         if len(self._joints) > 1:
+            base = Family(running, (), 0)
             for joint in {one.joint for one in self._kept}:
-                own = base.residual[bins.at == self._joints[joint]]
+                own = base.residual[running.bins.at == self._joints[joint]]
                 self._scale[joint] = np.sqrt(max(float(np.mean(own**2)), 1e-12))
             self._scale /= self._scale.mean()
-            bins = self._bins(self._kept)
-            base = Family(self.terms, (), bins, 0)
-        variants = {id: own for id, own in self._grids(base, bins) if id not in self._added and own}
+            running = Running.of(self.terms, self._bins(self._kept))
+        variants = {id: own for id, own in self._grids(running) if id not in self._added and own}
         grids = [thinned(own) for own in variants.values()]
         self._untried = {
             id: "acts at a joint that has hardly moved yet" if self._is_idle(kind) else "has no form that shows here"
@@ -320,8 +319,8 @@ class EffectMonitor:
             if id not in variants and id not in self._added
         }
         width = max((len(variants[0].columns) for variants in grids), default=0)
-        families = [Family(self.terms, variants, bins, width) for variants in [(), *grids]]
-        self._fitted = len(bins.y)
+        families = [Family(running, variants, width) for variants in [(), *grids]]
+        self._fitted = len(running.phi)
         self._rivals, self._bets = Rivals(families, self._fitted), Bets(len(families) - 1)
 
     def _is_idle(self, effect: type[Term]) -> bool:
@@ -331,7 +330,8 @@ class EffectMonitor:
     def _bins(self, bins: Sequence[Bin]) -> Bins:
         return Bins.of(bins, self._period, self._joints, self._scale)
 
-    def _grids(self, base: Family, bins: Bins) -> Iterator[tuple[str, list[Term]]]:
+    def _grids(self, running: Running) -> Iterator[tuple[str, list[Term]]]:
+        base, bins = Family(running, (), 0), running.bins
         names = [column.name for term in self.terms for column in term.columns]
         known = dict(zip(names, base.theta[0].tolist(), strict=False))
         for id, effect in self._library.items():
@@ -346,21 +346,21 @@ class EffectMonitor:
     def _refine(self) -> None:
         """Narrow the grids of continuous shape parameters around the best variants."""
         assert self._rivals is not None
-        bins = self._bins(self._kept)
+        running = Running.of(self.terms, self._bins(self._kept))
         base, *families = self._rivals.families
-        fresh = dict(self._grids(Family(self.terms, (), bins, 0), bins))
+        fresh = dict(self._grids(running))
         renewed = [base]
         for family in families:
             first = family.variants[0]
             if all(shape.integer for shape in first.shapes):
                 renewed.append(family)
                 continue
-            new = Family(self.terms, refined(family, fresh[first.id]), bins, base.width)
+            new = Family(running, refined(family, fresh[first.id]), base.width)
             old = dict(zip(family.variants, family.weight.tolist(), strict=True))
             share = -np.log(len(new.variants))  # the best one's weight, shared among those that are new
             new.weight = np.array([old.get(variant, share) for variant in new.variants])
             renewed.append(new)
-        self._rivals = Rivals(renewed, len(bins.y))
+        self._rivals = Rivals(renewed, len(running.phi))
 
     # -------------------------------------------------------------------------------------------------------- the word
 

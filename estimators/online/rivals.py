@@ -161,6 +161,39 @@ def _stacked(variants: Sequence[Term]) -> Term:
     return type(variants[0])(**{name: series[:, None, None] for name, series in values.items()})
 
 
+@dataclass(frozen=True)
+class Running:
+    """The running model's rows of R bins, and its covariance after them: the same for all effects beside it.
+
+    Attributes:
+        terms: of the model.
+        bins: the bins.
+        rows: their equations.
+        phi: regressor (R, P).
+        weak: information on each parameter before any equation (P,).
+        root: S, the factor of P = S S' (P, P).
+    """
+
+    terms: tuple[Term, ...]
+    bins: Bins
+    rows: Rows
+    phi: Array
+    weak: Array
+    root: Array
+
+    @classmethod
+    def of(cls, terms: Sequence[Term], bins: Bins) -> Running:
+        """Fit a model to bins."""
+        rows = bins.rows(terms)
+        phi = rows.phi[:, 0]
+        # J = sum phi phi' + 1 / P(0), of columns scaled to length one
+        squares = np.einsum("rp,rp->p", phi, phi)
+        weak, scale = _weak(squares), np.sqrt(squares + 1.0 / PRIOR)
+        information = (phi / scale).T @ (phi / scale) + np.diag(weak / scale**2)
+        root = np.linalg.inv(np.linalg.cholesky(information)).T / scale[:, None]
+        return cls(tuple(terms), bins, rows, phi, weak, root)
+
+
 class Family:
     """Regressions of one effect's V variants beside the running model, which is itself the family without a variant.
 
@@ -174,24 +207,19 @@ class Family:
         weight: log of the variants' (V,).
     """
 
-    def __init__(self, terms: Sequence[Term], variants: Sequence[Term], bins: Bins, width: int) -> None:
-        """Fit V models, of K columns at most each, to R bins; of equal weight so far."""
-        self.terms, self.variants, self.width = tuple(terms), tuple(variants), width
+    def __init__(self, running: Running, variants: Sequence[Term], width: int) -> None:
+        """Fit V models, of K columns at most each, to the bins of the running one; of equal weight so far."""
+        self.terms, self.variants, self.width = running.terms, tuple(variants), width
         self._stacked = [_stacked(variants)] if variants else []
         own = [column for variant in variants[:1] for column in variant.columns]
         self.least, self.most = np.full((2, width), -np.inf)
         self.most[:] = np.inf
         for j, column in enumerate(own):
             self.least[j], self.most[j] = column.least, column.most
-        base = bins.rows(terms)
-        rows, phi = self.rows(bins), base.phi[:, 0]
+        base, phi, weak, self.root = running.rows, running.phi, running.weak, running.root
+        bins, spread = running.bins, self.root @ self.root.T
+        rows = self.rows(bins)
         y = base.y + rows.y - bins.y[:, None]
-        # J = sum phi phi' + 1 / P(0), of columns scaled to length one
-        weak = _weak(np.einsum("rp,rp->p", phi, phi))
-        scale = np.sqrt(np.einsum("rp,rp->p", phi, phi) + 1.0 / PRIOR)
-        information = (phi / scale).T @ (phi / scale) + np.diag(weak / scale**2)
-        self.root = np.linalg.inv(np.linalg.cholesky(information)).T / scale[:, None]  # S S' = P
-        spread = self.root @ self.root.T
         self.of_y = y.T @ phi @ spread
         self.of_own = np.einsum("rvk,rp->vkp", rows.phi, phi, optimize=True) @ spread
         error, left = y - phi @ self.of_y.T, rows.phi - np.einsum("rp,vkp->rvk", phi, self.of_own, optimize=True)

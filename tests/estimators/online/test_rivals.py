@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.online.rivals import Bins, Family, Rivals
+from estimators.online.rivals import Bins, Family, Rivals, Running
 from estimators.regression.recursive import PRIOR
 from pendulum_env.physics import BASE
 from pendulum_env.physics.library import effect
@@ -34,7 +34,7 @@ def bins_of(count: int, seed: int) -> Bins:
 def test_each_variant_is_least_squares_in_all_columns(id, shapes):
     variants = [effect(id)(**shape) for shape in shapes]
     first, then = bins_of(120, 0), bins_of(40, 1)
-    rivals = Rivals([Family(BASE, (), first, 2), Family(BASE, variants, first, 2)], 120)
+    rivals = Rivals([Family(Running.of(BASE, first), (), 2), Family(Running.of(BASE, first), variants, 2)], 120)
     densities, errors = rivals.take(then)
     for variant, theta in zip(variants, rivals.families[1].theta, strict=True):
         columns = sum(len(term.columns) for term in (*BASE, variant))
@@ -49,7 +49,7 @@ def test_each_variant_is_least_squares_in_all_columns(id, shapes):
 def test_families_go_on_in_another_batch_with_all_that_they_have_learnt():
     variant = effect("cogging")(order=3.0)
     parts = [bins_of(60, seed) for seed in range(3)]
-    rivals = Rivals([Family(BASE, (), parts[0], 2), Family(BASE, [variant], parts[0], 2)], 60)
+    rivals = Rivals([Family(Running.of(BASE, parts[0]), (), 2), Family(Running.of(BASE, parts[0]), [variant], 2)], 60)
     for part in parts[1:]:
         rivals = Rivals(rivals.families, 60)
         rivals.take(part)
@@ -63,9 +63,9 @@ def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():
     """The density of one more error is Student's t with scale^2 (1 + phi' P phi), P that of all columns."""
     variant = effect("cogging")(order=5.0)
     first, then = bins_of(80, 2), bins_of(1, 3)
-    family = Family(BASE, [variant], first, 2)
+    family = Family(Running.of(BASE, first), [variant], 2)
     square = float(family.square[0])
-    (densities,), _ = Rivals([Family(BASE, (), first, 2), family], 80).take(then)
+    (densities,), _ = Rivals([Family(Running.of(BASE, first), (), 2), family], 80).take(then)
     phi = first.rows([*BASE, variant]).phi[:, 0]
     new = then.rows([*BASE, variant])
     spread = np.linalg.inv(phi.T @ phi + np.eye(phi.shape[1]) / PRIOR)
