@@ -44,10 +44,18 @@ def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
 
 
 def typical(kind: type[Term]) -> dict[str, float]:
-    """Parameters of an effect, of a size that a rig might show: linear ones first, names without the effect's id."""
-    term = kind()
+    """Parameters of an effect, of a size that a rig might show: linear ones first, names without the effect's id.
+
+    Without further ones of a kind, as a motor's other orders of cogging.
+    """
+    further = {shape.name for shape in kind.shapes if shape.integer and shape.usual is not None}
+    return {name: value for name, value in _sizes(kind()).items() if name not in further}
+
+
+def _sizes(term: Term) -> dict[str, float]:
+    """The same of all parameters of a term."""
     linear = {column.name.removeprefix(f"{term.id}."): TYPICAL.get(column.unit, 0.1) for column in term.columns}
-    return linear | term.shape | (read_parameters(kind.typical) if kind.typical else {})
+    return linear | term.shape | (read_parameters(term.typical) if term.typical else {})
 
 
 def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
@@ -80,20 +88,21 @@ def hide(plant: Model, text: str) -> Model:
         if len(given) > len(parameters):
             raise ValueError(f"{id} takes at most {len(parameters)} values ({', '.join(parameters)}), got {len(given)}")
         given = dict(zip(parameters, given, strict=False))
-    for name in given:
-        find(f"parameter of {id}", name, parameters)
-    parameters |= given
+    shapes = {shape.name: given.get(shape.name, _sizes(kind())[shape.name]) for shape in kind.shapes}
     for shape in kind.shapes:
-        value = parameters[shape.name]
+        value = shapes[shape.name]
         if not shape.low <= value <= shape.high or (shape.integer and value != round(value)):
             what = "an integer" if shape.integer else "a number"
             allowed = f"{what} from {shape.low:g} to {shape.high:g}"
             raise ValueError(f"{shape.name} of {id} cannot be {value:g}: give {allowed} [{shape.unit}]")
-    shapes = {shape.name: parameters.pop(shape.name) for shape in kind.shapes}
+    term = kind(**shapes)
+    sizes = _sizes(term)
+    for name in given:
+        find(f"parameter of {id}", name, sizes)
+    parameters = {name: value for name, value in (sizes | given).items() if name not in shapes}
     for name, value in parameters.items():
         if not abs(value) <= LARGE:
             raise ValueError(f"{name} of {id} cannot be {value:g}: give a number from {-LARGE:g} to {LARGE:g}")
-    term = kind(**shapes)
     if term.fault:
         raise ValueError(f"{id} cannot be as '{text}' says: {term.fault}")
     return plant.add(term, np.array(list(parameters.values())))

@@ -119,8 +119,10 @@ class Models:
 
     def variants(self, after: Terms, before: Terms) -> int:
         """Number of variants tried of the effects by which one model is larger than another, at least one."""
-        added = [term for term in after if term.id not in {other.id for other in before}]
-        return max(1, sum(self.screen.looked_at(before, type(term)) for term in added))
+        known = {other.id: other for other in before}
+        tried = [self.screen.looked_at(before, type(term)) for term in after if term.id not in known]
+        more = [shape for term in after if term.id in known for shape in term.free if shape not in known[term.id].free]
+        return max(1, sum(tried) + sum(int(shape.high - shape.low) for shape in more if shape.integer))
 
     def is_sure(self, after: Terms, before: Terms) -> bool:
         """Whether one model predicts significantly better than another."""

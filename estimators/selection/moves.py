@@ -67,8 +67,17 @@ def best(models: Models, terms: Terms, effect: type[Term]) -> Trial | None:
 
 def freer(models: Models, terms: Terms) -> list[Terms]:
     """The terms with one more shape parameter of an effect released from its usual value, one by one."""
-    variants = [(term, variant) for term in terms[len(models.base) :] for variant in freed(term)]
-    return [refined(models, tuple(new if other is old else other for other in terms), old.id) for old, new in variants]
+    found = []
+    for old in terms[len(models.base) :]:
+        others = tuple(term for term in terms if term is not old)
+        for variants in freed(old):
+            if len(variants) > 1:  # of whole numbers the best, where there is time to compare them
+                variants = [v for v in variants if v.possible(models.train.motions[old.at])]
+                trials = [] if models.train.in_loop or not variants else models.screen.trials(others, variants)
+                variants = [trial.terms[-1] for trial in sorted(trials, key=lambda trial: trial.fitted_rms)[:1]]
+            longer = [tuple(new if term is old else term for term in terms) for new in variants]
+            found += [refined(models, one, old.id) for one in longer]
+    return found
 
 
 def refined(models: Models, terms: Terms, id: str) -> Terms:

@@ -138,9 +138,21 @@ def add(models: Models, terms: Terms) -> State | None:
             watched = watch(models, longer, terms) if not confirmed else None
             if watched is not None:
                 return watched
-        elif models.lowers_errors(longer, terms):
+        elif models.lowers_errors(longer, terms) or refines(models, longer, terms):
             confirmed.append(longer)
     return State(models, min(confirmed, key=parameters)) if confirmed else None  # the simplest of several
+
+
+def refines(models: Models, longer: Terms, terms: Terms) -> bool:
+    """Whether terms differ from others in the form of one effect alone, and predict more torque.
+
+    It is the effect that has to lower both errors: a simulation that its torque makes chaotic says little of its form.
+    """
+    changed = {id for id, *_ in forms(longer) ^ forms(terms)}
+    if ids(longer) != ids(terms) or len(changed) != 1:
+        return False
+    after, before = (models.step(None, one).errors["holdout"].torque_rms for one in (longer, terms))
+    return after < before and models.lowers_errors(longer, tuple(term for term in longer if term.id not in changed))
 
 
 def watch(models: Models, longer: Terms, terms: Terms) -> State | None:

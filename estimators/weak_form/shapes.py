@@ -33,10 +33,20 @@ def continuous(term: Term) -> list[Shape]:
     return [shape for shape in term.free if not shape.integer and not shape.follows]
 
 
-def freed(term: Term) -> list[Term]:
-    """Variants of the term, each with one shape parameter released from its usual value."""
-    usual = [shape for shape in term.shapes if shape.unusual is not None and shape not in term.free]
-    return [moved(term, [shape], [shape.unusual]) for shape in usual if shape.unusual is not None]
+def freed(term: Term) -> list[list[Term]]:
+    """Variants of the term that release one shape parameter from its usual value: from where its search begins.
+
+    Of whole numbers that is each that makes sense, of the first such parameter alone: the others are more of the same.
+    """
+    found, is_whole = [], False
+    for shape in term.shapes:
+        if shape.unusual is None or shape in term.free or (is_whole and shape.integer):
+            continue
+        is_whole |= shape.integer
+        values = range(int(shape.unusual), int(shape.high) + 1) if shape.integer else [shape.unusual]
+        variants = [moved(term, [shape], [value]) for value in values]
+        found.append([variant for variant in variants if not variant.fault])
+    return found
 
 
 def bound(term: Term) -> list[Term]:

@@ -39,9 +39,17 @@ class GravityTilt(Term):
 
 @dataclass(frozen=True)
 class Cogging(Term):
-    """Torque of the magnets on the slots, s sin Nq + c cos Nq, N periods in a turn."""
+    """Torque of the magnets on the slots, s sin Nq + c cos Nq, N periods in a turn; motors often have several orders N.
+
+    Orders beyond the first are none, 0, unless the data call for them. They are looked for where the joint turned by a
+    whole turn: over less, waves of any orders draw any curve.
+    """
 
     order: float = 12.0
+    order_2: float = 0.0
+    order_3: float = 0.0
+    order_4: float = 0.0
+    order_5: float = 0.0
 
     id = "cogging"
     title = "cogging torque"
@@ -55,25 +63,45 @@ class Cogging(Term):
         "directions and under any torque."
     )
     resembles = ("torque_ripple", "periodic_disturbance")
-    shapes = (Shape("order", "1", 2, 200, integer=True),)
+    shapes = (
+        Shape("order", "1", 2, 200, integer=True),
+        *(Shape(f"order_{k}", "1", 0, 60, integer=True, usual=0.0, unusual=2.0) for k in range(2, 6)),
+    )
+
+    @property
+    def _orders(self) -> list[tuple[str, float]]:
+        """Orders N that there are, with what the names of their parameters end with."""
+        more = [(f"_{k}", getattr(self, f"order_{k}")) for k in range(2, 6)]
+        return [("", self.order), *((end, n) for end, n in more if not isinstance(n, float | np.ndarray) or np.any(n))]
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        n = self.order
-        return (
-            Column(
-                "cogging.sin",
-                "N m",
-                force=lambda x: np.sin(n * x.position),
-                potential=lambda x: (1.0 - np.cos(n * x.position)) / n,
-            ),
-            Column(
-                "cogging.cos",
-                "N m",
-                force=lambda x: np.cos(n * x.position),
-                potential=lambda x: np.sin(n * x.position) / n,
-            ),
+        return tuple(
+            column
+            for end, n in self._orders
+            for column in (
+                Column(
+                    f"cogging.sin{end}",
+                    "N m",
+                    force=lambda x, n=n: np.sin(n * x.position),
+                    potential=lambda x, n=n: (1.0 - np.cos(n * x.position)) / n,
+                ),
+                Column(
+                    f"cogging.cos{end}",
+                    "N m",
+                    force=lambda x, n=n: np.cos(n * x.position),
+                    potential=lambda x, n=n: np.sin(n * x.position) / n,
+                ),
+            )
         )
+
+    @property
+    def fault(self) -> str:
+        orders = [n for _, n in self._orders]
+        return "" if len(set(orders)) == len(orders) else "its orders have to differ"
+
+    def possible(self, x: Samples) -> bool:
+        return len(self._orders) == 1 or bool(np.ptp(x.position) >= 2 * np.pi)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

@@ -78,3 +78,14 @@ def test_parameters_of_the_plant_are_set_by_name():
 def test_parameters_that_make_no_plant_are_refused(text, match):
     with pytest.raises(ValueError, match=match):
         paper_plant(read_parameters(text))
+
+
+def test_further_orders_of_cogging_are_hidden_by_name():
+    plant = hide(paper_plant(), "cogging:order=7,order_2=28,sin_2=0.03")
+    values = {name: estimate.value for name, estimate in plant.estimates.items()}
+    assert (values["cogging.order"], values["cogging.order_2"]) == (7, 28)
+    assert values["cogging.sin_2"] == 0.03
+    with pytest.raises(ValueError, match="its orders have to differ"):
+        hide(paper_plant(), "cogging:order=7,order_2=7")
+    with pytest.raises(ValueError, match="parameter of cogging 'sin_2'"):
+        hide(paper_plant(), "cogging:sin_2=0.1")

@@ -1,0 +1,58 @@
+"""Cogging of several orders, as motors without gears have it, from a rotor that SciPy integrates."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from estimators import diagnose
+from pendulum_env.physics import Samples
+from pendulum_env.physics.potential import Cogging
+from pendulum_env.recording import Recording
+from tests import slow
+
+INERTIA, VISCOUS, NOISE = 2e-4, 4e-4, 5e-4  # of a motor of the size of a palm, in SI units
+RATE, SECONDS = 500.0, 12.0
+
+
+def turned(cogging: dict[int, tuple[float, float]], seed: int) -> Recording:
+    """A rotor that a multisine turns round and round, with sine and cosine of torque by order [N m]."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(RATE * SECONDS)) / RATE
+    tones = np.arange(1, 25) / SECONDS
+    phases = rng.uniform(0, 2 * np.pi, len(tones))
+    wave = np.sin(2 * np.pi * np.outer(time, tones) + phases).sum(axis=1)
+    torque = 0.05 * wave / np.abs(wave).max()
+
+    def slope(t: float, x: np.ndarray) -> list[float]:
+        held = torque[min(int(t * RATE + 1e-9), len(torque) - 1)]
+        cogs = sum(s * np.sin(n * x[0]) + c * np.cos(n * x[0]) for n, (s, c) in cogging.items())
+        return [x[1], (held - VISCOUS * x[1] - cogs) / INERTIA]
+
+    path = solve_ivp(slope, (0, time[-1]), [0.0, 0.0], "DOP853", time, rtol=1e-8, atol=1e-9, max_step=1 / RATE)
+    return Recording(f"rotor {seed}", time, path.y[0], torque + NOISE * rng.standard_normal(len(time)))
+
+
+ONE = {7: (0.012, -0.004)}
+SEVERAL = ONE | {28: (0.005, 0.003)}
+
+
+@pytest.mark.parametrize("cogging", slow.but([SEVERAL], [ONE, SEVERAL]), ids=["one order", "two orders"])
+def test_every_order_of_a_motors_cogging_is_found_and_no_other(cogging):
+    found = diagnose([turned(cogging, 1)], [turned(cogging, 2)])
+    assert found.selected == ("cogging",)
+    term = next(term for term in found.model.terms if term.id == "cogging")
+    assert sorted(n for n in term.shape.values() if n) == sorted(cogging)
+    ends = {term.shape[name]: name.removeprefix("order") for name in term.shape}
+    for n, both in cogging.items():
+        for part, value in zip(("sin", "cos"), both, strict=True):
+            estimate = found.model.estimates[f"cogging.{part}{ends[n]}"]
+            assert estimate.value == pytest.approx(value, abs=4 * estimate.std + 1e-4)
+
+
+def test_further_orders_are_of_joints_that_turn_round():
+    some = np.linspace(0.0, 1.0, 50)
+    for turns, is_whole in ((0.9, False), (1.1, True)):
+        x = Samples(some, 2 * np.pi * turns * some, 0 * some, 0 * some)
+        assert Cogging(7.0).possible(x)
+        assert Cogging(7.0, 28.0).possible(x) == is_whole
+    assert Cogging(7.0, 7.0).fault and not Cogging(7.0, 28.0).fault
