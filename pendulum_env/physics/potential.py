@@ -76,24 +76,7 @@ class Cogging(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return tuple(
-            column
-            for end, n in self._orders
-            for column in (
-                Column(
-                    f"cogging.sin{end}",
-                    "N m",
-                    force=lambda x, n=n: np.sin(n * x.position),
-                    potential=lambda x, n=n: (1.0 - np.cos(n * x.position)) / n,
-                ),
-                Column(
-                    f"cogging.cos{end}",
-                    "N m",
-                    force=lambda x, n=n: np.cos(n * x.position),
-                    potential=lambda x, n=n: np.sin(n * x.position) / n,
-                ),
-            )
-        )
+        return tuple(column for end, n in self._orders for column in _wave(end, n))
 
     @property
     def fault(self) -> str:
@@ -110,6 +93,24 @@ class Cogging(Term):
     @classmethod
     def smooth(cls, fast: float) -> Sequence[Self]:
         return [cls(order) for order in (2.0, 3.0)]
+
+
+def _wave(end: str, n: float) -> tuple[Column, Column]:
+    """Sine and cosine of cogging with n periods in a turn, whose names have an end."""
+    return (
+        Column(
+            f"cogging.sin{end}",
+            "N m",
+            force=lambda x: np.sin(n * x.position),
+            potential=lambda x: (1.0 - np.cos(n * x.position)) / n,
+        ),
+        Column(
+            f"cogging.cos{end}",
+            "N m",
+            force=lambda x: np.cos(n * x.position),
+            potential=lambda x: np.sin(n * x.position) / n,
+        ),
+    )
 
 
 @dataclass(frozen=True)
