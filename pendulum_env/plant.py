@@ -44,16 +44,12 @@ def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
 
 
 def typical(kind: type[Term]) -> dict[str, float]:
-    """Parameters of an effect, of a size that a rig might show: linear ones first, names without the effect's id.
-
-    Without further ones of a kind, as a motor's other orders of cogging.
-    """
-    further = {shape.name for shape in kind.shapes if shape.integer and shape.usual is not None}
-    return {name: value for name, value in _sizes(kind()).items() if name not in further}
+    """Parameters of an effect, of a size that a rig might show: linear ones first, names without the effect's id."""
+    return sizes(kind())
 
 
-def _sizes(term: Term) -> dict[str, float]:
-    """The same of all parameters of a term."""
+def sizes(term: Term) -> dict[str, float]:
+    """The same of a term: one of several orders has more linear parameters."""
     linear = {column.name.removeprefix(f"{term.id}."): TYPICAL.get(column.unit, 0.1) for column in term.columns}
     return linear | term.shape | (read_parameters(term.typical) if term.typical else {})
 
@@ -88,7 +84,7 @@ def hide(plant: Model, text: str) -> Model:
         if len(given) > len(parameters):
             raise ValueError(f"{id} takes at most {len(parameters)} values ({', '.join(parameters)}), got {len(given)}")
         given = dict(zip(parameters, given, strict=False))
-    shapes = {shape.name: given.get(shape.name, _sizes(kind())[shape.name]) for shape in kind.shapes}
+    shapes = {shape.name: given.get(shape.name, parameters[shape.name]) for shape in kind.shapes}
     for shape in kind.shapes:
         value = shapes[shape.name]
         if not shape.low <= value <= shape.high or (shape.integer and value != round(value)):
@@ -96,10 +92,10 @@ def hide(plant: Model, text: str) -> Model:
             allowed = f"{what} from {shape.low:g} to {shape.high:g}"
             raise ValueError(f"{shape.name} of {id} cannot be {value:g}: give {allowed} [{shape.unit}]")
     term = kind(**shapes)
-    sizes = _sizes(term)
+    parameters = sizes(term)
     for name in given:
-        find(f"parameter of {id}", name, sizes)
-    parameters = {name: value for name, value in (sizes | given).items() if name not in shapes}
+        find(f"parameter of {id}", name, parameters)
+    parameters = {name: value for name, value in (parameters | given).items() if name not in shapes}
     for name, value in parameters.items():
         if not abs(value) <= LARGE:
             raise ValueError(f"{name} of {id} cannot be {value:g}: give a number from {-LARGE:g} to {LARGE:g}")

@@ -19,7 +19,8 @@ def test_every_effect_can_be_hidden_by_its_id_alone_and_changes_the_motion(id):
 
 def test_values_in_order_by_name_and_typical_agree():
     usual = typical(effects()["cogging"])
-    assert usual == {"sin": 0.15, "cos": 0.1, "order": 12.0}
+    none = {f"order_{k}": 0.0 for k in range(2, 6)}
+    assert usual == {"sin": 0.15, "cos": 0.1, "order": 12.0} | none
     plant = paper_plant()
     alone, ordered, named = hide(plant, "cogging"), hide(plant, "cogging=0.15,0.1"), hide(plant, "cogging:order=12")
     assert alone == ordered == named

@@ -61,7 +61,8 @@ def told(kind: type[Term]) -> list[str]:
 def parameters(kind: type[Term]) -> str:
     """Parameters of an effect as its text form takes them: `stribeck 0.45 N m, stribeck_velocity 0.5 rad/s`."""
     units = [column.unit for column in kind().columns] + [shape.unit for shape in kind.shapes]
-    values = typical(kind)
+    further = {shape.name for shape in kind.shapes if shape.integer and shape.usual is not None}  # more of the same
+    pairs = zip(typical(kind).items(), units, strict=True)
     return ", ".join(
-        f"{name} {value:g} {unit}".removesuffix(" 1") for (name, value), unit in zip(values.items(), units, strict=True)
+        f"{name} {value:g} {unit}".removesuffix(" 1") for (name, value), unit in pairs if name not in further
     )
