@@ -12,6 +12,8 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.physics.term import Column, Samples, Shape, Term, one
 
+SEEN = 3  # periods of the longest of several waves over the angle
+
 
 @dataclass(frozen=True)
 class GravityTilt(Term):
@@ -41,8 +43,8 @@ class GravityTilt(Term):
 class Cogging(Term):
     """Torque of the magnets on the slots, s sin Nq + c cos Nq, N periods in a turn; motors often have several orders N.
 
-    Orders beyond the first are none, 0, unless the data call for them. They are looked for where the joint turned by a
-    whole turn: over less, waves of any orders draw any curve.
+    Orders beyond the first are none, 0, unless the data call for them, where each wave was seen several times: waves of
+    any orders draw any curve.
     """
 
     order: float = 12.0
@@ -84,7 +86,8 @@ class Cogging(Term):
         return "" if len(set(orders)) == len(orders) else "its orders have to differ"
 
     def possible(self, x: Samples) -> bool:
-        return len(self._orders) == 1 or bool(np.ptp(x.position) >= 2 * np.pi)
+        first, *others = sorted(n for _, n in self._orders)
+        return not others or bool(np.ptp(x.position) * first >= 2 * np.pi * SEEN)
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

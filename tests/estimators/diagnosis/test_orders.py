@@ -49,10 +49,10 @@ def test_every_order_of_a_motors_cogging_is_found_and_no_other(cogging):
             assert estimate.value == pytest.approx(value, abs=4 * estimate.std + 1e-4)
 
 
-def test_further_orders_are_of_joints_that_turn_round():
+def test_further_orders_are_of_waves_that_come_again():
     some = np.linspace(0.0, 1.0, 50)
-    for turns, is_whole in ((0.9, False), (1.1, True)):
+    for turns, comes_again in ((0.4, False), (0.5, True)):
         x = Samples(some, 2 * np.pi * turns * some, 0 * some, 0 * some)
         assert Cogging(7.0).possible(x)
-        assert Cogging(7.0, 28.0).possible(x) == is_whole
+        assert Cogging(7.0, 28.0).possible(x) == comes_again
     assert Cogging(7.0, 7.0).fault and not Cogging(7.0, 28.0).fault
