@@ -1,7 +1,6 @@
 """What is measured is kept, whatever happens to the process."""
 
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -69,16 +68,6 @@ def test_a_file_that_could_not_be_opened_is_not_counted(tmp_path):
     rollout(env, POLICY, 1200)
     env.close()
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
-
-
-def test_a_copy_writes_a_file_of_its_own(tmp_path):
-    env = RecordMeasurements(gym.make(PENDULUM), tmp_path / "run.csv")
-    rollout(env, POLICY, 1200)
-    copy = pickle.loads(pickle.dumps(env))
-    for each in (env, copy):
-        rollout(each, POLICY, 1300)
-        each.close()
-    assert sorted(len(read_recording(path)) for path in tmp_path.iterdir()) == [1200, 1300, 1300]
 
 
 def test_killed_process_loses_at_most_the_last_second(tmp_path):
