@@ -251,12 +251,12 @@ def test_bad_actions_and_options_are_refused():
         env.step(np.zeros(1))
     env.reset()
     for action in (3.0, np.zeros((1, 2)), np.zeros(2), np.zeros(0)):
-        with pytest.raises(ValueError, match=r"it needs \(1,\)"):
+        with pytest.raises(ValueError, match=r"it needs \(1,\), a torque in N m"):
             env.step(action)
     for options in ({"position": np.nan}, {"theta": {"inertia": -1.0}}, {"theta": {"gravity": np.inf}}):
         with pytest.raises(ValueError, match="cannot"):
             env.reset(options=options)
-    with pytest.raises(ValueError, match="the action is nan"):
+    with pytest.raises(ValueError, match=r"the action is \[nan\]"):
         env.step(np.array([np.nan], dtype=np.float32))
     with pytest.raises(ValueError, match="did you mean position"):
         env.reset(options={"positon": 1.0})
