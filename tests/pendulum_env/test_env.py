@@ -190,14 +190,6 @@ def test_clipped_is_what_the_bound_took_from_and_nothing_else(most):
         assert env.step(np.array([action]))[-1]["clipped"]
 
 
-def test_measured_torque_has_the_noise_that_was_asked_for():
-    env = gym.make(PENDULUM, torque_noise=0.1)
-    env.reset(seed=0)
-    torque = np.array([env.step(np.array([2.0], dtype=np.float32))[-1]["torque"] for _ in range(4000)])
-    assert torque.mean() == pytest.approx(2.0, abs=0.01)
-    assert torque.std() == pytest.approx(0.1, rel=0.05)
-
-
 def test_replay_plays_the_recording_and_says_that_it_ignores_the_action(file):
     env = gym.make(PENDULUM, backend="replay", recording=file)
     played = rollout(env, OpenLoop(excitation("steps", np.random.default_rng(1)), 1000.0), 10_000)
