@@ -24,6 +24,7 @@ from estimators.schemes.identification import (
     converge,
 )
 from estimators.schemes.six import SCHEMES, Regression, Regressor, Scheme, give
+from estimators.selection.data import Step
 from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links, check_places, friction
@@ -283,3 +284,16 @@ def compare_arm(model: ArmModel, recordings: ArmRecording | Sequence[ArmRecordin
         rms, size = (float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for parts in (own, all_torque))
         found.append(JointError(joint, rms, rms / size if size else None, model.body.said(joint, NEWTON_METRE)))
     return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmStep(Step):
+    """A model of an arm with one effect more than the one before, and its torque errors joint by joint."""
+
+    model: ArmModel
+    errors: Mapping[str, tuple[JointError, ...]]  # type: ignore[assignment]  # no simulation follows an arm
+
+    @classmethod
+    def of(cls, added: str | None, model: ArmModel, **parts: Sequence[ArmRecording]) -> ArmStep:
+        """The model with its errors on parts of the data, `train` and `holdout`; raises as `compare_arm` does."""
+        return cls(added, model, {part: compare_arm(model, own) for part, own in parts.items()})

@@ -36,7 +36,7 @@ def lacking(body, recording):
 def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(recording, lacking):
     added = add_arm(lacking, "quadratic_drag@elbow", recording)
     for part in ("train", "holdout"):
-        before, after = (getattr(side, part)[1].torque_rms for side in (added.before, added.after))
+        before, after = (step.errors[part][1].torque_rms for step in (added.before, added.after))
         assert after < 0.5 * before
     estimates = added.after.model.estimates
     assert estimates["quadratic_drag@elbow"].value == pytest.approx(DRAG, rel=0.03)

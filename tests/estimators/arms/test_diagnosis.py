@@ -37,6 +37,10 @@ def plain():
     return six_joint.simulate(1, seconds=12.0)
 
 
+def error_at(joint, step):
+    return step.errors["holdout"][joint].torque_rms
+
+
 @pytest.mark.slow
 def test_torque_of_six_joints_in_mujoco_is_predicted_within_two_per_cent(six, plain):
     found = identify_arm(plain, six, schemes=ARM_SCHEMES[1:2])["filtered_dynamic"]
@@ -62,7 +66,7 @@ def test_what_is_left_of_a_whole_model_is_noise_of_the_size_that_the_sensors_hav
 def test_nothing_is_named_where_nothing_is_hidden(six, plain):
     found = diagnose_arm(plain, six, library=SOME)
     assert found.selected == ()
-    assert found.before == found.after
+    assert found.before.errors == found.after.errors
 
 
 def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):
@@ -72,7 +76,7 @@ def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):
     size = np.hypot(estimates["cogging.sin@elbow"].value, estimates["cogging.cos@elbow"].value)
     assert estimates["cogging.order@elbow"].value == 14
     assert size == pytest.approx(0.35 * six_joint.COULOMB[2], rel=0.05)
-    assert found.after[2].torque_rms < 0.5 * found.before[2].torque_rms
+    assert error_at(2, found.after) < 0.5 * error_at(2, found.before)
     assert found.candidates[0].verdict is Verdict.SELECTED and found.candidates[0].score > 0.9
 
 
@@ -116,8 +120,8 @@ def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_pa
     assert found.regions["elbow"].axis == "position"
     added = add_arm(found.model, "torque_by_angle@elbow", recording)
     assert added.objection is None and added.looks_like is not None
-    before, after = (side.holdout[2].torque_rms for side in (added.before, added.after))
-    assert after < 0.5 * before
+    after = error_at(2, added.after)
+    assert after < 0.5 * error_at(2, added.before)
     assert after < 1.3 * compare_arm(found.model, six_joint.simulate(1, seconds=5.0))[2].torque_rms
     path = tmp_path / "model.json"
     added.after.model.save(path)
@@ -169,7 +173,8 @@ def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(body):
     for candidate in found.candidates[:2]:  # judged in the final model, as by its score: without this one alone
         others = tuple(own for own in found.model.terms if own.id != candidate.effect)
         added = add_arm(ArmModel(others), candidate.effect, offset_run(body, (0.4, 0.3)))
-        old, new = (part.holdout[added.joint] for part in (added.before, added.after))
+        joint = body.joints.index(candidate.effect.partition("@")[2])
+        old, new = (step.errors["holdout"][joint] for step in (added.before, added.after))
         assert candidate.error_ratio == pytest.approx(new.torque_rms / old.torque_rms, rel=0.5)  # other windows
         assert candidate.reason == f"lowers the held-out torque error of {new.joint} to {candidate.error_ratio:.1%}"
 
@@ -193,7 +198,8 @@ def test_a_joint_without_a_motor_hides_nothing_of_others(body, offset):
     let_go = ArmRecording.of("let go", body.joints, driven.time, driven.position, torque)
     found = diagnose_arm(let_go, body, library={"torque_offset": TorqueOffset, "spring": Spring})
     assert found.selected == (("torque_offset@shoulder",) if offset else ()) and found.unexplained == {}
-    assert found.after[0].share < 0.01 and found.after[1].share is None
+    driven, let_go = found.after.errors["holdout"]
+    assert driven.share < 0.01 and let_go.share is None
 
 
 def test_a_joint_that_hardly_moves_is_told(body):

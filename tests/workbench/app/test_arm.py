@@ -76,7 +76,7 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     session.act(lambda: add.start(session, "torque_offset@elbow"))
     work(session)
     state = session.state
-    before, after = (rung.holdout[1].torque_rms for rung in state.rungs)
+    before, after = (rung.errors["holdout"][1].torque_rms for rung in state.rungs)
     assert state.added == ("torque_offset@elbow",) and not state.found and after < 0.2 * before
     for stage in arm.STAGES.values():
         assert stage(session, state)
