@@ -21,6 +21,7 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.body import STANDARD, Body
 from pendulum_env.arms.joints import Links, friction
 from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.arms.robot import pinocchio
 from pendulum_env.recording.record import RecordingError, TorqueConstant
 from pendulum_env.recording.study import Carried
 
@@ -118,10 +119,9 @@ def _units(recordings: Sequence[ArmRecording]) -> dict[str, str]:
 
 def _standard(carried: Carried, body: Body) -> Array:
     """Standard parameters (S,) of a weight that is small, in the frame of the last joint."""
-    m, c = carried.mass, np.array(carried.center)
-    inertia = m * (c @ c * np.eye(3) - np.outer(c, c))
+    weight = pinocchio().Inertia(carried.mass, np.array(carried.center), np.zeros((3, 3)))
     found, first = np.zeros(len(body.standard)), len(STANDARD) * body.links.index(body.joints[-1])
-    found[first : first + len(STANDARD)] = [m, *m * c, *inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+    found[first : first + len(STANDARD)] = weight.toDynamicParameters()
     return found
 
 
@@ -137,7 +137,7 @@ def _beside(phi: Array, x: Array, y: Array, clusters: Array) -> tuple[float, flo
 
 
 def _converted(recording: ArmRecording, gains: dict[str, TorqueConstant]) -> ArmRecording:
-    known = {joint: gains[joint].value for joint in recording.currents if joint in gains}
-    factors = np.array([known.get(joint, 1.0) for joint in recording.names])
+    known = recording.currents.keys() & gains.keys()
+    factors = [gains[joint].value if joint in known else 1.0 for joint in recording.names]
     left = {joint: unit for joint, unit in recording.currents.items() if joint not in known}
-    return replace(recording, torque=recording.torque * factors, currents=left)
+    return replace(recording, torque=recording.torque * np.array(factors), currents=left)
