@@ -90,8 +90,11 @@ def _told(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], b
     ties = _ties(tree)
     _bound(tree)
     try:
-        text = ElementTree.tostring(tree, encoding="unicode")
-        model = pin.buildModelFromXML(text) if tree.tag == "robot" else pin.buildModelFromMJCF(str(path))
+        model = (
+            pin.buildModelFromXML(ElementTree.tostring(tree, encoding="unicode"))
+            if tree.tag == "robot"
+            else pin.buildModelFromMJCF(str(path))
+        )
     except Exception as error:  # Pinocchio raises what its parsers raise
         raise BodyError(f"Pinocchio cannot read it: {one_line(error)}") from None
     name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
