@@ -92,18 +92,18 @@ def meaning(recordings: Sequence[ArmRecording], body: Body, off: str = "say --no
         off: what to do where gravity is taken off.
     """
     found = [] if any(one.currents for one in recordings) else shares(recordings, body)
-    weightless = [one.joint for one in found if one.is_weightless]
+    weightless = [one.joint for one in found if one.kind == "weightless"]
     texts = []
     if weightless:
         joints = f"joint{'s' * (len(weightless) > 1)} {listing(weightless)}"
         texts.append(f"no gravity in the torque of {joints}: does the driver take it off? Then {off}")
     for one in found:
-        if one.is_geared:
+        if one.kind == "geared":
             texts.append(
                 f"the torque of joint {one.joint} is about {one.weight:.1g} times what the links of the file need: is "
                 f"it the motor's, before its gear? Then say --columns torque_{one.joint}=NAME*RATIO"
             )
-        if one.is_reversed:
+        elif one.kind == "reversed":
             texts.append(
                 f"joint {one.joint} seems to carry the weight of its links upwards: does its torque, or its position, "
                 f"count the other way? Then say --columns torque_{one.joint}=-NAME, for one"

@@ -42,23 +42,14 @@ class Share:
     inertia: float
 
     @property
-    def is_weightless(self) -> bool:
-        """Whether links have inertia and no weight, as where the driver takes gravity off."""
-        return self._is_little and self.inertia > LITTLE
-
-    @property
-    def is_geared(self) -> bool:
-        """Whether all is as much smaller, as before a gear."""
-        return self._is_little and not self.is_weightless and self.weight > SURE * self.weight_std
-
-    @property
-    def is_reversed(self) -> bool:
-        """Whether the weight has the other sign."""
-        return self.weight + SURE * self.weight_std < -LITTLE
-
-    @property
-    def _is_little(self) -> bool:
-        return abs(self.weight) + SURE * self.weight_std < LITTLE
+    def kind(self) -> str:
+        """What is odd: "weightless" (inertia without weight), "geared" (all is smaller), "reversed", or nothing."""
+        reach = SURE * self.weight_std
+        if self.weight + reach < -LITTLE:
+            return "reversed"
+        if not abs(self.weight) + reach < LITTLE:
+            return ""
+        return "weightless" if self.inertia > LITTLE else "geared" if self.weight > reach else ""
 
 
 def shares(recordings: Sequence[ArmRecording], body: Body) -> list[Share]:
