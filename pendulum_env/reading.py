@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import os
 import re
+import reprlib
 import stat
 import tomllib
 import zipfile
@@ -46,22 +46,11 @@ class Unreadable(Mistake):
 
 
 def shown(value: object, most: int = SHOWN) -> str:
-    """A value as a sentence quotes it, up to so many characters."""
-    if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 10**DIGITS:
-        return f"a number of more than {DIGITS} digits"
-    if isinstance(value, str) and len(value) > most - 2:
-        value = f"{value[: most - 5]}..."  # between quotes
-    text = repr(value) if not isinstance(value, dict | list | tuple | set) else _shallow(value)
+    """A value as a sentence quotes it, up to so many characters; what it holds in turn is left out."""
+    brief = reprlib.Repr()
+    brief.maxlevel, brief.maxlong, brief.maxstring, brief.maxother = 1, most, most, most
+    text = brief.repr(value)
     return text if len(text) <= most else f"{text[: most - 3]}..."
-
-
-def _shallow(value: dict[Any, Any] | list[Any] | tuple[Any, ...] | set[Any]) -> str:
-    """What holds other values, but for those that hold others in turn: they may nest without end."""
-    if isinstance(value, dict):
-        return "a table" if value else "an empty table"
-    if any(isinstance(item, dict | list | tuple | set) for item in value):
-        return "a list of lists or tables"
-    return f"[{', '.join(shown(item) for item in list(value)[:8])}{', ...' if len(value) > 8 else ''}]"
 
 
 def amount(size: float) -> str:
@@ -83,15 +72,12 @@ def regular_size(path: str | os.PathLike[str], most: float, remedy: str = "it is
     """
     try:
         status = os.stat(path)
-        made_up = status.st_size == 0 and hasattr(os, "statvfs") and os.statvfs(path).f_blocks == 0  # as /proc/kmsg
     except (OSError, ValueError) as error:
         raise Unreadable(f"{path}: cannot be read ({_reason(error)}): check the path") from None
     if stat.S_ISDIR(status.st_mode):
         raise Unreadable(f"{path}: cannot be read (it is a directory): name a file in it")
     if not stat.S_ISREG(status.st_mode):
         raise Unreadable(f"{path}: cannot be read (it is a device or a pipe): copy what it gives to a file first")
-    if made_up:
-        raise Unreadable(f"{path}: cannot be read (the system makes it up, maybe without end): copy it to a file first")
     if status.st_size > most:
         raise Unreadable(f"{path}: holds {amount(status.st_size)}, of which at most {amount(most)} are read: {remedy}")
     return status.st_size
@@ -106,12 +92,9 @@ def read_bytes(path: str | os.PathLike[str], most: int = DOCUMENT) -> bytes:
     regular_size(path, most)
     try:
         with open(path, "rb") as file:
-            data = file.read(most + 1)  # files of /proc are larger than they say
+            return file.read()
     except OSError as error:
         raise Unreadable(f"{path}: cannot be read ({_reason(error)})") from None
-    if len(data) > most:
-        raise Unreadable(f"{path}: holds more than the {amount(most)} that are read: it is not what was asked for")
-    return data
 
 
 def read_own(path: str | os.PathLike[str]) -> bytes:
@@ -168,7 +151,7 @@ def read_json(path: str | os.PathLike[str], hint: str) -> Any:
     """
     data = read_bytes(path)
     try:
-        content = json.loads(data.decode("utf-8-sig"), parse_int=_whole)
+        content = json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError):
         raise Unreadable(f"{path}: is not JSON; {hint}") from None
     _refuse_values(path, content)
@@ -188,12 +171,10 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
         )
     try:
         content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise Unreadable(f"{path}: is not TOML: {one_line(error)}") from None
-    except ValueError:  # Python reads no whole number of 4,300 digits
-        raise Unreadable(f"{path}: holds a number of more than {DIGITS} digits: write it shorter") from None
     except RecursionError:
         raise Unreadable(f"{path}: nests too deeply: write it flatter") from None
+    except ValueError as error:  # also of a whole number of 4,300 digits
+        raise Unreadable(f"{path}: is not TOML: {one_line(error)}") from None
     _refuse_values(path, content)
     return content
 
@@ -211,10 +192,6 @@ def _toml(value: Any) -> str:
     if isinstance(value, float):
         return repr(float(value))  # of NumPy's, too
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # whole numbers, truth values and texts
-
-
-def _whole(text: str) -> int | float:
-    return int(text) if len(text) <= 400 else math.inf  # Python itself refuses those of 4,300 digits
 
 
 def _refuse_values(path: str | os.PathLike[str], content: Any) -> None:

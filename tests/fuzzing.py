@@ -7,13 +7,10 @@ is kept in tests/corpus, which the tests read every time; a file there is `READE
 from __future__ import annotations
 
 import argparse
-import errno
 import functools
 import hashlib
 import io
 import json
-import math
-import os
 import random
 import signal
 import struct
@@ -22,17 +19,13 @@ import sys
 import tempfile
 import time
 import warnings
-import zipfile
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from unittest import mock
-from xml.sax.saxutils import escape
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
@@ -49,12 +42,8 @@ from pendulum_env.recording.columns import named_column
 from pendulum_env.recording.study import read_sources
 from tests.pendulum_env.physics.test_limits import PLUGIN
 from tests.workbench.app.plants import recorded, url, written
-from workbench import cli
 from workbench.inputs import read_suggestion
 from workbench.mistakes import InputError, sentence
-from workbench.report.fleet import write_fleet_report
-from workbench.survey import Dataset, Fleet, find_cases
-from workbench.survey.dataset import SCHEMA
 
 CORPUS = Path(__file__).parent / "corpus"
 MEMORY = 4_000_000_000  # bytes that a reader may map, libraries included
@@ -87,195 +76,23 @@ def train(path: Path) -> Config:
     return Config.of(read_settings(path))
 
 
-# ---------------------------------------------------------------------------------------------- doors of other kinds
-
-
-class Leaving(io.RawIOBase):
-    """A pipe whose reader leaves after so many bytes."""
-
-    def __init__(self, most: float = math.inf) -> None:
-        self.left = most
-
-    def writable(self) -> bool:
-        return True
-
-    def write(self, data: Any) -> int:
-        if self.left <= 0:
-            raise BrokenPipeError(errno.EPIPE, "Broken pipe")
-        taken = int(min(len(data), self.left))
-        self.left -= taken
-        return taken
-
-
-def command(*argv: str, until: float = math.inf) -> str:
-    """What a command says, whose reader leaves after so many bytes: nothing, or what is wrong, in a line."""
-    out, err = io.TextIOWrapper(io.BufferedWriter(Leaving(until), 64), "utf-8", write_through=True), io.StringIO()
-    with warnings.catch_warnings(), redirect_stdout(out), redirect_stderr(err):
+def read_plugin(path: Path) -> object:
+    with mock.patch.dict(library._registered), mock.patch.dict(plugin._loaded, clear=True), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what Python says of a user's own code
-        code = cli.main(argv)
-    said = err.getvalue()
-    assert (code, said) == (0, "") or (code == 2 and said.count("\n") == 1), (code, said)
-    if code:
-        raise InputError(said.strip())
-    return said
-
-
-def read_plugin(path: Path) -> str:
-    with mock.patch.dict(library._registered), mock.patch.dict(plugin._loaded, clear=True):
-        return command("effects", "--plugin", str(path))
-
-
-@functools.cache
-def swing() -> Recording:
-    return recorded("run", 1, 4.0, rate=250.0)
-
-
-def leave(path: Path) -> Model:
-    """Leave a command after as many bytes as are in a file: it writes its model all the same."""
-    with tempfile.TemporaryDirectory() as folder:
-        source, model = written(swing(), Path(folder)), Path(folder, "model.json")
-        command("identify", str(source.file), "-o", str(model), until=path.stat().st_size)
-        return Model.load(model)
+        return plugin.load_plugin(path)
 
 
 def read_expression(path: Path) -> object:
     return named_column("torque", path.read_text(errors="replace"), ["time", "a/b", "i", "i:A", "-x"])
 
 
-def read_cases(path: Path) -> object:
-    return find_cases([str(path)], READING)
-
-
-READING = argparse.Namespace(columns=None, unwrap=False, max_size=500)
-
-
-def read_names(path: Path) -> object:
-    """A pattern of names, then names of files below a folder, and of links with where they lead."""
-    pattern, *names = path.read_bytes().split(b"\n")
-    with tempfile.TemporaryDirectory() as folder:
-        root = os.fsencode(os.path.realpath(folder))
-        for name in names[:20]:
-            place, _, to = (part.replace(b"..", b"").lstrip(b"/") for part in name[:900].partition(b" -> "))
-            place = os.path.join(root, place)
-            with suppress(OSError, ValueError):
-                if os.path.realpath(place).startswith(root):  # no link leads elsewhere
-                    os.makedirs(os.path.dirname(place), exist_ok=True)
-                    os.symlink(to, place) if to else open(place, "xb").close()
-        return find_cases([folder], READING, pattern.decode(errors="replace") or None)
-
-
-NAMES = b"{robot}/{joint}_*{date}\narm/elbow_a2026-03-01.csv\narm/wrist_1b.npz\nloop -> .\narm/knee_b1.csv -> elbow"
-
-
-def read_fleet(path: Path) -> Fleet:
-    """The page of a dataset with one file: Parquet, or a row of which each line has a column and its value."""
-    with tempfile.TemporaryDirectory() as folder:
-        dataset = Dataset(Path(folder))
-        dataset.create()
-        content = path.read_bytes()
-        if path.suffix == ".txt":
-            row: dict[str, Any] = {}
-            for name, value in (line.partition(" ")[::2] for line in content.decode(errors="replace").split("\n")):
-                row[name] = None
-                with suppress(ValueError, RecursionError):
-                    row[name] = json.loads(value)
-            buffer = io.BytesIO()
-            with suppress(pa.ArrowException, OverflowError):  # there is no such file then
-                pq.write_table(pa.Table.from_pylist([row]), buffer)
-            content = buffer.getvalue()
-        (dataset.folder / "cases" / "a.parquet").write_bytes(content)
-        fleet = Fleet.of(dataset)
-        write_fleet_report(Path(folder, "fleet.html"), fleet)
-        assert len(fleet.rows) == 1
-        return fleet
-
-
-CASE: dict[str, Any] = {
-    "name": "arm/elbow.csv", "robot": "arm", "joint": "elbow", "kind": "elbow", "date": 1_772_000_000_000_000,
-    "dated_by": "file", "file": "/data/arm/elbow.csv", "status": "done", "reason": None, "verdict": "missing",
-    "headline": "friction falls with speed", "score": 0.98, "selected": ["stribeck"], "ambiguous": [["spring", "a"]],
-    "candidates": [{"effect": "stribeck", "verdict": "selected", "score": 0.98, "gain": 99.0, "gain_error": 9.0,
-                    "variants": 1}],
-    "parameters": [{"name": "inertia", "value": 0.09, "std": 0.001, "unit": "kg m^2"}], "torque_unit": "N m",
-    "noise_floor": 0.01, "torque_rms": 0.02, "position_rms": 0.001, "samples": 9000, "duration": 9.0, "seconds": 2.0,
-    "diagnosis": "{}", "report": "reports/a.html", "hash": "0a", "version": "1", "settings": "1b",
-    "finished": 1_772_000_000_000_000,
-}  # fmt: skip
-
-
-def case(_: Path) -> bytes:
-    return "\n".join(f"{name} {json.dumps(value)}" for name, value in CASE.items()).encode()
-
-
-def dataset(path: Path) -> bytes:
-    pq.write_table(pa.Table.from_pylist([CASE], schema=SCHEMA), path)
-    return path.read_bytes()
-
-
-@functools.cache
-def worked() -> bytes:
-    """A session with a recording and an effect that was added."""
-    from estimators import add
-    from workbench.app.saved import pack
-    from workbench.app.session import Session
-
-    with tempfile.TemporaryDirectory() as folder:
-        session = Session(Path(folder) / "session")
-        session.load([written(swing(), Path(folder))])
-        session.state = session.state.with_step(add(session.state.model, "stribeck", session.state.train))
-        return pack(session.state)
-
-
-def contents() -> bytes:
-    with zipfile.ZipFile(io.BytesIO(worked())) as archive:
-        return archive.read("session.json")
-
-
 def open_session(path: Path) -> object:
-    """A session in a ZIP archive, or what one of JSON says beside a good study and recording."""
     from workbench.app.session import Session
 
-    content = path.read_bytes()
-    if path.suffix == ".json":
-        packed = io.BytesIO()
-        with zipfile.ZipFile(io.BytesIO(worked())) as good, zipfile.ZipFile(packed, "w") as archive:
-            for name in good.namelist():
-                archive.writestr(name, content if name == "session.json" else good.read(name))
-        content = packed.getvalue()
     with tempfile.TemporaryDirectory() as folder:
         session = Session(Path(folder) / "session")
-        session.open(f"{path.name}.zip", url(content))
+        session.open(f"{path.name}.zip", url(path.read_bytes()))
         return session.state
-
-
-def read_chain(path: Path) -> object:
-    """A robot in a row: its format, how many joints, and what stands in each."""
-    kind, count, *words = [*path.read_text(errors="replace").split(), *CHAIN.split()][: len(CHAIN.split())]
-    many = range(min(int(count), 20_000) if count.isdecimal() else 3)
-    numbers = dict(zip(("axis", "x", "mass", "inertia", "type"), map(escape, words), strict=True))
-    one = MJCF_JOINT if kind == "mjcf" else URDF_JOINT
-    body = "".join(one.format(k=k, next=k + 1, **numbers) for k in many)
-    whole = (
-        f"<mujoco><worldbody>{body}{'</body>' * len(many)}</worldbody></mujoco>"
-        if kind == "mjcf"
-        else (f'<robot name="chain"><link name="l0"/>{body}</robot>')
-    )
-    robot = path.with_name(f"{path.name}.{'xml' if kind == 'mjcf' else 'urdf'}")
-    robot.write_text(whole)
-    return read_body(robot)
-
-
-CHAIN = "urdf 5 1 -0.2 1.5 0.01 revolute"
-URDF_JOINT = (
-    '<link name="l{next}"><inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/>'
-    '<inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-    '<joint name="j{k}" type="{type}"><parent link="l{k}"/><child link="l{next}"/><origin xyz="{x} 0 0"/>'
-    '<axis xyz="0 {axis} 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/></joint>'
-)
-MJCF_JOINT = (
-    '<body name="l{k}" pos="{x} 0 0"><joint name="j{k}" axis="0 {axis} 0"/>'
-    '<inertial pos="{x} 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>'
-)
 
 
 # ------------------------------------------------------------------------------------------------------ good files
@@ -324,27 +141,24 @@ def bag(path: Path, kind: str = "mcap") -> bytes:
         return inner.read_bytes()
 
 
-def described(path: Path) -> bytes:
-    from tests.pendulum_env.recording.test_formats import write_bag
-
-    write_bag(path.parent / "run", "sqlite3")
-    return (path.parent / "run" / "metadata.yaml").read_bytes()
-
-
-def read_described(path: Path) -> Recording:
-    """A bag of ROS 2 that a file describes."""
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder, path.name)
-        place.mkdir()
-        (place / "run.db3").write_bytes(good("recording.db3"))
-        (place / "metadata.yaml").write_bytes(path.read_bytes())
-        return read_elbow(place)
-
-
 def read_elbow(path: Path) -> Recording:
     topic = "/joint_states/elbow"
     columns = {"position": f"{topic}/position", "velocity": f"{topic}/velocity", "torque": f"{topic}/effort"}
     return read_recording(path, columns=columns)
+
+
+@functools.cache
+def worked() -> bytes:
+    """A session with a recording and an effect that was added."""
+    from estimators import add
+    from workbench.app.saved import pack
+    from workbench.app.session import Session
+
+    with tempfile.TemporaryDirectory() as folder:
+        session = Session(Path(folder) / "session")
+        session.load([written(recorded("run", 1, 4.0, rate=250.0), Path(folder))])
+        session.state = session.state.with_step(add(session.state.model, "stribeck", session.state.train))
+        return pack(session.state)
 
 
 Reader = Callable[[Path], object]
@@ -367,25 +181,12 @@ FILES: dict[str, Door] = {
     "robot.urdf": (".urdf", read_body, lambda _: TwoLink().urdf().encode()),
     "robot.xml": (".xml", read_body, lambda _: MJCF.encode()),
 }
-ALL: dict[str, Door] = FILES | {  # and what is no file of its own, or of several
-    "chain": (".txt", read_chain, lambda _: CHAIN.encode()),
+ALL: dict[str, Door] = FILES | {
     "plugin": (".py", read_plugin, lambda _: PLUGIN.encode()),
-    "pipe": (".txt", leave, lambda _: b"x" * 500),
     "expression": (".txt", read_expression, lambda _: b"-i:A*0.091/6+0.1:Nm"),
-    "table": (".csv", read_cases, lambda _: b"file,robot,joint,date\na.csv,one,elbow,2026-03-01\nb.npz,two,,\n"),
-    "names": (".txt", read_names, lambda _: NAMES),
-    "dataset.parquet": (".parquet", read_fleet, dataset),
-    "dataset.txt": (".txt", read_fleet, case),
-    "described": (".yaml", read_described, described),
-    "session.zip": (".zip", open_session, lambda _: worked()),
-    "session.json": (".json", open_session, lambda _: contents()),
+    "session": (".zip", open_session, lambda _: worked()),
 }
-NAMELESS = (
-    train,
-    read_expression,
-    read_cases,
-    read_names,
-)  # what is wrong there may be told of another file, or of none
+NAMELESS = (train, read_expression, read_plugin)  # what is wrong there may be told of another file, or of none
 
 
 @functools.cache
@@ -454,7 +255,6 @@ class Page:
         from workbench.app import live
         from workbench.app.server import make_app
         from workbench.app.session import Session
-        from workbench.mistakes import InputError
 
         def idle(*_: object) -> None:
             raise InputError("nothing is started here")

@@ -317,9 +317,9 @@ def test_iso_time_is_counted_from_the_first_row(write: Write, columns: dict, zon
         ),
         (
             lambda lines: [*lines[:12], f"0.022,{'1' * 100_000}x,1", *lines[13:]],
-            "data row 12 .* has '1{55}...' as position",
+            "data row 12 .* has '1{27}...1{27}x' as position",
         ),
-        (lambda lines: ["1" * 60_000 + "x", *lines[1:]], "no column for time, position, torque among '1{35}...'"),
+        (lambda lines: ["1" * 60_000 + "x", *lines[1:]], "no column for time, position, torque among '1{17}...1{17}x'"),
         (lambda lines: [*lines[:-2], "3.99", lines[-1]], "data row 1999 .* has 1 cells where the header has 3"),
         (lambda lines: ["time;position;torque", *lines[1:]], "data row 1 .* has 1 cells where the header has 3"),
         (
@@ -423,7 +423,7 @@ def test_an_array_that_is_torn_is_told_as_damaged(tmp_path: Path, columns: dict[
         for name in whole.namelist():
             content = whole.read(name)
             torn.writestr(name, content[:-100] if name == "torque.npy" else content)
-    with pytest.raises(RecordingError, match="array 'torque' is damaged"):
+    with pytest.raises(RecordingError, match="it may be damaged"):
         read_recording(tmp_path / "run.npz")
 
 
