@@ -56,9 +56,10 @@ def test_files_that_were_changed_are_read_or_refused_in_one_sentence(name, tmp_p
     except BaseException:
         if MANY:  # keep the shortest
             digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
-            signal.alarm(0)
             path.rename(CORPUS / f"{name.partition('.')[0]}-{digest}{ending}")
         raise
+    finally:
+        signal.alarm(0)
 
 
 def test_whatever_the_page_asks_for_it_gets_an_answer():
