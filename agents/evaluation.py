@@ -216,8 +216,8 @@ def interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) ->
 
 def evaluation_json(outcomes: Mapping[str, Outcome], base: str, **setting: object) -> JSON:
     """All policies beside a baseline, for programs, and what else is to be written; the infinite or unknown is null."""
-    told = {name: _policy_json(outcome, outcomes[base]) for name, outcome in outcomes.items()}
-    return {"schema": SCHEMA, **setting, "baseline": base, "policies": told}
+    policies = {name: _policy_json(outcome, outcomes[base]) for name, outcome in outcomes.items()}
+    return {"schema": SCHEMA, **setting, "baseline": base, "policies": policies}
 
 
 def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
