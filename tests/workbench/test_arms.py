@@ -9,8 +9,9 @@ import pytest
 from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
 from pendulum_env.arms.body import read_body
-from pendulum_env.arms.recording import read_arm_recording, write_arm_recording
+from pendulum_env.arms.recording import read_arm_recording
 from pendulum_env.plant import PAPER
+from pendulum_env.recording import write_recording
 from tests import robots
 from tests.two_link import recorded
 from tests.workbench.pages import Page
@@ -40,7 +41,7 @@ def folder(tmp_path_factory):
     (folder / "study.toml").write_text(STUDY)
     (folder / "loaded.toml").write_text('[[recording]]\nfile = "plain.csv"\nload = {mass = 1.0, length = 0.1}\n')
     for name, offset in (("plain", 0.0), ("hidden", 0.3)):
-        write_arm_recording(recorded(ARM, seconds=8.0, offset=(0.0, offset)), folder / f"{name}.csv")
+        write_recording(recorded(ARM, seconds=8.0, offset=(0.0, offset)), folder / f"{name}.csv")
     return folder
 
 
@@ -99,7 +100,7 @@ def test_compare_tells_what_an_arm_carries(capsys, folder):
     run(capsys, folder, "identify", "plain.csv", "--scheme", "filtered_dynamic", "-o", "empty.json")
     heavy = replace(ARM, mass=(ARM.mass[0], 2 * ARM.mass[1]), inertia=(ARM.inertia[0], 2 * ARM.inertia[1]))
     loaded = recorded(heavy, 3, seconds=8.0, rate=500.0, scale=(6.0, 3.5), noise=0.0)
-    write_arm_recording(loaded, folder / "heavy.csv")
+    write_recording(loaded, folder / "heavy.csv")
     code, out, _ = run(capsys, folder, "compare", "empty.json", "heavy.csv")
     assert code == 0 and re.search(
         r"A payload of 0\.\d+ ± .* kg behind elbow would explain most of it: see --payload", out

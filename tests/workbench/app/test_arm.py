@@ -13,9 +13,9 @@ from benchmarks.two_link import TwoLink
 from pendulum_env.arms import at_joint, friction
 from pendulum_env.arms.joints import Links
 from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.recording import write_arm_recording
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.reading import Unreadable
+from pendulum_env.recording import write_recording
 from tests import robots
 from tests.patience import PATIENCE
 from tests.two_link import recorded
@@ -39,7 +39,7 @@ TWO, OFFSET = TwoLink(), 0.3  # [N m], hidden in the elbow
 def two_link(folder: Path, seconds: float = 6.0) -> tuple[Path, Path]:
     """The file of an arm of two links, and a recording in which the elbow's torque is off."""
     (folder / "arm.urdf").write_text(TWO.urdf())
-    write_arm_recording(recorded(TWO, seconds=seconds, rate=500.0, offset=(0.0, OFFSET)), folder / "run.csv")
+    write_recording(recorded(TWO, seconds=seconds, rate=500.0, offset=(0.0, OFFSET)), folder / "run.csv")
     return folder / "arm.urdf", folder / "run.csv"
 
 
