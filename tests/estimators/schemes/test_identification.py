@@ -62,15 +62,6 @@ def test_standard_errors_are_honest():
         assert 0.6 < rms < 1.5, scheme
 
 
-def test_whitened_energy_is_more_precise_than_energy_from_the_start(paper_run):
-    white, plain = (
-        identify([paper_run.recording], schemes=[six.scheme("energy", operator=Integral(w))])["energy"]
-        for w in (0.05, None)
-    )
-    assert np.all(std(white.model) < std(plain.model))
-    assert white.condition < 0.2 * plain.condition
-
-
 def test_convergence_ends_at_the_model(paper_run):
     found = identify([paper_run.recording], points=50)
     for scheme in SCHEMES:
