@@ -33,7 +33,8 @@ def chosen_online(names: Names) -> tuple[Scheme | JointState, ...]:
     if names == "all":
         return SCHEMES
     each = [names] if isinstance(names, str) or not isinstance(names, Sequence) else names
-    known: dict[str, Scheme | JointState] = {one.id: one for one in (*SCHEMES, JointState())}
+    known: dict[str, Scheme | JointState] = {one.id: one for one in SCHEMES}
+    known[JointState.id] = JointState()
     listed = [find("scheme", one, known) if isinstance(one, str) else one for one in each]
     joint = [one for one in listed if isinstance(one, JointState)]
     others = [one for one in listed if not isinstance(one, JointState)]

@@ -154,24 +154,6 @@ def test_what_cannot_be_followed_is_refused():
         Diagnoser(1000.0, [coupled("first,second", False)()], binner=TwoJoints())
 
 
-def test_many_are_diagnosed_like_one_and_a_reset_one_begins_anew():
-    runs = [recorded("cogging"), recorded("")]
-    smoothing = Smoothing.of_encoder(COUNTS, RATE)
-    many = Diagnoser(RATE, batch=2, smoothing=smoothing, library=FEW)
-    torque = np.array([np.r_[0.0, one.torque[:-1]] for one in runs])
-    position = np.array([one.position for one in runs])
-    until = round(9 * RATE)
-    for k in range(until):
-        many.take(np.full(2, runs[0].time[k]), position[:, k], torque[:, k])
-    alone = run(diagnoser(library=FEW), runs[0], last=runs[0].time[until])
-    first = many.said[0]
-    assert (first.kind, first.group, first.motion) == ("missing", alone.group, alone.motion)
-    assert (first.evidence, first.error) == pytest.approx((alone.evidence, alone.error), rel=1e-6)
-    assert many.said[1].kind == "nothing"
-    many.reset(np.array([True, False]))
-    assert [said.kind for said in many.said] == ["calibrating", "nothing"]
-
-
 class OneWithout(VectorWrapper):
     """The last environment says nothing, as Gymnasium's masks tell it; what stands in its places is of no meaning."""
 
@@ -191,6 +173,8 @@ def test_a_vector_twin_diagnoses_each_and_leaves_out_what_was_not_measured():
         action = 3 * np.sin(12.07 * k / 200) + 3 * np.sin(2.25 * k / 200)
         *_, info = env.step(np.full((3, 1), action, dtype=np.float32))
     assert [said.group for said in info["diagnosis"]] == [("torque_offset",), ("torque_offset",), ()]
+    env.diagnoser.reset(np.array([True, False, False]))
+    assert [said.kind for said in env.diagnoser.said] == ["calibrating", "missing", "calibrating"]
 
 
 class TwoJoints:

@@ -122,15 +122,6 @@ def test_slow_sampling_lowers_the_filters_and_says_so(record):
         np.testing.assert_allclose(found[scheme.id].model.theta, run.theta, rtol=0.03)
 
 
-def test_result_is_plain_json(paper_run):
-    found = json.loads(json.dumps(identify([paper_run.recording], points=5).json(), allow_nan=False))
-    assert found["schema"] == "pendulum-ident/identification@1"
-    assert set(found["schemes"]) == {scheme.id for scheme in SCHEMES}
-    assert found["schemes"]["energy"]["residual"]["unit"] == "J"
-    assert found["schemes"]["dynamic"]["theta"]["inertia"]["unit"] == "kg m^2"
-    assert len(found["schemes"]["dynamic"]["convergence"]["theta"]) == 5
-
-
 @pytest.mark.parametrize("hidden", slow.but_first([True, False]))
 def test_a_missing_effect_biases_and_its_term_cures(record, hidden):
     """Test the no as well: Stribeck friction left out of the model biases Coulomb friction."""
