@@ -46,8 +46,8 @@ def effects_of(body: Body | None, names: Sequence[str] | None) -> dict[str, type
     """
     if body is None:
         return None if names is None else {id: effect(id) for id in names}
-    alone = [id for id, kind in joint_effects().items() if kind is not Coupling]
-    return {kind.id: kind for kind in kinds_at(alone if names is None else names, body)}
+    known = [id for id in joint_effects() if id != Coupling.id] if names is None else names
+    return {kind.id: kind for kind in kinds_at(known, body)}
 
 
 def arm_of(env: AnyEnv, robot: str | None) -> Body | None:
