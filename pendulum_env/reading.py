@@ -232,6 +232,10 @@ class Value:
         of: what the document is, as a sentence names it: `the model`; empty where the file's name says it.
         key: such as `theta.inertia.value`; empty for the whole document.
         content: as the parser gave it.
+
+    Raises:
+        Unreadable: by every method, if it is not what was asked for: the sentence has the key, the value and what it
+            has to be.
     """
 
     of: str
@@ -247,11 +251,7 @@ class Value:
         return " of ".join(filter(None, [self.key and f"'{self.key}'", self.of])) or "it"
 
     def __getitem__(self, name: str | int) -> Value:
-        """What stands under a key of a table, or at a place in a list.
-
-        Raises:
-            Unreadable: if this is no table, or lacks the key.
-        """
+        """What has to stand under a key of a table, or at a place in a list."""
         if isinstance(name, int):
             return Value(self.of, f"{self.key}[{name}]", self.content[name])
         found = self.get(name)
@@ -261,30 +261,18 @@ class Value:
         return found
 
     def get(self, name: str) -> Value | None:
-        """What stands under a key of a table, None if nothing does, or null.
-
-        Raises:
-            Unreadable: if this is no table.
-        """
+        """What stands under a key of a table, None if nothing does, or null."""
         inner = self.table().get(name)
         return None if inner is None else Value(self.of, f"{self.key}.{name}".lstrip("."), inner)
 
     def table(self) -> dict[str, Any]:
-        """A table.
-
-        Raises:
-            Unreadable: if it is none.
-        """
+        """A table."""
         if not isinstance(self.content, dict):
             raise self.fault("a table")
         return self.content
 
     def items(self, most: int = 10_000) -> list[Value]:
-        """The values of a list.
-
-        Raises:
-            Unreadable: if it is none, or longer than `most`.
-        """
+        """The values of a list, no longer than `most`."""
         if not isinstance(self.content, list | tuple):
             raise self.fault("a list")
         if len(self.content) > most:
@@ -292,21 +280,13 @@ class Value:
         return [self[k] for k in range(len(self.content))]
 
     def text(self, most: int = 200) -> str:
-        """A text.
-
-        Raises:
-            Unreadable: if it is none, empty, or of more than `most` characters.
-        """
+        """A text, not empty, of up to `most` characters."""
         if not isinstance(self.content, str) or not self.content.strip() or len(self.content) > most:
             raise self.fault(f"a text of up to {most} characters")
         return self.content
 
     def number(self, low: float = -LARGE, high: float = LARGE, above: bool = False, whole: bool = False) -> float:
-        """A number from low to high, or `above` low.
-
-        Raises:
-            Unreadable: if it is none.
-        """
+        """A number from low to high, or `above` low."""
         number = isinstance(self.content, int if whole else int | float) and not isinstance(self.content, bool)
         if not number or not low <= self.content <= high or (above and self.content == low):
             kind = "whole" if whole else "finite"
@@ -318,7 +298,6 @@ class Value:
         """A record of a table, whose keys are its fields: of their types, and as they are bounded there.
 
         Raises:
-            Unreadable: if this is no table, or lacks a key, or a value is not what its field asks for.
             Mistake: if it has a key of another name.
         """
         known = {asked.name: asked for asked in fields(kind)}  # type: ignore[arg-type]

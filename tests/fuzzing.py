@@ -1,32 +1,23 @@
-"""Files and requests that nobody meant: `python -m tests.fuzzing --minutes 60`, or `make fuzz`.
+"""Files and requests that nobody meant, for `test_fuzz.py` and `make fuzz`.
 
-Good files of each kind are changed by hypothesis, and what the page may ask for is asked with anything. What is found
+Good files of each kind are changed by hypothesis, and what the page may ask for is asked with anything. What was found
 is kept in tests/corpus, which the tests read every time; a file there is `READER-DIGEST.ending`.
 """
 
 from __future__ import annotations
 
-import argparse
 import functools
-import hashlib
 import io
 import json
-import random
-import signal
 import struct
-import subprocess
-import sys
 import tempfile
-import time
 import warnings
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import numpy as np
-from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
@@ -46,9 +37,6 @@ from workbench.inputs import read_suggestion
 from workbench.mistakes import InputError, sentence
 
 CORPUS = Path(__file__).parent / "corpus"
-MEMORY = 4_000_000_000  # bytes that a reader may map, libraries included
-HANG = 10  # [s] that a reader may take
-ROUND = 40  # examples of a target before it is the turn of the next
 
 RIG = 'adapter = "serial"\nrate = 500\n[serial]\nport = "/dev/ttyACM0"\n[limits]\ntorque = 3.5\n[encoder]\nzero = 7\n'
 STUDY = (
@@ -277,37 +265,32 @@ class Page:
     def ask(self, callback: dict[str, Any], values: list[Any]) -> int:
         """Ask a callback with values for what it depends on; returns the status."""
 
+        def named(id: str) -> Any:
+            return json.loads(id) if id.startswith("{") else id
+
         def part(of: dict[str, Any]) -> Any:
-            id = of["id"]
-            if id.startswith("{"):
-                known = json.loads(id)
-                many = any(value == ["ALL"] for value in known.values())
-                id = {key: "run.csv" if isinstance(value, list) else value for key, value in known.items()}
-                one = {"id": id, "property": of["property"], "value": values.pop() if values else None}
-                return [one] if many else one
-            value = self.ID if id == "session" else values.pop() if values else None
-            return {"id": id, "property": of["property"], "value": value}
+            id, value = named(of["id"]), values.pop() if values and of["id"] != "session" else None
+            many = isinstance(id, dict) and ["ALL"] in id.values()
+            if isinstance(id, dict):
+                id = {key: "run.csv" if isinstance(value, list) else value for key, value in id.items()}
+            one = {"id": id, "property": of["property"], "value": self.ID if id == "session" else value}
+            return [one] if many else one
 
         def output(text: str) -> dict[str, Any]:
             id, _, name = text.rpartition(".")
-            return {"id": json.loads(id) if id.startswith("{") else id, "property": name.partition("@")[0]}
+            return {"id": named(id), "property": name.partition("@")[0]}
 
-        told = callback["output"]
-        outputs: Any = [output(one) for one in told[2:-2].split("...")] if told.startswith("..") else output(told)
-        inputs = [part(one) for one in callback["inputs"]]
-        first = inputs[0][0] if inputs and isinstance(inputs[0], list) else inputs[0] if inputs else None
-        name = first["id"] if first else None
-        name = json.dumps(name, separators=(",", ":")) if isinstance(name, dict) else name
+        told, inputs = callback["output"], [part(one) for one in callback["inputs"]]
+        first = inputs[0][0] if isinstance(inputs[0], list) else inputs[0]
+        name = first["id"] if isinstance(first["id"], str) else json.dumps(first["id"], separators=(",", ":"))
         ask = {
             "output": told,
-            "outputs": outputs,
+            "outputs": [output(one) for one in told[2:-2].split("...")] if told.startswith("..") else output(told),
             "inputs": inputs,
             "state": [part(one) for one in callback.get("state", [])],
-            "changedPropIds": [f"{name}.{first['property']}"] if first else [],
+            "changedPropIds": [f"{name}.{first['property']}"],
         }
-        return self.client.post(
-            "/_dash-update-component", data=json.dumps(ask), content_type="application/json"
-        ).status_code
+        return self.client.post("/_dash-update-component", json=ask).status_code
 
 
 VALUES = (
@@ -325,77 +308,3 @@ def ask_anything(page: Page, data: st.DataObject) -> None:
     values = data.draw(st.lists(VALUES, min_size=count, max_size=count))
     status = page.ask(callback, values)
     assert status in (200, 204, 400), (callback["output"], values, status)
-
-
-# ----------------------------------------------------------------------------------------------------- an hour of it
-
-
-def fuzz(name: str, number: int, folder: Path) -> None:
-    """One round of a target; raises what was found, the file that did it being in the folder."""
-    chance = settings(
-        deadline=None, max_examples=ROUND, database=None, suppress_health_check=list(HealthCheck),
-        phases=[Phase.generate, Phase.shrink],
-    )  # fmt: skip
-    if name == "app":
-        page = Page()
-        try:
-            seed(number)(chance(given(data=st.data())(lambda data: ask_anything(page, data))))()
-        finally:
-            page.close()
-        return
-    ending, read, _ = ALL[name]
-    path = folder / f"input{ending}"
-
-    def one(content: bytes) -> None:
-        path.write_bytes(content)
-        signal.alarm(HANG)
-        try:
-            check(read, path)
-        finally:
-            signal.alarm(0)
-
-    seed(number)(chance(given(content=changed(good(name)))(one)))()
-
-
-def keep(name: str, folder: Path) -> Path | None:
-    """Put what was found into the corpus."""
-    for path in folder.glob("input*"):
-        content = path.read_bytes()
-        kept = CORPUS / f"{name.partition('.')[0]}-{hashlib.sha256(content).hexdigest()[:12]}{path.name[5:]}"
-        CORPUS.mkdir(exist_ok=True)
-        kept.write_bytes(content)
-        return kept
-    return None
-
-
-def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--target", choices=["app", *ALL], action="append", help="only this one (may be repeated)")
-    parser.add_argument("--round", help=argparse.SUPPRESS)  # SEED:FOLDER, one round in a process of its own
-    arguments = parser.parse_args(sys.argv[1:] if argv is None else argv)
-    targets = arguments.target or ["app", *ALL]
-    if arguments.round is not None:
-        number, _, folder = arguments.round.partition(":")
-        import resource  # unknown to Windows
-
-        with suppress(ValueError, OSError):
-            resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-        fuzz(targets[0], int(number), Path(folder))
-        return 0
-    until, rounds, found = time.monotonic() + 60 * arguments.minutes, 0, 0
-    while time.monotonic() < until:
-        name, number = targets[rounds % len(targets)], random.randrange(2**32)
-        rounds += 1
-        with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "tests.fuzzing", "--target", name, "--round", f"{number}:{folder}"]
-            done = subprocess.run(command, capture_output=True, text=True)
-            if done.returncode:
-                found += 1
-                print(f"{name}, seed {number}: {keep(name, Path(folder)) or ''}\n{done.stderr[-3000:]}", flush=True)
-    print(f"{rounds} rounds of {ROUND} inputs: {found} found something")
-    return 1 if found else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -270,3 +270,9 @@ def test_a_missing_extra_is_named(tmp_path: Path, suffix: str, monkeypatch: pyte
     monkeypatch.setattr("pendulum_env.recording.table.find_spec", lambda name: None)
     with pytest.raises(RecordingError, match=r"pip install 'pendulum-ident\[formats\]'"):
         read_here(tmp_path / f"run{suffix}", find_columns)
+
+
+def test_parquet_with_text_refused(tmp_path: Path) -> None:
+    pq.write_table(pa.table(signals() | {"torque": ["a"] * len(TIME)}), tmp_path / "run.parquet")
+    with pytest.raises(RecordingError, match=r"column 'torque' .* has type string"):
+        read_recording(tmp_path / "run.parquet")
