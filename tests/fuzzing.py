@@ -31,8 +31,6 @@ from unittest import mock
 from xml.sax.saxutils import escape
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
@@ -52,9 +50,7 @@ from tests.workbench.app.plants import recorded, url, written
 from workbench import cli
 from workbench.inputs import read_suggestion
 from workbench.mistakes import InputError, sentence
-from workbench.report.fleet import write_fleet_report
-from workbench.survey import Dataset, Fleet, find_cases
-from workbench.survey.dataset import SCHEMA
+from workbench.survey import find_cases
 
 CORPUS = Path(__file__).parent / "corpus"
 MEMORY = 4_000_000_000  # bytes that a reader may map, libraries included
@@ -165,51 +161,6 @@ def read_names(path: Path) -> object:
 
 
 NAMES = b"{robot}/{joint}_*{date}\narm/elbow_a2026-03-01.csv\narm/wrist_1b.npz\nloop -> .\narm/knee_b1.csv -> elbow"
-
-
-def read_fleet(path: Path) -> Fleet:
-    """The page of a dataset with one file: Parquet, or a row of which each line has a column and its value."""
-    with tempfile.TemporaryDirectory() as folder:
-        dataset = Dataset(Path(folder))
-        dataset.create()
-        content = path.read_bytes()
-        if path.suffix == ".txt":
-            row: dict[str, Any] = {}
-            for name, value in (line.partition(" ")[::2] for line in content.decode(errors="replace").split("\n")):
-                row[name] = None
-                with suppress(ValueError, RecursionError):
-                    row[name] = json.loads(value)
-            buffer = io.BytesIO()
-            with suppress(pa.ArrowException, OverflowError):  # there is no such file then
-                pq.write_table(pa.Table.from_pylist([row]), buffer)
-            content = buffer.getvalue()
-        (dataset.folder / "cases" / "a.parquet").write_bytes(content)
-        fleet = Fleet.of(dataset)
-        write_fleet_report(Path(folder, "fleet.html"), fleet)
-        assert len(fleet.rows) == 1
-        return fleet
-
-
-CASE: dict[str, Any] = {
-    "name": "arm/elbow.csv", "robot": "arm", "joint": "elbow", "kind": "elbow", "date": 1_772_000_000_000_000,
-    "dated_by": "file", "file": "/data/arm/elbow.csv", "status": "done", "reason": None, "verdict": "missing",
-    "headline": "friction falls with speed", "score": 0.98, "selected": ["stribeck"], "ambiguous": [["spring", "a"]],
-    "candidates": [{"effect": "stribeck", "verdict": "selected", "score": 0.98, "gain": 99.0, "gain_error": 9.0,
-                    "variants": 1}],
-    "parameters": [{"name": "inertia", "value": 0.09, "std": 0.001, "unit": "kg m^2"}], "torque_unit": "N m",
-    "noise_floor": 0.01, "torque_rms": 0.02, "position_rms": 0.001, "samples": 9000, "duration": 9.0, "seconds": 2.0,
-    "diagnosis": "{}", "report": "reports/a.html", "hash": "0a", "version": "1", "settings": "1b",
-    "finished": 1_772_000_000_000_000,
-}  # fmt: skip
-
-
-def case(_: Path) -> bytes:
-    return "\n".join(f"{name} {json.dumps(value)}" for name, value in CASE.items()).encode()
-
-
-def dataset(path: Path) -> bytes:
-    pq.write_table(pa.Table.from_pylist([CASE], schema=SCHEMA), path)
-    return path.read_bytes()
 
 
 @functools.cache
@@ -374,8 +325,6 @@ ALL: dict[str, Door] = FILES | {  # and what is no file of its own, or of severa
     "expression": (".txt", read_expression, lambda _: b"-i:A*0.091/6+0.1:Nm"),
     "table": (".csv", read_cases, lambda _: b"file,robot,joint,date\na.csv,one,elbow,2026-03-01\nb.npz,two,,\n"),
     "names": (".txt", read_names, lambda _: NAMES),
-    "dataset.parquet": (".parquet", read_fleet, dataset),
-    "dataset.txt": (".txt", read_fleet, case),
     "described": (".yaml", read_described, described),
     "session.zip": (".zip", open_session, lambda _: worked()),
     "session.json": (".json", open_session, lambda _: contents()),

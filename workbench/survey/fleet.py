@@ -15,7 +15,6 @@ from estimators.diagnosis.result import Verdict
 from estimators.fleet import Course, Odd, Pooled, course, odd_ones, onset, pool, surely, weigh
 from estimators.selection.criterion import Criterion
 from pendulum_env._typing import JSON, Array
-from pendulum_env.reading import LARGE
 from workbench.survey.dataset import SCHEMA, Dataset
 
 DAY = 86400.0  # [s]
@@ -175,7 +174,7 @@ def _series(joint: Joint) -> Iterator[Series]:
     points: dict[tuple[str, str], list[tuple[float, float, float]]] = {}  # by name and unit
     for row in joint.cases:
         for one in row["parameters"]:
-            if one["std"] and abs(one["value"]) <= LARGE and 1 / LARGE**2 <= one["std"] <= LARGE:  # nor NaN
+            if one["std"] and np.isfinite(one["std"]):
                 point = (row["date"].timestamp(), one["value"], one["std"])
                 points.setdefault((one["name"], one["unit"]), []).append(point)
     units = dict(sorted(points, key=lambda key: len(points[key])))  # of two units the one that is used

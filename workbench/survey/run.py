@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 KNOWN = ("name", "status", "reason", "hash", "settings", "verdict", "report")
-MERGED = 500  # files after which those of a survey that goes on become one
 SENT = 1000  # cases in one message to the scheduler; Dask warns of one that is large
 DIED = "its worker died, of too little memory perhaps: give workers more (--memory), or shorten the recording"
 
@@ -88,10 +87,8 @@ def survey(
         else:
             todo.append(case)
     tell(tally)
-    for number, rows in enumerate(_batches(todo, client, settings, look) if todo else (), 1):
+    for rows in _batches(todo, client, settings, look) if todo else ():
         dataset.append(rows)
-        if number % MERGED == 0:
-            dataset.merge()
         for row in rows:
             tally.count(row, tally.new)
             tell(tally)
