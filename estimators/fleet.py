@@ -10,11 +10,27 @@ from scipy import stats
 from estimators.selection.score import Bootstrap
 from pendulum_env._typing import Array, Index, Mask
 
-ESTIMATES = 4  # the fewest that show a change: a line or a step leaves two to judge the scatter by
-BESIDE = 2  # estimates on either side of a step: one alone may be an outlier
-SIBLINGS = 3  # the fewest others of which one can be told apart
-SUMMED = 1000  # parts at most, of a sum over cases, that are weighted at random: bounds memory to some 100 MB
 LEVEL = 0.01  # probability of any finding of one kind in a fleet in which nothing happens
+
+
+@dataclass(frozen=True)
+class Fewest:
+    """The least that a statement about a fleet rests on.
+
+    Attributes:
+        estimates: that show a change: a line or a step leaves two to judge the scatter by.
+        beside: estimates on either side of a step: one alone may be an outlier.
+        siblings: others, of which one can be told apart.
+        summed: parts of a sum over cases that are weighted at random, at most: bounds memory to some 100 MB.
+    """
+
+    estimates: int = 4
+    beside: int = 2
+    siblings: int = 3
+    summed: int = 1000
+
+
+FEWEST = Fewest()
 
 
 @dataclass(frozen=True)
@@ -63,10 +79,10 @@ def course(time: Array, value: Array, error: Array) -> Course:
     x = value[order] - level
     square = float(w @ x**2)  # chi-square about the constant
     steady = _excess(square, count - 1)
-    if count < ESTIMATES or np.ptp(t) == 0:
+    if count < FEWEST.estimates or np.ptp(t) == 0:
         return Course(level, steady / np.sqrt(total), steady)
     steps = 1 + np.flatnonzero(np.diff(t) > 0)
-    steps = steps[(steps >= BESIDE) & (steps <= count - BESIDE)]
+    steps = steps[(steps >= FEWEST.beside) & (steps <= count - FEWEST.beside)]
     away = t - np.average(t, weights=w)
     before = np.cumsum(w)[steps - 1]
     moments = np.r_[w @ away**2, before * (total - before) / total]  # of the line, then of every step
@@ -197,7 +213,7 @@ def weigh(gains: Array) -> Array:
 
     By pseudo-BMA+ over cases: effects that look alike share it. NaN, an unknown gain, counts as none.
     """
-    parts = min(len(gains), SUMMED)
+    parts = min(len(gains), FEWEST.summed)
     together = np.array([some.sum(axis=0) for some in np.array_split(np.nan_to_num(gains), parts)])  # (parts, M)
     bootstrap = Bootstrap(np.zeros(parts, dtype=np.intp), np.random.default_rng(0))
     return bootstrap.probabilities(list(together.T))
@@ -245,7 +261,7 @@ def odd_ones(value: Array, error: Array) -> list[Odd]:
     172(1), 2009, for the prediction of one more.
     """
     count = len(value) - 1  # of the others
-    if count < SIBLINGS:
+    if count < FEWEST.siblings:
         return [Odd(np.nan, np.nan, np.nan)] * len(value)
     found = []
     for k in range(len(value)):

@@ -14,6 +14,7 @@ from estimators.schemes.identification import identify
 from pendulum_env.physics import BASE, Model, Samples
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import Recording
+from pendulum_env.words import number
 from tests.cases import diagnosed
 from tests.workbench.pages import Page, values
 from workbench.report import render, write_report
@@ -21,7 +22,6 @@ from workbench.report.case import Case
 from workbench.report.figure import broken, numbers, thin
 from workbench.report.sections import SECTIONS
 from workbench.report.sections.failures import profile_figure
-from workbench.report.words import number
 
 PLANT = Model.build((*BASE, Stribeck(0.6)), [0.09, 2.0, 0.35, 0.7, 0.4])
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
@@ -57,20 +57,16 @@ def page(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> str:
     return render([train], [holdout], diagnosis, identify([train], diagnosis.model.terms))
 
 
-def test_page_loads_nothing_from_elsewhere(page: str) -> None:
+def test_page_loads_nothing_from_elsewhere_and_links_to_every_section(page: str, diagnosis: Diagnosis) -> None:
     found = Page(page)
-    assert values(found, "src") == []
-    assert all(href.startswith("#") for href in values(found, "href"))
+    links = values(found, "href")
+    assert values(found, "src") == [] and all(href.startswith("#") for href in links)
     style = re.search(r"<style>(.*?)</style>", page, re.DOTALL)[1]
     assert "url(" not in style and "@import" not in style
     assert not any(tag in ("link", "iframe", "img", "object", "embed") for tag, _ in found.tags)
-
-
-def test_page_has_every_section_and_a_link_to_each(page: str, diagnosis: Diagnosis) -> None:
-    found = Page(page)
     sections = [attrs["id"] for tag, attrs in found.tags if tag == "section"]
     assert len(sections) == len(SECTIONS) - (diagnosis.suggestion is None)
-    assert set(sections) <= {href[1:] for href in values(found, "href")}
+    assert set(sections) <= {href[1:] for href in links}
     ids = values(found, "id")
     assert len(ids) == len(set(ids))
 
@@ -104,17 +100,13 @@ def test_parameters_that_the_base_model_got_wrong_are_told(page: str, diagnosis:
 
 def test_figures_are_small_finite_and_coloured_by_the_page(page: str) -> None:
     figures = Page(page).figures
-    assert len(figures) >= 10
+    assert len(figures) >= 10 and len(page.encode()) < 3_000_000
     style = re.search(r"<style>(.*?)</style>", page, re.DOTALL)[1]
     for color in set(re.findall(r'"(--[a-z0-9-]+)"', json.dumps(figures))):
         assert style.count(f"{color}:") == 2, f"{color} in light and dark"
     for figure in figures:
         for trace in figure["data"]:
             assert len(trace["x"]) <= 6000
-
-
-def test_page_is_small(page: str) -> None:
-    assert len(page.encode()) < 3_000_000
 
 
 def test_hostile_names_stay_text(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
@@ -125,13 +117,12 @@ def test_hostile_names_stay_text(train: Recording, holdout: Recording, diagnosis
     assert len([tag for tag, _ in found.tags if tag == "script"]) == 5 + len(found.figures) - 1
 
 
-def test_nothing_missing_is_said_plainly(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
-    text = Page(render([train], [holdout], replace(diagnosis, steps=diagnosis.steps[:1]))).text
-    assert "Nothing is missing" in text
-    assert "times smaller" not in text
-
-
 def test_open_questions_are_told(train: Recording, holdout: Recording, diagnosis: Diagnosis) -> None:
+    def told(found: Diagnosis, fitted: tuple[Recording, ...] = (train,)) -> str:
+        return Page(render(fitted, [holdout], found)).text
+
+    plain = told(replace(diagnosis, steps=diagnosis.steps[:1]))
+    assert "Nothing is missing" in plain and "times smaller" not in plain
     silent = Candidate("hard_stop", 0.0, Verdict.NOT_EXCITED, 1.0, "it needs wider swings")
     uncertain = replace(
         diagnosis,
@@ -140,20 +131,17 @@ def test_open_questions_are_told(train: Recording, holdout: Recording, diagnosis
         advice=("slower motion would separate them",),
         candidates=(*diagnosis.candidates, silent),
     )
-    text = Page(render([train], [holdout], uncertain)).text
+    text = told(uncertain)
     assert "Stribeck friction or presliding is missing, and more that no known effect explains" in text
     assert "For q from 0.1 to 0.2 rad the joint needs <more>" in text
     assert "Slower motion would separate them." in text
     assert "A hard stop: it needs wider swings." in text
     heavier = Disagreement(2, "friday", ("monday",), (Difference("inertia", "kg m^2", 0.099, 0.09, 0.001),))
-    two = replace(diagnosis, disagreements=(heavier,))
     friday = replace(train, name="friday", torque=2 * train.torque)
-    assert (
-        "Recording 2 (friday) disagrees with 'monday': inertia 10 % higher"
-        in Page(render([train, friday], [], two)).text
-    )
+    disagreeing = told(replace(diagnosis, disagreements=(heavier,)), (train, friday))
+    assert "Recording 2 (friday) disagrees with 'monday': inertia 10 % higher" in disagreeing
     stuck = replace(diagnosis, steps=diagnosis.steps[:1], unexplained=(REGION,))
-    assert "Something is missing, and no known effect explains it" in Page(render([train], [holdout], stuck)).text
+    assert "Something is missing, and no known effect explains it" in told(stuck)
 
 
 @pytest.mark.slow
@@ -196,15 +184,11 @@ def test_numbers_are_printed_without_exponents(value: float, text: str) -> None:
     assert number(value) == text
 
 
-def test_thinning_keeps_peaks() -> None:
+def test_curves_are_thinned_but_for_their_peaks_and_break_where_time_has_a_gap() -> None:
     series = np.zeros(100_000)
     series[[123, 77_777]] = 5.0, -5.0
     kept = thin(series, 1000)
-    assert len(kept) <= 1000
-    assert {123, 77_777} <= set(kept)
-
-
-def test_curves_break_where_time_has_a_gap() -> None:
+    assert len(kept) <= 1000 and {123, 77_777} <= set(kept)
     time = np.r_[np.arange(5.0), np.arange(10.0, 15.0)]
     x, (y,) = broken(time, np.arange(10), time)
     assert np.flatnonzero(np.isnan(x)).tolist() == np.flatnonzero(np.isnan(y)).tolist() == [5]

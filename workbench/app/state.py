@@ -33,6 +33,7 @@ from pendulum_env.physics.library import addition
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.record import by_torque
 from pendulum_env.recording.study import named_twice
+from pendulum_env.words import name
 from workbench.app.asked import NOTHING, Asked
 from workbench.app.brushing import Points
 from workbench.app.jobs import Task
@@ -41,7 +42,6 @@ from workbench.commands.identify import six_schemes
 from workbench.mistakes import InputError
 from workbench.report import render
 from workbench.report.case import Case
-from workbench.report.words import name
 
 NO_RECORDING = "load a recording first"
 

@@ -6,7 +6,7 @@ import argparse
 
 from estimators.comparison import compare, in_units_of
 from estimators.in_loop.rollouts import are_driven
-from estimators.show.tables import distances_table, profile_table
+from estimators.show.story import of_comparison
 from workbench.inputs import (
     check_outputs,
     given,
@@ -14,7 +14,7 @@ from workbench.inputs import (
     of_pendulums,
     read_model,
     read_recordings,
-    take_align,
+    take,
     take_recordings,
     take_report,
     take_robot,
@@ -22,18 +22,17 @@ from workbench.inputs import (
     wrote,
 )
 from workbench.mistakes import InputError
+from workbench.story import tell
 from workbench.terminal import Terminal
-from workbench.words import enumerate_words
 
 LAST = ""  # joint of a payload, if none is named
-FOLLOWED = 80.0  # [%] of the motion in free runs, below which torque alone does not make a good model
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare model, recordings and output."""
     parser.add_argument("model", metavar="MODEL.json", help="what identify, diagnose or add wrote with -o")
     take_recordings(parser, what="each compared with the model")
-    take_align(parser)
+    take(parser, "--align")
     take_report(parser)
     parser.add_argument(
         "--loop",
@@ -63,11 +62,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the errors of the model, and where they are."""
-    if arguments.robot is not None:
-        from workbench import arms  # Pinocchio is imported by who needs it
-
-        arms.compare(arguments, terminal)
-        return
     if arguments.payload is not None or arguments.without:
         raise InputError("--payload and --without are for arms: say which with --robot")
     asked = given(arguments)
@@ -93,30 +87,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
         with terminal.progress("writing the report"):
             write_comparison_report(arguments.report, found, recordings)
-    terminal.heading(f"Errors of the model with {enumerate_words([term.id for term in model.terms])}")
-    terminal.table(*distances_table(found))
-    for text in filter(None, (found.told_in_loop, found.caveat)):
-        terminal.say(text)
-    if found.disagreements:
-        terminal.heading("Recordings that disagree")
-        for disagreement in found.disagreements:
-            terminal.say(f"- {disagreement.text}")
-    terminal.heading(f"Where, all {len(recordings)} recordings together" if len(recordings) > 1 else "Where")
-    for region in found.regions:
-        terminal.say(f"- {region.text}")
-    drawn = next((item for r in found.regions for item in found.profiles if item.axis == r.axis != "frequency"), None)
-    if drawn is not None:
-        terminal.table(*profile_table(drawn))
-    if len(found.regions) > 1:
-        terminal.say("regions of different quantities may be of the same moments")
-    if found.regions:
-        terminal.say("`diagnose` tells which effect would explain this")
-    elif found.joint.errors.position_fit >= FOLLOWED:
-        terminal.say("nothing stands out of the noise: the model explains these recordings")
-    else:
-        error = f"{found.joint.errors.position_rms:.3g} rad"
-        terminal.say(
-            f"nothing in torque stands out of the noise, but free runs err by {error}: something acts near turns or at "
-            "rest, `diagnose` tells what may"
-        )
+    tell(of_comparison(found), terminal)
     wrote(outputs, terminal)

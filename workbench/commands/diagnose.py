@@ -13,6 +13,7 @@ from pendulum_env.files import write_whole
 from pendulum_env.physics import Model
 from workbench.commands.identify import six_schemes
 from workbench.inputs import (
+    LIMITS,
     argument,
     check_outputs,
     given,
@@ -23,12 +24,10 @@ from workbench.inputs import (
     read_model,
     read_recordings,
     refuse_joint,
-    take_instruments,
-    take_limits,
+    take,
     take_recordings,
     take_report,
     take_robot,
-    take_verbose,
     write_json,
     write_model,
     wrote,
@@ -55,9 +54,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--without", metavar="ID,...", type=argument(ids), default=[], help="do not look for these effects"
     )
-    take_limits(parser)
-    take_instruments(parser)
-    take_verbose(parser)
+    take(parser, *LIMITS, "--instruments", "--verbose")
     parser.add_argument("--all", action="store_true", help="the same with every effect, also those not judged")
     parser.add_argument(
         "--max-torque",
@@ -89,11 +86,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the story, write what is asked for."""
-    if arguments.robot is not None:
-        from workbench import arms  # Pinocchio is imported by who needs it
-
-        arms.diagnose(arguments, terminal)
-        return
     for effect in (*(arguments.only or ()), *arguments.without):
         refuse_joint(effect)
     from workbench.report import write_report  # plotly takes a while to import

@@ -9,11 +9,12 @@ from estimators.arguments import within_limits
 from estimators.regression.equations import IdentificationError
 from estimators.schemes.identification import Identification, identify
 from estimators.schemes.six import PAPER, SCHEMES, Scheme, scheme
-from estimators.show.tables import schemes_table
+from estimators.show.story import schemes_table
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Term
 from pendulum_env.recording import Recording
 from workbench.inputs import (
+    LIMITS,
     argument,
     check_outputs,
     given,
@@ -21,9 +22,7 @@ from workbench.inputs import (
     in_torque,
     of_pendulums,
     read_recordings,
-    take_align,
-    take_instruments,
-    take_limits,
+    take,
     take_recordings,
     take_robot,
     write_json,
@@ -38,10 +37,9 @@ SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, schemes and outputs."""
     take_recordings(parser)
-    take_align(parser)
+    take(parser, "--align")
     take_robot(parser)
-    take_limits(parser)
-    take_instruments(parser)
+    take(parser, *LIMITS, "--instruments")
     parser.add_argument(
         "--scheme",
         type=argument(_schemes),
@@ -56,11 +54,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
-    if arguments.robot is not None:
-        from workbench import arms  # Pinocchio is imported by who needs it
-
-        arms.identify(arguments, terminal)
-        return
     outputs = [arguments.json, arguments.output]
     asked = given(arguments)
     check_outputs(outputs, asked.files)

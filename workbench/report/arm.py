@@ -18,12 +18,12 @@ from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.files import write_whole
 from pendulum_env.recording.record import NEWTON_METRE
+from pendulum_env.words import listing, percent
 from workbench.report.page import assemble
 from workbench.report.section import Section
 from workbench.report.sections.candidates import ranked
 from workbench.report.sections.failures import key, profile_figure
 from workbench.report.sections.parameters import of_models
-from workbench.report.words import listing, percent
 
 SHOWN = ("position", "velocity", "time")  # a strip's plots
 

@@ -91,16 +91,14 @@ class Case:
         return (base, final) if self.diagnosis.selected else (base,)
 
     @cached_property
-    def _watched(self) -> list[tuple[Evidence, list[Evidence]]]:
-        return []
+    def _watched(self) -> dict[int, list[Evidence]]:
+        return {}
 
     def watched(self, evidence: Evidence) -> list[Evidence]:
         """Evidence for each drawn model, with its link watched if it has one; worked out once."""
-        for known, watched in self._watched:
-            if known is evidence:
-                return watched
-        self._watched.append((evidence, [evidence.watching(model) for _, _, model in self.models]))
-        return self._watched[-1][1]
+        if id(evidence) not in self._watched:
+            self._watched[id(evidence)] = [evidence.watching(model) for _, _, model in self.models]
+        return self._watched[id(evidence)]
 
     def residuals(self, evidence: Evidence) -> list[Array]:
         """Measured minus modelled torque (R,) [N m] of each drawn model."""

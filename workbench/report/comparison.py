@@ -8,8 +8,8 @@ from estimators.arguments import Recordings, chosen_recordings
 from estimators.comparison import Comparison, in_units_of, joined
 from estimators.diagnosis.result import Diagnosis
 from estimators.selection.data import Evidence, Step
+from pendulum_env import words
 from pendulum_env.files import write_whole
-from workbench.report import words
 from workbench.report.case import Case
 from workbench.report.page import assemble
 from workbench.report.section import Section

@@ -11,8 +11,42 @@ import numpy as np
 from pendulum_env import thinning
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 
-POINTS = 2400  # of one curve; more than a screen is wide
-DIGITS = 5  # significant, more than a plot can show
+
+@dataclass(frozen=True)
+class Drawing:
+    """How reports draw.
+
+    Attributes:
+        points: of one curve, at most; more than a screen is wide.
+        digits: significant digits of a number, more than a plot can show.
+        sigmas: standard errors on either side of a value.
+        broad: width of a measured curve, on which models are drawn [px].
+        close: length of what is shown at first, where that is a part [s].
+        compared: recordings that are drawn beside models, at most.
+        in_loop: recordings that are drawn beside simulations in the loop, at most.
+        settled: share of a recording from which on estimates decide what is in the picture.
+        frame: share of the picture's height that they take.
+        correlated: parameters of which a table of correlations can be read.
+        courses, means: parameters of a fleet with a plot over time, and with one of their means.
+        joints: of a fleet in one plot: those that stand out, and others behind them.
+    """
+
+    points: int = 2400
+    digits: int = 5
+    sigmas: float = 2.0
+    broad: float = 3.4
+    close: float = 5.0
+    compared: int = 4
+    in_loop: int = 8
+    settled: float = 0.25
+    frame: float = 0.6
+    correlated: int = 20
+    courses: int = 8
+    means: int = 4
+    joints: int = 60
+
+
+DRAWING = Drawing()
 
 
 @dataclass(frozen=True)
@@ -47,7 +81,7 @@ def numbers(values: Array) -> list[float | None]:
     """Values rounded to what a plot can show; NaN becomes a gap."""
     values = np.asarray(values, dtype=float)
     size = np.floor(np.log10(np.maximum(np.abs(np.nan_to_num(values)), 1e-30)))
-    scale = 10.0 ** (DIGITS - 1 - np.clip(size, -12, 12))
+    scale = 10.0 ** (DRAWING.digits - 1 - np.clip(size, -12, 12))
     rounded = np.round(values * scale) / scale  # a whole number over a power of ten: as short as it can be printed
     return [value if isfinite(value) else None for value in rounded.ravel().tolist()]
 
@@ -88,7 +122,7 @@ def axis(title: str, **more: object) -> JSON:
     return {"title": {"text": title}, **more}
 
 
-def thin(series: Array, most: int = POINTS) -> Index:
+def thin(series: Array, most: int = DRAWING.points) -> Index:
     """Indices of about `most` samples of a series (N,) that keep every peak."""
     return thinning.thin(series, most)
 

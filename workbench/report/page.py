@@ -15,8 +15,8 @@ from plotly.offline import get_plotlyjs, get_plotlyjs_version
 from estimators.arguments import Recordings, chosen_recordings
 from estimators.diagnosis.result import Diagnosis
 from estimators.schemes.identification import Identification
+from pendulum_env import words
 from pendulum_env.files import write_whole
-from workbench.report import words
 from workbench.report.case import Case
 from workbench.report.section import Section
 from workbench.report.sections import SECTIONS

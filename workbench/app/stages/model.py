@@ -9,13 +9,13 @@ from typing import Any
 from dash import Input, html
 from dash.development.base_component import Component
 
+from pendulum_env.words import name, opening
 from workbench.app.parts import button, drop, fragment, graph, panel
 from workbench.app.session import Session
 from workbench.app.stage import Bench, Stage
 from workbench.app.state import State as Work
 from workbench.report.sections.parameters import parameters
 from workbench.report.sections.schemes import schemes
-from workbench.report.words import name, opening
 
 
 def show(session: Session) -> list[Component]:

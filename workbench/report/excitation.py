@@ -1,4 +1,4 @@
-"""Sections of the page: gains with their intervals, errors over time, the bound, and what each policy does."""
+"""The page about excitation policies: how soon the parameters are known, how surely, and what it takes."""
 
 from __future__ import annotations
 
