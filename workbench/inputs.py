@@ -380,17 +380,6 @@ def in_time(
     return (list(aligned.recordings), list(aligned.holdout)) if align else (list(recordings), list(holdout))
 
 
-def in_torque(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], terminal: Terminal
-) -> tuple[list[Recording], list[Recording]]:
-    """Turn currents into torque where known loads tell the torque constant, and say so; else speak of currents."""
-    calibrated = Calibrated.of(recordings, holdout)
-    if calibrated.constant is not None:
-        terminal.say(calibrated.constant.text)
-    terminal.torque_unit = calibrated.unit
-    return list(calibrated.recordings), list(calibrated.holdout)
-
-
 @dataclass(frozen=True)
 class Given:
     """The recordings that a command was given, still unread."""
@@ -489,6 +478,41 @@ def read_model(path: str) -> Model:
         return model_that_moves(model)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
+
+
+@dataclass(frozen=True)
+class Opened:
+    """What a command was given, read: its model, sources of what is fitted, and recordings to fit and to hold out."""
+
+    model: Model
+    fitted: tuple[Source, ...]
+    recordings: list[Recording]
+    holdout: list[Recording]
+
+    def in_torque(self, terminal: Terminal) -> tuple[list[Recording], list[Recording]]:
+        """Recordings in torque where known loads tell the torque constant, which is said; else we speak of currents."""
+        calibrated = Calibrated.of(self.recordings, self.holdout)
+        if calibrated.constant is not None:
+            terminal.say(calibrated.constant.text)
+        terminal.torque_unit = calibrated.unit
+        return list(calibrated.recordings), list(calibrated.holdout)
+
+
+def opened(
+    arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, holdout: bool = True
+) -> Opened:
+    """Refuse what could not be written, then read the model, if one is named, and the recordings, as it was fitted to.
+
+    Raises:
+        InputError, ModelError, RecordingError, StudyError: if something cannot be used.
+    """
+    asked = given(arguments)
+    check_outputs(outputs, asked.files)
+    path = getattr(arguments, "model", None) or ""
+    model = read_model(path) if path else Model()
+    asked = asked.read_as(model.log_format, path)
+    held_out = read_recordings(asked.held_out, terminal) if holdout else []
+    return Opened(model, asked.fitted, read_recordings(asked.fitted, terminal), held_out)
 
 
 def read_suggestion(path: str) -> Suggestion:

@@ -196,7 +196,7 @@ def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, tmp_path, 
     out = capsys.readouterr().out
     assert "+ stribeck" in out and "█" in out and re.search("^score: probability", out, re.M)
     assert all(re.search(f"^{id} +(selected|rejected) ", out, re.M) for id in FEW) and "better by -" not in out
-    follows_design(json.loads(outputs["--json"].read_text()))
+    assert json.loads(outputs["--json"].read_text())["selected"] == ["stribeck"]
     assert Model.load(outputs["-o"]).effects == ("stribeck",)
     assert outputs["--report"].read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
 
@@ -207,30 +207,8 @@ def test_diagnose_starts_from_a_model_and_holds_out_the_end(runs, tmp_path, caps
     assert main(["add", str(runs / "model.json"), "stribeck", str(runs / "train.csv"), "-o", str(model)]) == 0
     assert main(["diagnose", str(runs / "train.csv"), "--model", str(model), "--json", str(path)]) == 0
     data = json.loads(path.read_text())
-    follows_design(data)
     assert data["base"]["terms"] == [*(term.id for term in BASE), "stribeck"]
     assert data["selected"] == []
-
-
-def follows_design(data):
-    """The diagnosis has the keys and values that the contract of the command line asks for."""
-    assert data["schema"] == "pendulum-ident/diagnosis@1"
-    assert data["base"]["terms"][:4] == ["inertia", "gravity", "viscous", "coulomb"]
-    for theta in (data["base"]["theta"], *(step["theta"] for step in data["steps"])):
-        assert theta["inertia"].keys() >= {"value", "std", "unit"} and theta["inertia"]["unit"] == "kg m^2"
-    assert [step["added"] for step in data["steps"]] == [None, *data["selected"]]
-    for step in data["steps"]:
-        for part in ("train", "holdout"):
-            assert np.isfinite([step["errors"][part][error] for error in ("torque_rms", "position_rms")]).all()
-    for candidate in data["candidates"]:
-        assert candidate.keys() >= {"effect", "score", "verdict", "error_ratio", "reason"}
-        assert candidate["verdict"] in {"selected", "ambiguous", "rejected", "not_excited"}
-        assert 0 <= candidate["score"] <= 1
-    assert {c["effect"] for c in data["candidates"] if c["verdict"] == "selected"} == set(data["selected"])
-    assert all(len(group) > 1 for group in data["ambiguous"])
-    assert data["unexplained"].keys() == {"present", "where"}
-    assert data["unexplained"]["present"] == (data["unexplained"]["where"] is not None)
-    assert data["noise_floor"]["torque_rms"] > 0
 
 
 def test_record_plays_what_a_diagnosis_suggests(tmp_path, capsys, monkeypatch):
@@ -335,21 +313,6 @@ def test_an_axis_that_slides_is_told_how_to_read_units(runs, capsys):
     named = ("--columns", "position=position:m,torque=torque:N", "--scheme", "filtered_dynamic")
     assert main(["identify", str(runs / "train.csv"), *named]) == 0
     assert "read kg for kg m^2, N for N m" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_columns_are_those_the_user_names(runs, tmp_path, capsys):
-    odd, saved = tmp_path / "odd.csv", tmp_path / "model.json"
-    recording = read_recording(runs / "train.csv")
-    rows = np.column_stack([1e3 * recording.time, np.degrees(recording.position), recording.torque])
-    np.savetxt(odd, rows, delimiter=",", header='clock,Winkel,"M, soll"', comments="", fmt="%.12g")
-    named = ["--columns", "time=clock:ms,position=Winkel:deg,torque=M, soll:Nm"]
-    assert main(["identify", str(odd), *named, "-o", str(saved)]) == 0
-    assert "position converted to rad from column 'Winkel'" in capsys.readouterr().out
-    want, got = Model.load(runs / "model.json"), Model.load(saved)
-    np.testing.assert_allclose(got.theta, want.theta, rtol=1e-6)
-    assert main(["compare", str(saved), str(odd), *named]) == 0
-    assert main(["add", str(saved), "stribeck", str(odd), *named]) == 0
 
 
 # ------------------------------------------------------------------------------------------------ bad recordings
@@ -507,13 +470,6 @@ def test_outputs_never_overwrite_recordings_or_each_other(runs, tmp_path, refuse
 def test_bad_arguments_are_refused_with_one_line(argv, reason, tmp_path, refused, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert reason in refused(*argv)
-
-
-def test_filters_too_fast_for_a_recording_are_lowered_and_said(tmp_path, capsys):
-    path = tmp_path / "slow.csv"
-    assert main(["record", "--rate", "50", "-o", str(path)]) == 0
-    assert main(["identify", str(path)]) == 0
-    assert "their cutoff is lowered to 50 rad/s" in capsys.readouterr().out
 
 
 def test_a_model_that_no_body_has_is_not_written(runs, tmp_path, capsys):

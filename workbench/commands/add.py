@@ -10,14 +10,10 @@ from pendulum_env.physics.library import addition
 from workbench.inputs import (
     LIMITS,
     argument,
-    check_outputs,
-    given,
     in_time,
-    in_torque,
     known_effect,
     of_pendulums,
-    read_model,
-    read_recordings,
+    opened,
     refuse_joint,
     take,
     take_recordings,
@@ -48,16 +44,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect; print both."""
     refuse_joint(arguments.effect)
-    asked = given(arguments)
-    check_outputs([arguments.output], asked.files)
-    model = read_model(arguments.model)
-    asked = asked.read_as(model.log_format, arguments.model)
-    recordings, holdout = (read_recordings(part, terminal) for part in (asked.fitted, asked.held_out))
-    recordings, holdout = in_torque(recordings, holdout, terminal)
-    recordings, holdout = in_time(recordings, holdout, arguments.align, terminal)
+    asked = opened(arguments, [arguments.output], terminal)
+    recordings, holdout = in_time(*asked.in_torque(terminal), arguments.align, terminal)
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
-        added = add(model, arguments.effect, recordings, holdout, progress, **limits)
+        added = add(asked.model, arguments.effect, recordings, holdout, progress, **limits)
     tell(of_addition(added), terminal)
     wrote([write_model(added.after.model, arguments.output, asked.fitted, terminal)], terminal)
 

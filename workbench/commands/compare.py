@@ -9,11 +9,9 @@ from estimators.in_loop.rollouts import are_driven
 from estimators.show.story import of_comparison
 from workbench.inputs import (
     check_outputs,
-    given,
     in_time,
     of_pendulums,
-    read_model,
-    read_recordings,
+    opened,
     take,
     take_recordings,
     take_report,
@@ -64,12 +62,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the errors of the model, and where they are."""
     if arguments.payload is not None or arguments.without:
         raise InputError("--payload and --without are for arms: say which with --robot")
-    asked = given(arguments)
     outputs = [arguments.json, arguments.report]
-    check_outputs(outputs, [arguments.model, *asked.files])
-    model = read_model(arguments.model)
-    asked = asked.read_as(model.log_format, arguments.model)
-    recordings = read_recordings((*asked.fitted, *asked.held_out), terminal)
+    check_outputs(outputs, [arguments.model])
+    asked = opened(arguments, outputs, terminal)
+    model, recordings = asked.model, [*asked.recordings, *asked.holdout]
     if arguments.loop and not are_driven(recordings):
         raise InputError(
             f"{recordings[0].name}: nobody knows its controller: say it with --drive, or [drive] in a study"
@@ -83,7 +79,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = compare(model, recordings)
     write_json(arguments.json, found.json())
     if arguments.report is not None:
-        from workbench.report.comparison import write_comparison_report  # plotly takes a while to import
+        from workbench.report import write_comparison_report  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
             write_comparison_report(arguments.report, found, recordings)

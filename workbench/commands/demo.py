@@ -18,7 +18,6 @@ from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.plant import PAPER, draw_effect
 from pendulum_env.recording import Recording, write_recording
 from pendulum_env.words import listing
-from workbench.commands.identify import six_schemes
 from workbench.inputs import check_outputs, take, whole, wrote
 from workbench.story import story
 from workbench.terminal import Terminal
@@ -75,7 +74,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = diagnose([train], [holdout], progress=progress)
     story(found).tell(terminal, arguments.verbose, more=False)
     with terminal.progress("writing the report"):
-        write_report(report, [train], [holdout], found, six_schemes([train], found.model.terms))
+        write_report(report, [train], [holdout], found)
     reveal(plant.effects, effect(plant.effects[0]).law, plant.estimates, found, terminal)
     wrote([report, *files], terminal)
     terminal.say(f"another pendulum: pendulum-ident demo --seed {arguments.seed + 1}")

@@ -19,8 +19,8 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.files import write_whole
 from pendulum_env.recording.record import NEWTON_METRE
 from pendulum_env.words import listing, percent
+from workbench.report.figure import Section
 from workbench.report.page import assemble
-from workbench.report.section import Section
 from workbench.report.sections.candidates import ranked
 from workbench.report.sections.failures import key, profile_figure
 from workbench.report.sections.parameters import of_models

@@ -12,9 +12,8 @@ from agents.knowledge import COUNT
 from agents.observer import TICK
 from pendulum_env._typing import JSON, Array
 from pendulum_env.files import write_whole
-from workbench.report.figure import Figure, axis, line, numbers
+from workbench.report.figure import Figure, Section, axis, line, numbers
 from workbench.report.page import assemble
-from workbench.report.section import Section
 
 COLORS = ("--base", "--final", "--low", "--high", "--measured", "--train")  # the baseline's first
 DASHES = ("solid", "dash", "dot")

@@ -1,10 +1,14 @@
-"""Plots as plain data for plotly.js; colours are names of the page's own, so that one file does light and dark."""
+"""Sections of a page and their plots, as plain data for plotly.js.
+
+Colours are names of the page's own, so that one file does light and dark.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import Any
 
 import numpy as np
 
@@ -75,6 +79,28 @@ class Figure:
     layout: JSON
     height: int = 340
     views: tuple[View, ...] = ()
+
+
+@dataclass(frozen=True)
+class Section:
+    """What the page shows under one heading.
+
+    Attributes:
+        id: anchor on the page, and name of the template.
+        short: title in the navigation.
+        title: heading.
+        content: what the template may use.
+    """
+
+    id: str
+    short: str
+    title: str
+    content: Mapping[str, Any]
+
+    @property
+    def template(self) -> str:
+        """File name of the template."""
+        return f"{self.id}.html"
 
 
 def numbers(values: Array) -> list[float | None]:

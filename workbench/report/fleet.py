@@ -16,9 +16,8 @@ from estimators.fleet import LEVEL
 from pendulum_env import words
 from pendulum_env._typing import JSON, Array
 from pendulum_env.files import write_whole
-from workbench.report.figure import DRAWING, Figure, axis, line, numbers
+from workbench.report.figure import DRAWING, Figure, Section, axis, line, numbers
 from workbench.report.page import assemble
-from workbench.report.section import Section
 from workbench.survey.dataset import STATUSES, VERDICTS
 from workbench.survey.fleet import CHANCE, DAY, Fleet, Missing, Series
 from workbench.survey.tables import (

@@ -17,9 +17,8 @@ from pendulum_env.files import write_whole
 from pendulum_env.physics import Column
 from pendulum_env.plant import paper_plant
 from pendulum_env.words import name, opening, unit
-from workbench.report.figure import Figure, View, axis, band, line, numbers, span, stacked, thin
+from workbench.report.figure import Figure, Section, View, axis, band, line, numbers, span, stacked, thin
 from workbench.report.page import assemble
-from workbench.report.section import Section
 
 TARGET = 0.01  # median error that every scheme should stay below
 SYMBOLS = dict(zip(PARAMETERS, ("I", "mgl", "b", "fc"), strict=True))

@@ -17,7 +17,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from estimators.checks.alignment import Aligned
 from estimators.diagnosis.result import Diagnosis, Verdict
 from estimators.diagnosis.run import diagnose
 from pendulum_env._typing import JSON
@@ -104,12 +103,10 @@ def page_of(case: Case) -> str:
 
 
 def _write_page(path: Path, recording: Recording, found: Diagnosis) -> None:
-    from workbench.commands.identify import six_schemes
     from workbench.report import write_report  # plotly takes a while to import
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    fitted = Aligned.by(found.alignments, [recording], []).recordings
-    write_report(path, [recording], [], found, six_schemes(fitted, found.model.terms))
+    write_report(path, [recording], [], found)
 
 
 def _row(recording: Recording, found: Diagnosis) -> JSON:

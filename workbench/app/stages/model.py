@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 from dash import Input, html
@@ -26,7 +25,7 @@ def show(session: Session) -> list[Component]:
         for term in state.model.terms
     ]
     about = html.P("The torque that moves the joint is the sum of these terms:")
-    section = schemes(replace(state.standing, identification=state.identification))
+    section = schemes(state.standing)
     side_by_side: list[Component] = [html.P("These recordings are too poor for the six schemes.")]
     if section is not None:
         plots = [graph(figure) for figure in section.content["figures"]]

@@ -9,8 +9,7 @@ import numpy as np
 from estimators.simulation.free_running import Segments, follow
 from pendulum_env._typing import Array
 from workbench.report.case import Case
-from workbench.report.figure import DRAWING, Figure, band, broken, joined, line, stacked, thin, views
-from workbench.report.section import Section
+from workbench.report.figure import DRAWING, Figure, Section, band, broken, joined, line, stacked, thin, views
 
 PER_SEGMENT = (10, 80)  # points of each simulated window, fewer where there are many
 

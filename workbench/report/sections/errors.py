@@ -11,8 +11,7 @@ from estimators.selection.data import Evidence
 from pendulum_env._typing import JSON
 from pendulum_env.words import name, number
 from workbench.report.case import Case
-from workbench.report.figure import Figure, axis, line
-from workbench.report.section import Section
+from workbench.report.figure import Figure, Section, axis, line
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
 BROADEST = 14  # characters of a label's line

@@ -12,8 +12,7 @@ from estimators.in_loop.comparison import followed
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.words import opening
-from workbench.report.figure import DRAWING, Figure, axis, line
-from workbench.report.section import Section
+from workbench.report.figure import DRAWING, Figure, Section, axis, line
 
 COLORS = ("--base", "--final")
 

@@ -11,7 +11,7 @@ from estimators.signals.differentiation import encoder_noise, white_noise
 from estimators.simulation.free_running import SECONDS
 from estimators.weak_form.windows import Windows
 from workbench.report.case import Case
-from workbench.report.section import Section
+from workbench.report.figure import Section
 
 
 def method(case: Case) -> Section:

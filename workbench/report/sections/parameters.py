@@ -9,8 +9,7 @@ from pendulum_env.physics import Estimate, Model
 from pendulum_env.physics.table import Curve, Table
 from pendulum_env.words import name, opening
 from workbench.report.case import Case
-from workbench.report.figure import DRAWING, Figure, axis, band, line
-from workbench.report.section import Section
+from workbench.report.figure import DRAWING, Figure, Section, axis, band, line
 
 if TYPE_CHECKING:  # Pinocchio is imported by who needs it
     from pendulum_env.arms.body import BaseParameter

@@ -9,15 +9,14 @@ from estimators.show.story import kin
 from pendulum_env._typing import JSON
 from pendulum_env.words import name, unit
 from workbench.report.case import Case
-from workbench.report.figure import DRAWING, Figure, axis, line
-from workbench.report.section import Section
+from workbench.report.figure import DRAWING, Figure, Section, axis, line
 
 COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 
 
 def schemes(case: Case) -> Section | None:
-    """Estimates of every scheme and how they converge, where the schemes were run."""
-    found = case.identification
+    """Estimates of every scheme and how they converge; None where recordings are too poor for them."""
+    found = case.schemes
     if found is None:
         return None
     strokes = {id: stroke(k, id) for k, id in enumerate(found.schemes)}

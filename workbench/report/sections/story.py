@@ -11,7 +11,7 @@ from estimators.diagnosis.result import Diagnosis, Verdict
 from estimators.simulation.free_running import SECONDS
 from pendulum_env.words import listing, name, number
 from workbench.report.case import Case
-from workbench.report.section import Section
+from workbench.report.figure import Section
 
 TELLING = 0.01  # share of a parameter, from which an error is worth a word
 SURE = 3.0  # standard errors
