@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing
-from pendulum_env.backends.hardware.priority import ordinary
+from pendulum_env.backends.hardware.process import ordinary
 from pendulum_env.words import listing, name
 from workbench.processes import Done, Failed, Worker, attend
 

@@ -207,15 +207,13 @@ def edited(**changes: object) -> Callable[[dict[str, Any]], None]:
     [
         (edited(weight0=None), "it lacks weight0"),
         (edited(constraint=np.array("peek")), "its constraint is 'peek', none of peak, rms"),
-        (edited(levels=np.array([np.nan] * 5)), "levels holds a number that is not finite"),
+        (edited(levels=np.array([np.nan] * 5)), "levels holds something else than numbers up to 1e"),
         (edited(levels=np.array([-2.0, -0.5, 0.0, 0.5, 1.0])), "a level is beyond 1"),
-        (edited(levels=np.array(["a"] * 5)), "levels has type '<U1'"),
-        (edited(levels=np.zeros(4)), "outputs and levels differ in number"),
-        (edited(weight1=np.zeros((64, 63))), r"weight1 has shape \(64, 63\), where \(64, 64\) follows"),
-        (edited(weight1=np.full((64, 64), 1e30)), r"weight1 holds a number that is not finite, or beyond 1e\+06"),
-        (edited(bias0=np.full(64, np.longdouble("1e4000"))), "bias0 holds a number that is not finite"),
-        (edited(bias0=np.zeros(0)), "bias0 has type"),
-        (edited(bias0=np.zeros(64, dtype=complex)), "bias0 has type 'complex128'"),
+        (edited(levels=np.array(["a"] * 5)), "levels holds something else"),
+        (edited(levels=np.zeros(4)), "its layers, outputs and levels do not follow"),
+        (edited(weight1=np.zeros((64, 63))), "its layers, outputs and levels do not follow"),
+        (edited(bias0=np.full(64, np.longdouble("1e4000"))), "bias0 holds something else"),
+        (edited(bias0=np.zeros(0)), "bias0 holds something else"),
     ],
 )
 def test_what_makes_no_policy_is_refused_with_the_reason(tmp_path: Path, edit: Any, match: str) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.wire import Wire
 from pendulum_env.backends.hardware import cia402
-from pendulum_env.backends.hardware.encoder import difference
+from pendulum_env.backends.hardware.measuring import difference
 
 NODE = 1
 RATED = 15.0  # [N m]

@@ -13,9 +13,9 @@ from typing import Any
 import can
 
 from pendulum_env.backends.hardware import cia402
-from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import CanSettings, RigConfig
 from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
+from pendulum_env.backends.hardware.measuring import DriveClock
 
 SWITCHING = 2.0  # [s] that a drive may take to switch on
 PER_MILLE = 1e-3

@@ -8,14 +8,11 @@ import time
 import weakref
 from collections.abc import Callable
 
-from pendulum_env.backends.hardware.adapters import make_drive
 from pendulum_env.backends.hardware.config import RigConfig, load
-from pendulum_env.backends.hardware.drive import Drive, DriveError
+from pendulum_env.backends.hardware.drive import Drive, DriveError, make_drive
 from pendulum_env.backends.hardware.guard import Fault, Guard
-from pendulum_env.backends.hardware.owner import Ownership
-from pendulum_env.backends.hardware.priority import ordinary, realtime
-from pendulum_env.backends.hardware.signals import Signals
-from pendulum_env.backends.hardware.ticks import Ticks
+from pendulum_env.backends.hardware.measuring import Ticks
+from pendulum_env.backends.hardware.process import Ownership, Signals, ordinary, realtime
 from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Traits
 
 RESTING = 0.01  # [s] between looks at an arm that comes to rest

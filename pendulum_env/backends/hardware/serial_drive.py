@@ -9,9 +9,9 @@ from contextlib import AbstractContextManager, suppress
 import serial
 
 from pendulum_env.backends.hardware import frames
-from pendulum_env.backends.hardware.clock import DriveClock
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
 from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
+from pendulum_env.backends.hardware.measuring import DriveClock
 
 REFUSED = 5  # torques in a row that are not set: more than damaged frames
 TRIES = 4  # requests in the time allowed for a reply, or between two commands: a damaged frame alone ends no run

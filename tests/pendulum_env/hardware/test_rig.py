@@ -244,11 +244,11 @@ def test_nothing_of_the_rig_is_imported_without_one():
 
 
 def test_a_missing_extra_is_named_with_the_command(monkeypatch, tmp_path):
-    from pendulum_env.backends.hardware import adapters
+    from pendulum_env.backends.hardware import drive
 
     path = tmp_path / "rig.toml"
     path.write_text('adapter = "serial"\n[serial]\nport = "/dev/none"\n')
-    monkeypatch.setattr(adapters.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(drive.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ModuleNotFoundError, match=r"pip install 'pendulum-ident\[hardware\]'"):
         gym.make(PENDULUM, backend="dm1015b", config=path)
 
