@@ -501,7 +501,7 @@ class Opened:
 def opened(
     arguments: argparse.Namespace, outputs: Sequence[str | None], terminal: Terminal, holdout: bool = True
 ) -> Opened:
-    """Refuse what could not be written, then read the model, if one is named, and the recordings, as it was fitted to.
+    """Refuse what could not be written; read the model, if one is named, and recordings in the format it knows.
 
     Raises:
         InputError, ModelError, RecordingError, StudyError: if something cannot be used.

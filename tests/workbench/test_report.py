@@ -113,8 +113,8 @@ def test_hostile_names_stay_text(train, holdout, diagnosis):
 
 
 def test_open_questions_are_told(train, holdout, diagnosis):
-    def told(found, fitted: tuple[Recording, ...] = (train,)) -> str:
-        return Page(render(fitted, [holdout], found)).text
+    def told(found) -> str:
+        return Page(render([train], [holdout], found)).text
 
     plain = told(replace(diagnosis, steps=diagnosis.steps[:1]))
     assert "Nothing is missing" in plain and "times smaller" not in plain
@@ -133,7 +133,7 @@ def test_open_questions_are_told(train, holdout, diagnosis):
     assert "A hard stop: it needs wider swings." in text
     heavier = Disagreement(2, "friday", ("monday",), (Difference("inertia", "kg m^2", 0.099, 0.09, 0.001),))
     friday = replace(train, name="friday", torque=2 * train.torque)
-    disagreeing = told(replace(diagnosis, disagreements=(heavier,)), (train, friday))
+    disagreeing = Page(render([train, friday], [], replace(diagnosis, disagreements=(heavier,)))).text
     assert "Recording 2 (friday) disagrees with 'monday': inertia 10 % higher" in disagreeing
     stuck = replace(diagnosis, steps=diagnosis.steps[:1], unexplained=(REGION,))
     assert "Something is missing, and no known effect explains it" in told(stuck)
