@@ -511,8 +511,8 @@ def opened(
     path = getattr(arguments, "model", None) or ""
     model = read_model(path) if path else Model()
     asked = asked.read_as(model.log_format, path)
-    held_out = read_recordings(asked.held_out, terminal) if holdout else []
-    return Opened(model, asked.fitted, read_recordings(asked.fitted, terminal), held_out)
+    parts = (asked.fitted, asked.held_out if holdout else ())
+    return Opened(model, asked.fitted, *(read_recordings(part, terminal) for part in parts))
 
 
 def read_suggestion(path: str) -> Suggestion:
