@@ -105,20 +105,18 @@ def test_options_have_upper_ends_that_are_told(refused, argv, reason):
 @pytest.mark.parametrize(
     ("column", "value", "reason"),
     [
-        ("torque", False, 1e308, "torque is 1e+308 at data row 151 (header not counted), of which 1e+09 is the most"),
-        ("torque", True, 1e160, "torque is 1e+160 at data row 1 "),
-        ("position", True, 1e300, "position is"),
-        ("time", True, 1e300, "time is"),
-        ("velocity", False, 1e308, "velocity is 1e+308 at data row 151 "),
+        ("torque", 1e308, "torque is 1e+308 at data row 151 (header not counted), of which 1e+09 is the most"),
+        ("torque", -1e10, "torque is -1e+10 at data row 151 "),
+        ("time", 1e300, "time is"),
+        ("velocity", 1e308, "velocity is 1e+308 at data row 151 "),
     ],
 )
-def test_numbers_that_nothing_measures_are_refused_with_their_row(refused, command, column, everywhere, value, reason):
-    paper_plant().save("model.json")
+def test_numbers_that_nothing_measures_are_refused_with_their_row(refused, column, value, reason):
     time = np.arange(300) / 100
     columns = {"time": time, "position": np.sin(3 * time), "torque": 2 + np.cos(time), "velocity": 3 * np.cos(3 * time)}
     columns[column][150] = value
     np.savetxt("run.csv", np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
-    error = refused(*command, "run.csv")
+    error = refused("identify", "run.csv")
     assert "run.csv" in error and reason in error
 
 
