@@ -15,7 +15,7 @@ from tests.patience import wait_until
 from tests.workbench.app.fleets import surveyed
 from tests.workbench.test_report import recorded
 from workbench.cli import main
-from workbench.report import render, write_comparison_report
+from workbench.report import render, render_comparison
 from workbench.report.case import Case
 from workbench.report.figure import Figure, Section, axis, line
 from workbench.report.fleet import write_fleet_report
@@ -69,8 +69,7 @@ def of_many_curves(folder: Path) -> str:
 def of_a_comparison(folder: Path) -> str:
     train, holdout = recorded("run one", 1), recorded("run two", 2)
     model = fit(*gather([train], [holdout])).model
-    write_comparison_report(folder / "page.html", compare(model, [holdout]), [holdout])
-    return (folder / "page.html").read_text(encoding="utf-8")
+    return render_comparison(compare(model, [holdout]), [holdout])
 
 
 def of_a_fleet(folder: Path) -> str:

@@ -7,6 +7,7 @@ import argparse
 from estimators.comparison import compare, in_units_of
 from estimators.in_loop.rollouts import are_driven
 from estimators.show.story import of_comparison
+from pendulum_env.files import write_whole
 from workbench.inputs import (
     check_outputs,
     in_time,
@@ -79,9 +80,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         found = compare(model, recordings)
     write_json(arguments.json, found.json())
     if arguments.report is not None:
-        from workbench.report import write_comparison_report  # plotly takes a while to import
+        from workbench.report import render_comparison  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
-            write_comparison_report(arguments.report, found, recordings)
+            write_whole(arguments.report, render_comparison(found, recordings))
     tell(of_comparison(found), terminal)
     wrote(outputs, terminal)

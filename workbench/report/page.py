@@ -116,21 +116,8 @@ def write_report(path: str | Path, recordings: Recordings, holdout: Recordings, 
     write_whole(path, render(recordings, holdout, diagnosis))
 
 
-def write_comparison_report(path: str | Path, compared: Comparison, recordings: Recordings) -> None:
-    """Write a comparison as one self-contained HTML file, like that of a diagnosis.
-
-    Args:
-        path: of the file, written whole or not at all.
-        compared: what `compare` found.
-        recordings: what it was given.
-
-    Raises:
-        OSError: if the file cannot be written.
-    """
-    write_whole(path, _comparison(compared, recordings))
-
-
-def _comparison(compared: Comparison, recordings: Recordings) -> str:
+def render_comparison(compared: Comparison, recordings: Recordings) -> str:
+    """HTML of what `compare` found of recordings, as one self-contained page like that of a diagnosis."""
     case = _case(compared, recordings)
     sections = [_distances(compared), comparison(case), failures(case), parameters(case)]
     if compared.told_in_loop is not None:

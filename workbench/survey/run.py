@@ -24,19 +24,12 @@ DIED = "its worker died, of too little memory perhaps: give workers more (--memo
 
 @dataclass
 class Tally:
-    """What became of the cases so far.
+    """What became of the cases so far."""
 
-    Attributes:
-        total: cases that this run was asked for.
-        known: how many are as an earlier run left them, by status.
-        new: how many this run looked at, by status.
-        troubles: name and reason of each that was refused or failed.
-    """
-
-    total: int = 0
-    known: Counter[str] = field(default_factory=Counter)
-    new: Counter[str] = field(default_factory=Counter)
-    troubles: list[tuple[str, str]] = field(default_factory=list)
+    total: int = 0  # cases that this run was asked for
+    known: Counter[str] = field(default_factory=Counter)  # by status, of cases that an earlier run looked at
+    new: Counter[str] = field(default_factory=Counter)  # by status, of those that this run looked at
+    troubles: list[tuple[str, str]] = field(default_factory=list)  # name and reason of each refused or failed
 
     @property
     def through(self) -> int:
