@@ -15,19 +15,12 @@ LEVEL = 0.01  # probability of any finding of one kind in a fleet in which nothi
 
 @dataclass(frozen=True)
 class Fewest:
-    """The least that a statement about a fleet rests on.
+    """The least that a statement about a fleet rests on."""
 
-    Attributes:
-        estimates: that show a change: a line or a step leaves two to judge the scatter by.
-        beside: estimates on either side of a step: one alone may be an outlier.
-        siblings: others, of which one can be told apart.
-        summed: parts of a sum over cases that are weighted at random, at most: bounds memory to some 100 MB.
-    """
-
-    estimates: int = 4
-    beside: int = 2
-    siblings: int = 3
-    summed: int = 1000
+    estimates: int = 4  # that show a change: a line or a step leaves two to judge the scatter by
+    beside: int = 2  # estimates on either side of a step: one alone may be an outlier
+    siblings: int = 3  # others, of which one can be told apart
+    summed: int = 1000  # parts of a sum over cases that are weighted at random, at most: bounds memory to some 100 MB
 
 
 FEWEST = Fewest()
@@ -37,24 +30,16 @@ FEWEST = Fewest()
 class Course:
     """Estimates over time: their mean, and the line or step that explains most of how they differ from it.
 
-    Attributes:
-        level: weighted mean, in the parameter's unit.
-        level_error: its standard error, scatter beyond the estimates' own errors included.
-        excess: scatter about line or step in units of the standard errors (Birge ratio), 1 where they explain it all.
-        change: slope of the line, in the parameter's unit per unit of time, or height of the step; NaN where
-            estimates are too few, or all of one moment.
-        change_error: its standard error, scatter included.
-        chance: p-value of the change; NaN likewise.
-        first: index of the first estimate after the step; None if it is a line.
+    The change is NaN where estimates are too few, or all of one moment.
     """
 
-    level: float
-    level_error: float
-    excess: float
-    change: float = np.nan
-    change_error: float = np.nan
-    chance: float = np.nan
-    first: int | None = None
+    level: float  # weighted mean, in the parameter's unit
+    level_error: float  # its standard error, scatter beyond the estimates' own errors included
+    excess: float  # scatter about line or step in units of the standard errors (Birge ratio), at least 1
+    change: float = np.nan  # slope of the line, per unit of time, or height of the step
+    change_error: float = np.nan  # its standard error, scatter included
+    chance: float = np.nan  # p-value of the change
+    first: int | None = None  # index of the first estimate after the step; None if it is a line
 
 
 def course(time: Array, value: Array, error: Array) -> Course:
@@ -163,18 +148,11 @@ def _reached(count: int, total: int, tails: Index, chance: float) -> float:
 
 @dataclass(frozen=True)
 class Pooled:
-    """What an effect gains over several cases together.
+    """What an effect gains over several cases together."""
 
-    Attributes:
-        total: log predictive density gained, less what choosing a form of the effect gains by chance [nat].
-        error: its standard error, of the scatter within cases and between them [nat].
-        chance: probability that nothing is gained.
-        cases: number of cases.
-    """
-
-    total: float
-    error: float
-    chance: float
+    total: float  # log predictive density gained, less what choosing a form of the effect gains by chance [nat]
+    error: float  # its standard error, of the scatter within cases and between them [nat]
+    chance: float  # probability that nothing is gained
     cases: int
 
 
@@ -234,17 +212,11 @@ def surely(chances: Array, level: float = LEVEL) -> Mask:
 
 @dataclass(frozen=True)
 class Odd:
-    """One of several siblings beside the others.
+    """One of several siblings beside the others; NaN where they are too few."""
 
-    Attributes:
-        expected: mean of the others.
-        spread: standard deviation of one more of their kind: true differences, error of the mean, and its own error.
-        chance: p-value of its distance; NaN where siblings are too few.
-    """
-
-    expected: float
-    spread: float
-    chance: float
+    expected: float  # mean of the others
+    spread: float  # standard deviation of one more of their kind: true differences, error of the mean, own error
+    chance: float  # p-value of its distance
 
 
 def odd_ones(value: Array, error: Array) -> list[Odd]:

@@ -18,36 +18,21 @@ from pendulum_env._typing import JSON, Array, ArrayLike, Index
 
 @dataclass(frozen=True)
 class Drawing:
-    """How reports draw.
+    """How reports draw."""
 
-    Attributes:
-        points: of one curve, at most; more than a screen is wide.
-        digits: significant digits of a number, more than a plot can show.
-        sigmas: standard errors on either side of a value.
-        broad: width of a measured curve, on which models are drawn [px].
-        close: length of what is shown at first, where that is a part [s].
-        compared: recordings that are drawn beside models, at most.
-        in_loop: recordings that are drawn beside simulations in the loop, at most.
-        settled: share of a recording from which on estimates decide what is in the picture.
-        frame: share of the picture's height that they take.
-        correlated: parameters of which a table of correlations can be read.
-        courses, means: parameters of a fleet with a plot over time, and with one of their means.
-        joints: of a fleet in one plot: those that stand out, and others behind them.
-    """
-
-    points: int = 2400
-    digits: int = 5
-    sigmas: float = 2.0
-    broad: float = 3.4
-    close: float = 5.0
-    compared: int = 4
-    in_loop: int = 8
-    settled: float = 0.25
-    frame: float = 0.6
-    correlated: int = 20
-    courses: int = 8
-    means: int = 4
-    joints: int = 60
+    points: int = 2400  # of one curve, at most; more than a screen is wide
+    digits: int = 5  # significant digits of a number, more than a plot can show
+    sigmas: float = 2.0  # standard errors on either side of a value
+    broad: float = 3.4  # width of a measured curve, on which models are drawn [px]
+    close: float = 5.0  # length of what is shown at first, where that is a part [s]
+    compared: int = 4  # recordings that are drawn beside models, at most
+    in_loop: int = 8  # recordings that are drawn beside simulations in the loop, at most
+    settled: float = 0.25  # share of a recording from which on estimates decide what is in the picture
+    frame: float = 0.6  # share of the picture's height that these take
+    correlated: int = 20  # parameters of which a table of correlations can be read
+    courses: int = 8  # parameters of a fleet with a plot over time
+    means: int = 4  # parameters of a fleet with a plot of means
+    joints: int = 60  # of a fleet in one plot: those that stand out, and others behind them
 
 
 DRAWING = Drawing()
