@@ -22,7 +22,7 @@ SHIPPED = Path(__file__).parent / "policies"
 NAMES = tuple(CONSTRAINTS)  # of those that ship, one for each
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Network:
     """Perceptron with tanh between its layers; it sees the arm turn forwards.
 
@@ -37,11 +37,6 @@ class Network:
     biases: Sequence[Array]
     levels: Array
     constraint: str
-
-    def __repr__(self) -> str:
-        """One line: what it sees, its layers, what it may play, and for which bound it was trained."""
-        layers = "-".join(str(one.shape[1]) for one in self.weights)
-        return f"<Network of {layers} units, which plays {len(self.levels)} torques, trained under {self.constraint!r}>"
 
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True

@@ -83,7 +83,7 @@ class Apart:
         Raises:
             OSError: if the process has died.
         """
-        if self._waiting and not self._stands:
+        if not self._stands:
             self._worker.send(self._waiting)
         self._worker.send(None)
         while not isinstance(word := self._worker.hear(), Done | Failed):

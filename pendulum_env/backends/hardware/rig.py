@@ -29,7 +29,6 @@ class Rig:
     """
 
     def __init__(self, config: RigConfig, make: Callable[[RigConfig], Drive] = make_drive) -> None:
-        """Take the configuration; nothing is connected yet."""
         self.config = config
         self.guard = Guard(make(config), config)
         self._owner = Ownership(config.link.device)
@@ -134,22 +133,19 @@ class Rig:
             Fault: if one is kept, or the drive does not answer.
             DriveError: if it takes too long.
         """
-        rest = self.config.rest
-        with self._signals:
-            now, anchor = self.guard.read()
-        since, until = now, time.monotonic() + rest.timeout
-        while now - since < rest.seconds:
-            time.sleep(RESTING)
+        rest, anchor, since = self.config.rest, math.inf, 0.0
+        until = time.monotonic() + rest.timeout
+        while time.monotonic() < until:
             with self._signals:
                 now, position = self.guard.read()
             if abs(position - anchor) > rest.velocity * rest.seconds:
                 anchor, since = position, now
-            if time.monotonic() > until:
-                raise DriveError(
-                    f"the arm does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, and look for "
-                    "what moves it"
-                )
-        return anchor
+            if now - since >= rest.seconds:
+                return anchor
+            time.sleep(RESTING)
+        raise DriveError(
+            f"the arm does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, look for what moves it"
+        )
 
 
 def _let_go(guard: Guard, owner: Ownership, signals: Signals) -> None:

@@ -182,7 +182,7 @@ def test_a_drive_that_goes_wrong(scene, kind, mishap, said):
 def test_an_action_that_is_no_number(scene, kind):
     s = scene(kind, "nan")
     code, err = s.ended()
-    assert code == 1 and "the action is nan: a torque in N m is needed" in err
+    assert code == 1 and "the action is [nan], of shape (1,): it needs (1,), a torque in N m" in err
     s.safe()
 
 
