@@ -15,6 +15,7 @@ from agents.network import Network, load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
+from pendulum_env.files import write_whole
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import Policy
 from workbench.cluster import connected
@@ -158,10 +159,10 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Executor | None]:
 
 
 def _write_report(path: str, told: JSON, outcomes: dict[str, Outcome], terminal: Terminal) -> None:
-    from workbench.report.excitation import write_excitation_report  # plotly takes a while to import
+    from workbench.report.excitation import render  # plotly takes a while to import
 
     with terminal.progress("writing the report"):
-        write_excitation_report(path, told, outcomes)
+        write_whole(path, render(told, outcomes))
 
 
 def _contender(name: str, constraint: str) -> Contender:
