@@ -15,6 +15,7 @@ from agents.network import Network, load
 from agents.observer import CONSTRAINTS
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON
+from pendulum_env.files import write_whole
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import Policy
 from workbench.cluster import connected
@@ -82,10 +83,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     show(figures, terminal)
     write_json(arguments.json, figures)
     if arguments.report is not None:
-        from workbench.report.excitation import write_excitation_report  # plotly takes a while to import
+        from workbench.report.excitation import render  # plotly takes a while to import
 
         with terminal.progress("writing the report"):
-            write_excitation_report(arguments.report, figures, outcomes)
+            write_whole(arguments.report, render(figures, outcomes))
     wrote(outputs, terminal)
 
 
