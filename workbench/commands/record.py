@@ -166,11 +166,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _samples(seconds: float, rate: float) -> int:
-    """How many a recording has.
-
-    Raises:
-        InputError: if they are too few or too many.
-    """
+    """How many a recording has."""
     samples = seconds * rate
     if not FEWEST <= samples <= MOST:
         raise InputError(f"{samples:.0f} samples are asked for, between {FEWEST} and {MOST} are possible")

@@ -27,7 +27,6 @@ FULL_SCALE = 10.0  # [V]
 LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of when a count is taken: by the driver here, over gRPC
 RESERVED = -50103  # error code of NI-DAQmx
 TRIES = 3  # at a reading that takes twice as long as usual: nobody knows when in that time it was taken
-EDGES = {"X_1": 1, "X_2": 2, "X_4": 4}  # counts per pulse, by decoding
 
 
 class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
@@ -46,7 +45,8 @@ class NiDaq:
     def __init__(self, config: RigConfig) -> None:
         """Take channels, encoder, patience and watchdog."""
         assert isinstance(config.link, DaqSettings)
-        self._link, self._pulses = config.link, max(1, config.encoder.counts // EDGES[config.link.decoding])
+        self._link = config.link
+        self._pulses = max(1, config.encoder.counts // int(config.link.decoding[-1]))  # X_4: four counts each
         self._reply, self._timeout = config.limits.reply, config.limits.watchdog
         self.noise = LOCAL if self._link.server is None else REMOTE
         self._tasks: list[Any] = []

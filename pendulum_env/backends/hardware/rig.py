@@ -127,12 +127,7 @@ class Rig:
         _let_go(self.guard, self._owner, self._signals)
 
     def _wait_for_rest(self) -> float:
-        """Wait, without power, until the arm has been at rest for a while; returns where [rad].
-
-        Raises:
-            Fault: if one is kept, or the drive does not answer.
-            DriveError: if it takes too long.
-        """
+        """Wait, without power, until the arm has been at rest for a while; returns where [rad]."""
         rest, anchor, since = self.config.rest, math.inf, 0.0
         until = time.monotonic() + rest.timeout
         while time.monotonic() < until:
