@@ -21,8 +21,6 @@ from pendulum_env.excitation import excitation
 from pendulum_env.lookup import find
 from pendulum_env.policy import Policy, State
 
-HEAD_START = 50  # steps; before, log det grows as it will
-
 
 class Signals:
     """A signal for every pendulum and episode."""
@@ -49,6 +47,8 @@ class LookAhead:
     torque has a price: log det grows by P / k in step k, for which an even step's energy is paid. With one torque, held
     for one step, it is the greedy choice. Source of the greedy one: Blanke and Lelarge, FLEX, ICML 2023.
     """
+
+    head_start = 50  # steps; before, log det grows as it will
 
     def __init__(self, constraint: Constraint, torques: int, ticks: int, levels: Sequence[float]) -> None:
         """Take how many torques a sequence has, how long each is held [ticks], and their levels."""
@@ -77,7 +77,7 @@ class LookAhead:
 
     def _cost(self, time_left: Array) -> Array:
         """What the energy of the sequences is worth by now (B, C) [nat]."""
-        step = HEAD_START + (1.0 - time_left) * EPISODE / TICK
+        step = self.head_start + (1.0 - time_left) * EPISODE / TICK
         energy = self.ticks * (self._sequences**2).sum(axis=0)  # in that of an even step
         return (COUNT / step)[:, None] * energy
 
