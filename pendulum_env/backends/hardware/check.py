@@ -89,8 +89,8 @@ def _encoder(rig: Rig, person: Person) -> str:
     _need(moved > 0, f"the counts go the wrong way: set encoder.sign = {-encoder.sign}")
     _need(
         abs(moved - TRIAL.quarter) < TRIAL.roughly,
-        f"a quarter turn came as {degrees}: encoder.counts is nearer to {round(encoder.counts * moved / TRIAL.quarter)} "
-        "(after quadrature: four times the lines)",
+        f"a quarter turn came as {degrees}: encoder.counts is nearer to "
+        f"{round(encoder.counts * moved / TRIAL.quarter)} (after quadrature: four times the lines)",
     )
     return f"turned by {degrees}"
 
