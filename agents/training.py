@@ -30,7 +30,7 @@ from pendulum_env.reading import Unreadable, read_own
 
 CHECKPOINT = "training.pkl"  # in the folder of a training, beside policies `steps-N.npz` and `tensorboard`
 TUNING = 2**21  # added to seeds, for plants that neither training nor evaluation draws
-STRETCHES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
+SCALES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)
 
 
 class CheckpointError(Mistake):
@@ -59,7 +59,7 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
         callback, left = _Watch(config, tell, folder), config.steps - model.num_timesteps
         model.learn(left, callback, reset_num_timesteps=model.num_timesteps == 0, tb_log_name="training")
     network = export(model, config)
-    return network if CONSTRAINTS[config.constraint].rms is None else stretched(network, config)
+    return network if CONSTRAINTS[config.constraint].rms is None else rescaled(network, config)
 
 
 def _begin(config: Config, folder: Path | None, resume: bool) -> PPO:
@@ -106,10 +106,10 @@ def export(model: PPO, config: Config) -> Network:
     return Network(weights, biases, np.array(config.levels), config.constraint)
 
 
-def stretched(network: Network, config: Config) -> Network:
+def rescaled(network: Network, config: Config) -> Network:
     """Policy with its levels as far apart as it learns most with: without chance, it may not spend the whole budget."""
-    stretches = [replace(network, levels=network.levels * factor) for factor in STRETCHES]
-    return max(stretches, key=lambda candidate: learnt(candidate, config))
+    candidates = [replace(network, levels=network.levels * factor) for factor in SCALES]
+    return max(candidates, key=lambda candidate: learnt(candidate, config))
 
 
 def learnt(network: Network, config: Config, count: int = 64) -> float:
