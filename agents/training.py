@@ -106,21 +106,22 @@ def export(model: PPO, config: Config) -> Network:
     return Network(weights, biases, np.array(config.levels), config.constraint)
 
 
-def rescaled(network: Network, config: Config) -> Network:
-    """Policy with its levels as far apart as it learns most with: without chance, it may not spend the whole budget."""
-    candidates = [replace(network, levels=network.levels * factor) for factor in SCALES]
-    return max(candidates, key=lambda candidate: learnt(candidate, config))
+def rescaled(network: Network, config: Config, plants: int = 64) -> Network:
+    """Policy with its levels as far apart as it learns most with: without chance, it may not spend the whole budget.
 
+    What counts is what an episode adds to log det on plants of no training and no evaluation.
+    """
+    env = ExcitationDesignVector(plants, constraint=network.constraint)
 
-def learnt(network: Network, config: Config, count: int = 64) -> float:
-    """Mean of what an episode adds to what counts, on plants of no training and no evaluation [nat]."""
-    env = ExcitationDesignVector(count, constraint=network.constraint)
-    observation, _ = env.reset(seed=TUNING + config.seed)
-    total = 0.0
-    for _ in range(env.observer.ticks):
-        observation, reward, *_ = env.step(network.predict(observation)[0])
-        total += float(reward.mean())
-    return total
+    def learnt(candidate: Network) -> float:
+        observation, _ = env.reset(seed=TUNING + config.seed)
+        total = 0.0
+        for _ in range(env.observer.ticks):
+            observation, reward, *_ = env.step(candidate.predict(observation)[0])
+            total += float(reward.mean())
+        return total
+
+    return max((replace(network, levels=network.levels * factor) for factor in SCALES), key=learnt)
 
 
 def _keep(path: Path, model: PPO, config: Config) -> None:
