@@ -15,10 +15,9 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.files import write_whole
 from pendulum_env.plant import paper_plant
-from workbench.report.figure import Figure, axis, band, line, numbers, span, stacked, thin, views
+from pendulum_env.words import name, opening, unit
+from workbench.report.figure import Figure, Section, axis, band, line, numbers, span, stacked, thin, views
 from workbench.report.page import assemble
-from workbench.report.section import Section
-from workbench.report.words import name, opening, unit
 
 TARGET = 0.01  # median error that every scheme should stay below
 SYMBOLS = dict(zip(PARAMETERS, ("I", "mgl", "b", "fc"), strict=True))
