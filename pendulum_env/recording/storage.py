@@ -227,8 +227,8 @@ def _recording(name: str, table: Table, unwrap: bool, drive: Drive | None, named
         return np.unwrap(log.values["position"]) if unwrap else log.values["position"]
 
     log = Log(values, [*(note for column in table.columns.values() for note in column.notes), *table.notes])
-    cleaning.aligned(log, checks.FEWEST)
-    cleaning.finite(log, checks.FEWEST)
+    cleaning.aligned(log, checks.BOUNDS.fewest)
+    cleaning.finite(log, checks.BOUNDS.fewest)
     cleaning.follow_on(log)
     cleaning.ordered(log)
     cleaning.sound(log, turns())
