@@ -26,13 +26,9 @@ class TorqueOffset(Term):
     symptom = "the same torque everywhere"
     signature = "At every angle and speed the joint needs the same torque more, or less, than the model says."
     resembles = ("coulomb_asymmetry", "gravity_tilt")
+    by_angle = ("one",)
 
-    def of_angle(self, at: str) -> tuple[str, ...]:
-        return ("one",)
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("torque_offset", "N m", force=one),)
+    columns = (Column("torque_offset", "N m", force=one),)
 
 
 @dataclass(frozen=True)

@@ -31,9 +31,7 @@ class CoulombAsymmetry(Term):
     signature = "Forwards and backwards dry friction differs by the same amount at any speed: over speed, a constant."
     resembles = ("torque_offset", "gravity_tilt", "viscous_asymmetry")
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("coulomb_asymmetry", "N m", force=one),)
+    columns = (Column("coulomb_asymmetry", "N m", force=one),)
 
 
 @dataclass(frozen=True)
@@ -51,9 +49,7 @@ class ViscousAsymmetry(Term):
     signature = "Over speed lies a V: what is left has the same sign forwards and backwards, and grows with the speed."
     resembles = ("coulomb_asymmetry", "encoder_eccentricity")
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("viscous_asymmetry", "N m s/rad", force=lambda x: np.abs(x.velocity)),)
+    columns = (Column("viscous_asymmetry", "N m s/rad", force=lambda x: np.abs(x.velocity)),)
 
 
 @dataclass(frozen=True)
@@ -123,9 +119,7 @@ class QuadraticDrag(Term):
     )
     resembles = ("viscous", "torque_saturation")
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity)),)
+    columns = (Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity)),)
 
 
 @dataclass(frozen=True)
@@ -193,12 +187,10 @@ class PositionDependentFriction(Term):
     )
     resembles = ("load_dependent_friction", "torque_ripple")
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (
-            Column("position_dependent_friction.sin", "N m", dry=lambda x: np.sin(x.position)),
-            Column("position_dependent_friction.cos", "N m", dry=lambda x: np.cos(x.position)),
-        )
+    columns = (
+        Column("position_dependent_friction.sin", "N m", dry=lambda x: np.sin(x.position)),
+        Column("position_dependent_friction.cos", "N m", dry=lambda x: np.cos(x.position)),
+    )
 
 
 @dataclass(frozen=True)
@@ -217,20 +209,18 @@ class TemperatureDependentFriction(Term):
     resembles = ("friction_drift",)
     shares = ("viscous", "coulomb")
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (
-            Column(
-                "temperature_dependent_friction.viscous",
-                "N m s/rad/K",
-                force=lambda x: x.velocity * (x.temperature - ROOM),
-            ),
-            Column(
-                "temperature_dependent_friction.coulomb",
-                "N m/K",
-                dry=lambda x: (x.temperature - ROOM) * np.ones_like(x.velocity),
-            ),
-        )
+    columns = (
+        Column(
+            "temperature_dependent_friction.viscous",
+            "N m s/rad/K",
+            force=lambda x: x.velocity * (x.temperature - ROOM),
+        ),
+        Column(
+            "temperature_dependent_friction.coulomb",
+            "N m/K",
+            dry=lambda x: (x.temperature - ROOM) * np.ones_like(x.velocity),
+        ),
+    )
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.symbols import longest, may, name
+from pendulum_env.physics.symbols import labelled, longest, may, name
 from pendulum_env.physics.term import LOAD, UNLOADED, KnownLoad, Law, Memory, Samples, Term, one, upper, written, zero
 
 if TYPE_CHECKING:
@@ -93,6 +93,12 @@ class Balance:
         """Magnitude of dry friction [N m]; a term with memory may take some of it over, and a fit a little too much."""
         return self._sum(self._dry, x) if self._steady_dry is None else self._steady_dry
 
+    def at(self, x: Samples, stage: str) -> tuple[Any, Any]:
+        """`net` and `dry` at a stage of a step, in symbols by names that tell a reader."""
+        labelled(x.position, f"position_at_{stage}")
+        labelled(x.velocity, f"velocity_at_{stage}")
+        return labelled(self.net(x), f"net_at_{stage}"), labelled(self.dry(x), f"dry_at_{stage}")
+
 
 def _steady(parts: list[tuple[ArrayLike, Law]]) -> bool:
     return all(law is one for _, law in parts)
@@ -120,16 +126,17 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
     """
     q, v, h = x.position, x.velocity, duration
     direction = np.sign(v)
-    start = _directed(balance.net(x), balance.dry(x), direction)
+    start = _directed(*balance.at(x, "start"), direction)
     if may(direction == 0):
         direction = np.where(direction == 0, np.sign(start), direction)
-    inertia = balance.mass(x)
+    inertia = labelled(balance.mass(x), "inertia_at_start")
     middle_v = v + 0.5 * h * start / inertia
     middle_v = np.where(middle_v * direction < 0, 0.0, middle_v)
     half_way = balance.advance(x, 0.5 * (v + middle_v), 0.5 * h)
     middle = Samples(x.time + 0.5 * h, q + 0.5 * h * v, middle_v, x.torque, half_way, x.load)
-    inertia = balance.mass(middle)
-    a = (balance.net(middle) - balance.dry(middle) * direction) / inertia
+    inertia = labelled(balance.mass(middle), "inertia_at_middle")
+    net, dry = balance.at(middle, "middle")
+    a = (net - dry * direction) / inertia
     if may(direction == 0):
         a = np.where(direction == 0, 0.0, a)
     new_q, new_v = q + h * (v + 0.5 * h * a), v + h * a
@@ -141,7 +148,7 @@ def step(balance: Balance, x: Samples, duration: ArrayLike) -> Samples:
         stop_q = q + v * elapsed + 0.5 * a * elapsed**2
         at_rest = np.zeros_like(new_v)
         rest = Samples(x.time + elapsed, stop_q, at_rest, x.torque, half_way, x.load)
-        leave = _directed(balance.net(rest), balance.dry(rest), at_rest) / inertia
+        leave = _directed(*balance.at(rest, "rest"), at_rest) / inertia
         left = h - elapsed
         new_q = np.where(stops, stop_q + 0.5 * leave * left**2, new_q)
         new_v = np.where(stops, leave * left, new_v)

@@ -185,6 +185,7 @@ class Term:
     signature: ClassVar[str] = ""  # what of it is seen in a recording, in a sentence or two
     resembles: ClassVar[tuple[str, ...]] = ()  # ids of terms that it is confused with
     shapes: ClassVar[tuple[Shape, ...]] = ()
+    by_angle: ClassVar[tuple[str, ...]] = ()  # functions of the angle alone that it is, see `of_angle`
     is_smooth: ClassVar[bool] = False  # whether it helps to follow any smooth torque, beside which the rest is noise
     is_of_speed: ClassVar[bool] = False  # whether it is friction that viscous and dry friction can stand in for
     omitted: ClassVar[str] = "it is left out"  # what that means where a simulator does not know it
@@ -235,7 +236,7 @@ class Term:
 
     def of_angle(self, at: str) -> tuple[str, ...]:
         """Functions of the angle of a joint alone that it may be there, by name: `one`, `line`, `sine` or `cosine`."""
-        return ()
+        return self.by_angle
 
     @property
     def fault(self) -> str:
@@ -304,17 +305,10 @@ class Term:
 
 
 def written(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
-    """A term in symbols, with the values of its shape parameters by symbol; those at their usual value are no symbols.
-
-    Raises:
-        TypeError: if it holds more than shape parameters.
-    """
-    shapes = {shape.name: shape.usual for shape in term.shapes}
-    if term.shape.keys() != shapes.keys():
-        raise TypeError(f"{term.id} holds more than shape parameters")
+    """A term in symbols, and the values of its free shape parameters by symbol."""
     values: dict[str, ArrayLike] = {f"{place}.{shape.name}": term.shape[shape.name] for shape in term.free}
     symbols: dict[str, Any] = {shape.name: name(f"{place}.{shape.name}") for shape in term.free}
-    return type(term)(**shapes | symbols), values
+    return dataclasses.replace(term, **symbols), values
 
 
 def loads(at: str) -> dict[str, float]:
