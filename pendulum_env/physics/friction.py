@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.term import ROOM, Column, Memory, Samples, Shape, Term, geometric, one
+from pendulum_env.physics.term import ROOM, Column, Memory, Samples, Shape, Term, one
 
 WARMER = 1.0  # [K], by which the temperature has to change to tell of it
 SELF_LOCKING = 0.7  # share of the torque: gears that eat more are not driven backwards by any weight
@@ -92,7 +92,7 @@ class Stribeck(Term):
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
         fast = float(np.percentile(np.abs(x.velocity), 95))
-        return [cls(float(vs)) for vs in geometric(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
+        return [cls(float(vs)) for vs in np.geomspace(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
 
     @classmethod
     def smooth(cls, fast: float) -> Sequence[Self]:
@@ -287,4 +287,4 @@ class Presliding(Term):
 
     @classmethod
     def grid(cls, x: Samples, residual: Array) -> Iterable[Self]:
-        return [cls(float(d)) for d in geometric(5e-4, 0.2, 12)]
+        return [cls(float(d)) for d in np.geomspace(5e-4, 0.2, 12)]

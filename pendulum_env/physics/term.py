@@ -274,8 +274,8 @@ class Term:
         return memory
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        """State variables along N recorded samples; see `trace`."""
-        return trace([self], x, command, period)[0]
+        """State variables along N recorded samples; see `traces`."""
+        return traces([self], [x], [command], [period])[0][0]
 
     @property
     def shape(self) -> dict[str, float]:
@@ -336,11 +336,6 @@ def _advance(term: Term, count: int, period: Array) -> tuple[Recurrence, list[Ar
         return recurrence(given, [*values, "period"], states, after), [*values.values(), period]
     except Exception:  # a user's law may do anything that NumPy does
         return None
-
-
-def trace(variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:
-    """State variables of V variants of one effect along one recording, see `traces`; for each variant, each (N,)."""
-    return traces(variants, [x], [command], [period])[0]
 
 
 def traces(
@@ -407,8 +402,3 @@ def traces(
         series = own.reshape(len(memory), len(variants), -1)[:, :, :count]
         results.append([tuple(series[:, v]) for v in range(len(variants))])
     return results
-
-
-def geometric(low: float, high: float, count: int) -> Array:
-    """Grid of `count` values with equal ratios, ends included."""
-    return np.geomspace(low, high, count)

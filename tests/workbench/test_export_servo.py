@@ -283,7 +283,7 @@ def test_mistakes_about_servos_are_one_sentence(recorded, capsys):
         (["--to", "mjlab"], "say its controller with --drive"),
         (["--to", "python", "--drive", "output=duty,kp=0.5,gain=1"], "a duty is a share of the bus: say its voltage"),
         (["--to", "mjlab", "--drive", "output=duty,kp=0.5,gain=1"], "a duty is a share of the bus: say its voltage"),
-        (["--to", "urdf", "--drive", "output=torque,kp=4"], "--drive goes with mjcf, python, c, isaaclab and mjlab, not with urdf"),
+        (["--to", "urdf", "--drive", "output=torque,kp=4"], "--drive goes with mjcf, python, c, isaaclab and mjlab"),
         (["--to", "c", "--callback", "a.py"], "--callback goes with mjcf"),
         (["--to", "mjcf", "--callback", "a.txt"], "should end in .py or .c"),
         (["--to", "mjcf", "--callback", str(recorded / "servo.json")], "is one of the inputs"),

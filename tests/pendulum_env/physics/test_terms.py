@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from pendulum_env.physics import BASE, Column, Model, Samples, Term, effect, effects, library, register
 from pendulum_env.physics.library import BUILT_IN
-from pendulum_env.physics.term import Symptom, trace
+from pendulum_env.physics.term import Symptom, traces
 from pendulum_env.plant import read_parameters, typical
 from pendulum_env.words import name
 from tests.terms import CubicDamping
@@ -289,7 +289,7 @@ def test_two_short_advances_are_one_long_advance(id):
 @pytest.mark.parametrize(("id", "closeness"), [("presliding", 0.02), ("joint_flexibility", 0.02), ("backlash", 1e-9)])
 def test_state_along_a_recording_is_the_state_advanced_from_sample_to_sample(id, closeness):
     term, x = TERMS[id], recorded(3, seconds=3.0, rate=1000.0, scale=0.5)
-    (generic,) = trace([term], x, x.torque, 1e-3)
+    ((generic,),) = traces([term], [x], [x.torque], [1e-3])
     settled = slice(300, -2)  # the start was not recorded
     for state, expected in zip(term.trace(x, x.torque, 1e-3), generic, strict=True):
         error = np.sqrt(np.mean((state - expected)[settled] ** 2))
