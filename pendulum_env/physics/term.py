@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.symbols import may, name
+from pendulum_env.physics.symbols import may, name, repeated
 from pendulum_env.words import NAMES
 
 if TYPE_CHECKING:
@@ -321,18 +321,21 @@ def upper(duration: ArrayLike) -> float:
     return float(np.ceil(1e3 * np.max(duration) - 1e-6) / 1e3)
 
 
+def _moved(term: Term, given: Sequence[Any], memory: Sequence[Any], period: Any) -> list[Any]:
+    """State variables of a term after a period [s], unless nothing moves; in symbols or arrays."""
+    *sample, at_rest = given
+    moved = term.advance(tuple(memory), Samples(*sample), period)
+    return [np.where(at_rest, old, new) for old, new in zip(memory, moved, strict=True)]
+
+
 def _advance(term: Term, count: int, period: Array) -> tuple[Recurrence, list[ArrayLike]] | None:
     """How a term's state variables move on along a motion, compiled, with its constants; None if it is no formula."""
     from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
 
     given, states = ("time", "position", "velocity", "torque", "at_rest"), [f"memory_{k}" for k in range(count)]
-    inputs: list[Any] = [name(text) for text in given]
-    memory: Any = tuple(name(text) for text in states)
-    duration: Any = name("period", most=upper(period))
     try:
         symbolic, values = written(term)
-        moved: Any = symbolic.advance(memory, Samples(*inputs[:4]), duration)
-        after: Any = [np.where(inputs[4], old, new) for old, new in zip(memory, moved, strict=True)]
+        after = _moved(symbolic, [*map(name, given)], [*map(name, states)], name("period", most=upper(period)))
         return recurrence(given, [*values, "period"], states, after), [*values.values(), period]
     except Exception:  # a user's law may do anything that NumPy does
         return None
@@ -384,18 +387,12 @@ def traces(
     first_samples = Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), held[0])
     memory = stacked.start(first_samples)
     states = np.array([np.broadcast_to(row, shape) for row in memory])
-    advance = _advance(stacked, len(memory), period)
-    if advance is not None:
+    inputs = np.stack([time[:-1], position[:-1], half, held[:-1], resting], axis=1)
+    if (advance := _advance(stacked, len(memory), period)) is not None:
         program, constants = advance
-        inputs = np.stack([time[:-1], position[:-1], half, held[:-1], resting], axis=1)
         history = program(inputs, np.array([np.broadcast_to(row, shape) for row in constants]), states)
     else:
-        history = np.empty((steps, len(memory), *shape))
-        history[0] = states
-        for k in range(steps - 1):
-            moved = stacked.advance(memory, Samples(time[k], position[k], half[k], held[k]), period)
-            memory = tuple(np.where(resting[k], old, new) for old, new in zip(memory, moved, strict=True))
-            history[k + 1] = memory
+        history = repeated(lambda given, rows: _moved(stacked, given, rows, period), inputs, states)
     kept = np.moveaxis(history[steps - length :], 0, -1)  # (states, V, stretches, length)
     results = []
     for own, count in zip(np.split(kept, np.cumsum(stretches)[:-1], axis=2), counts, strict=True):
