@@ -18,7 +18,7 @@ from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.simulation import Balance, Prepared, in_symbols, rows, samples, step
 from pendulum_env.physics.symbols import name, repeated
-from pendulum_env.physics.term import upper, written
+from pendulum_env.physics.term import upper
 from pendulum_env.servo.drive import Drive
 
 GAINS = ("kp", "ki", "kd", "most", "seen", "turn")  # of each servo
@@ -183,29 +183,12 @@ def control(
     return torque, State(held, line[: len(state.before)], integral, seen)
 
 
-_known: dict[object, Any] = {}
-
-
 def _prepared(
     terms: Sequence[Term], speed: bool, taps: int, loaded: bool, integrates: bool, longest: float
 ) -> Prepared:
     """A step of servos, compiled."""
-    from pendulum_env.physics.compiled import KEPT, recurrence  # here, as it takes long to load
+    from pendulum_env.physics.compiled import recurrence  # here, as it takes long to load
 
-    key = (
-        tuple((type(term), *(shape.name for shape in term.free)) for term in terms),
-        speed,
-        taps,
-        loaded,
-        integrates,
-        upper(longest),
-    )
-    if key in _known:
-        return Prepared(_known[key], [value for k, term in enumerate(terms) for value in written(term, k)[1].values()])
-    try:
-        balance, x, shapes = in_symbols(terms, loaded)
-    except Exception:  # a user's law may do anything that NumPy does
-        return Prepared(None, [])
     h: Any = name("h", most=upper(longest))
     given = Given(*(name(text) for text in Given._fields))
     gains = {text: name(text) for text in GAINS}
@@ -214,13 +197,13 @@ def _prepared(
     integral: Any = name("integral") if integrates else 0.0
     state = State(name("held"), before, integral, name("speed"))
     try:
+        balance, x, shapes = in_symbols(terms, loaded)
         after, later = servo_step(balance, x, state, given, gains, weights, speed, h)
-    except Exception:
+        shared = [*gains.values(), *(x.load if loaded else ()), *weights, h]
+        constants: Any = [*balance.theta, *map(name, shapes), *shared]
+        inputs, known, states = (
+            [one.label for one in each] for each in (given, constants, _flat(x, state, integrates))
+        )
+        return Prepared(recurrence(inputs, known, states, _flat(after, later, integrates)), list(shapes.values()))
+    except Exception:  # a user's law may do anything that NumPy does
         return Prepared(None, [])
-
-    constants: Any = [*balance.theta, *map(name, shapes), *gains.values(), *(x.load if loaded else ()), *weights, h]
-    inputs, known, states = ([one.label for one in each] for each in (given, constants, _flat(x, state, integrates)))
-    if len(_known) >= KEPT:
-        _known.clear()
-    program = _known[key] = recurrence(inputs, known, states, _flat(after, later, integrates))
-    return Prepared(program, list(shapes.values()))
