@@ -129,12 +129,8 @@ class Column:
 
     def power(self, x: Samples) -> ArrayLike:
         """Power per unit of the parameter that does not go into stored energy: q' loss + dry |q'|."""
-        return self.lossy(x) * x.velocity + self.dry(x) * np.abs(x.velocity)
-
-    @property
-    def lossy(self) -> Law:
-        """The part of the force whose work is dissipated."""
-        return self.force if self.potential is None else self.loss
+        lossy = self.force if self.potential is None else self.loss
+        return lossy(x) * x.velocity + self.dry(x) * np.abs(x.velocity)
 
 
 # Torque that a known load takes, dI q'' + dmgl sin q. It is no term of any model: it belongs to the recording, so that
