@@ -22,7 +22,7 @@ SHIPPED = Path(__file__).parent / "policies"
 NAMES = tuple(CONSTRAINTS)  # of those that ship, one for each
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Network:
     """Perceptron with tanh between its layers; it sees the arm turn forwards.
 
@@ -37,11 +37,6 @@ class Network:
     biases: Sequence[Array]
     levels: Array
     constraint: str
-
-    def __repr__(self) -> str:
-        """One line: what it sees, its layers, what it may play, and for which bound it was trained."""
-        layers = "-".join(str(one.shape[1]) for one in self.weights)
-        return f"<Network of {layers} units, which plays {len(self.levels)} torques, trained under {self.constraint!r}>"
 
     def predict(
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
@@ -87,11 +82,6 @@ class Network:
 
     @classmethod
     def _of(cls, arrays: Mapping[str, NDArray[Any]]) -> Network:
-        """A policy of the arrays of a file.
-
-        Raises:
-            ValueError: if one is missing or holds no numbers, or they do not fit together.
-        """
         layers = range(max(1, sum(name.startswith("weight") for name in arrays)))
         names = [*(f"weight{k}" for k in layers), *(f"bias{k}" for k in layers), "levels"]
         for name in [*names, "constraint"]:

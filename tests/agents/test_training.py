@@ -106,12 +106,6 @@ def test_a_configuration_is_read_from_a_file(tmp_path):
     ("setting", "reason"),
     [
         ('hidden = "a"', "'hidden' is 'a': it has to be a whole number from 1 to 4096"),
-        ("steps = 1e6", "'steps' is 1000000.0: it has to be a whole number from 1 to 1e+12"),
-        ("gamma = 2", "'gamma' is 2: it has to be a finite number from 0 to 1"),
-        ("checkpoint = 0", "'checkpoint' is 0: it has to be a whole number from 1"),
-        ("epochs = true", "'epochs' is True: it has to be a whole number"),
-        ("learning_rate = nan", "'learning_rate' is nan: it has to be a finite number"),
-        ("levels = 5", "'levels' is 5: it has to be a list"),
         ("levels = [0, 2]", "'levels[1]' is 2: it has to be a finite number from -1 to 1"),
         ("seed = 1048576", "'seed' is 1048576: it has to be a whole number from 0 to"),
         ("step = 3", "unknown key 'step': did you mean steps"),

@@ -22,6 +22,7 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import Recording, Source
+from pendulum_env.words import name, opening
 from workbench.app.asked import Asked
 from workbench.app.jobs import Task
 from workbench.app.state import NO_RECORDING, State
@@ -29,7 +30,6 @@ from workbench.app.uploads import UNPACKED
 from workbench.arms import SAVED
 from workbench.mistakes import InputError
 from workbench.report.arm import render_arm
-from workbench.report.words import name, opening
 from workbench.robot import RobotFile, loaded_text, looked_for, meaning, straying
 
 WEIGHTLESS = "Its torques are without gravity"

@@ -17,7 +17,6 @@ class Firmware:
     """Answers frames."""
 
     def __init__(self, motor: Motor) -> None:
-        """Take the motor."""
         self.motor, self._splitter = motor, frames.Splitter()
         self._set, self._ready = 0, False  # torque [uN m]; whether there has been a SETUP
 

@@ -15,9 +15,6 @@ from pendulum_env.backends.hardware.measuring import Ticks
 from pendulum_env.backends.hardware.process import Ownership, Signals, ordinary, realtime
 from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Traits
 
-RESTING = 0.01  # [s] between looks at an arm that comes to rest
-SPEED = 10.0  # [rad/s], at which an uncertain time makes the angle uncertain
-
 
 class Rig:
     """The motor with the arm, over one of the adapters.
@@ -28,8 +25,10 @@ class Rig:
     as they like; after the last one the drive's watchdog lets go if nobody else does.
     """
 
+    resting = 0.01  # [s] between looks at an arm that comes to rest
+    speed = 10.0  # [rad/s], at which an uncertain time makes the angle uncertain
+
     def __init__(self, config: RigConfig, make: Callable[[RigConfig], Drive] = make_drive) -> None:
-        """Take the configuration; nothing is connected yet."""
         self.config = config
         self.guard = Guard(make(config), config)
         self._owner = Ownership(config.link.device)
@@ -44,9 +43,9 @@ class Rig:
     def traits(self) -> Traits:
         """Those of the configuration; counts, as far as their steps can be told from the uncertainty of time."""
         counts = self.config.encoder.counts
-        blur = SPEED * self.guard.drive.noise * math.sqrt(12.0)  # [rad], step of an encoder that is as uncertain
-        told = min(counts, int(2 * math.pi / blur)) if blur else counts
-        return Traits(self.config.rate, told, self.config.max_torque)
+        blur = self.speed * self.guard.drive.noise * math.sqrt(12.0)  # [rad], step of an encoder that is as uncertain
+        resolved = min(counts, int(2 * math.pi / blur)) if blur else counts
+        return Traits(self.config.rate, resolved, self.config.max_torque)
 
     def open(self) -> None:
         """Own the rig and connect; the motor has no power.
@@ -128,28 +127,20 @@ class Rig:
         _let_go(self.guard, self._owner, self._signals)
 
     def _wait_for_rest(self) -> float:
-        """Wait, without power, until the arm has been at rest for a while; returns where [rad].
-
-        Raises:
-            Fault: if one is kept, or the drive does not answer.
-            DriveError: if it takes too long.
-        """
-        rest = self.config.rest
-        with self._signals:
-            now, anchor = self.guard.read()
-        since, until = now, time.monotonic() + rest.timeout
-        while now - since < rest.seconds:
-            time.sleep(RESTING)
+        """Wait, without power, until the arm has been at rest for a while; returns where [rad]."""
+        rest, anchor, since = self.config.rest, math.inf, 0.0
+        until = time.monotonic() + rest.timeout
+        while time.monotonic() < until:
             with self._signals:
                 now, position = self.guard.read()
             if abs(position - anchor) > rest.velocity * rest.seconds:
                 anchor, since = position, now
-            if time.monotonic() > until:
-                raise DriveError(
-                    f"the arm does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, and look for "
-                    "what moves it"
-                )
-        return anchor
+            if now - since >= rest.seconds:
+                return anchor
+            time.sleep(self.resting)
+        raise DriveError(
+            f"the arm does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, look for what moves it"
+        )
 
 
 def _let_go(guard: Guard, owner: Ownership, signals: Signals) -> None:

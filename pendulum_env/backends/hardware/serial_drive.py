@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, suppress
+from contextlib import contextmanager, suppress
 
 import serial
 
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
-from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
+from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware.measuring import DriveClock
-
-REFUSED = 5  # torques in a row that are not set: more than damaged frames
-TRIES = 4  # requests in the time allowed for a reply, or between two commands: a damaged frame alone ends no run
 
 
 class SerialDrive:
     """The motor's analogue drive behind a microcontroller."""
 
     noise = 0.0  # it tells the time of its readings
+    refusals = 5  # torques in a row that are not set: more than damaged frames
+    tries = 4  # requests in the time allowed for a reply, or between two commands: a damaged frame alone ends no run
 
     def __init__(self, config: RigConfig) -> None:
         """Take port, patience and watchdog."""
@@ -35,11 +34,11 @@ class SerialDrive:
         """Open the port, wait for a board that starts anew with that, and set the watchdog."""
         link, self._on = self._link, False
         self._sequence, self._clock, self._splitter = 0, DriveClock(), frames.Splitter()
-        with said(f"serial port {link.port} cannot be opened", "check serial.port"):
+        with driver_errors(f"serial port {link.port} cannot be opened", "check serial.port"):
             self._port = serial.Serial(
                 link.port,
                 link.baud,
-                timeout=min(self._reply, self._gap) / TRIES,
+                timeout=min(self._reply, self._gap) / self.tries,
                 write_timeout=self._reply,
                 exclusive=True,
             )
@@ -73,7 +72,7 @@ class SerialDrive:
         if why is None and self._on and not state.flags & frames.POWERED:
             why = "it has no power any more: check its emergency stop and supply, it may have started anew"
         self._refused = self._refused + 1 if self._on and state.torque != self._micro else 0
-        if why is None and self._refused >= REFUSED:
+        if why is None and self._refused >= self.refusals:
             why = f"it does not set {frames.MICRO * self._micro:.3g} N m: firmware and limits.torque have to agree"
         return Reading(self._clock.take(state.microseconds, *between), state.counts, why)
 
@@ -93,8 +92,8 @@ class SerialDrive:
 
     def _ask(self, kind: int, *values: int, patience: float | None = None) -> tuple[frames.State, float, float]:
         """Send a request until it is answered: the answer, when it was asked for, and when it came [s]."""
-        each = (min(self._reply, self._gap) if patience is None else patience) / TRIES
-        patience = self._reply if patience is None else patience
+        each = (patience or min(self._reply, self._gap)) / self.tries
+        patience = patience or self._reply
         until = time.monotonic() + patience
         asked: dict[int, float] = {}  # when, by the number of the request: an answer may come after the next one
         while (now := time.monotonic()) < until:
@@ -108,29 +107,27 @@ class SerialDrive:
 
     def _send(self, kind: int, *values: int) -> int:
         self._sequence = (self._sequence + 1) % 256
-        with self._lost:
-            self._opened.write(frames.pack(kind, self._sequence, *values))
+        with self._opened() as port:
+            port.write(frames.pack(kind, self._sequence, *values))
         return self._sequence
 
     def _answers(self, until: float) -> Iterator[frames.State]:
         """States that arrive until a time [s]."""
         while time.monotonic() < until:
-            with self._lost:
-                data = self._opened.read(1)
-                data += self._opened.read(self._opened.in_waiting) if data else b""
+            with self._opened() as port:
+                data = port.read(1)
+                data += port.read(port.in_waiting) if data else b""
             for kind, *values in self._splitter.feed(data):
                 if kind == frames.STATE:
                     yield frames.State(*values)
 
-    @property
-    def _opened(self) -> serial.Serial:
+    @contextmanager
+    def _opened(self) -> Iterator[serial.Serial]:
+        """The port, as long as it is there."""
         if self._port is None:
             raise DriveError("the serial port is not open")
-        return self._port
-
-    @property
-    def _lost(self) -> AbstractContextManager[None]:
-        return said(f"serial port {self._link.port} was lost", "check its plug")
+        with driver_errors(f"serial port {self._link.port} was lost", "check its plug"):
+            yield self._port
 
 
 def _fault(state: frames.State) -> str | None:
