@@ -20,7 +20,7 @@ from estimators.arguments import (
 )
 from estimators.checks.alignment import Aligned
 from estimators.checks.closed_loop import feedback
-from estimators.checks.homogeneity import MISFITS, Own, disagreements, misfits, own_fits
+from estimators.checks.homogeneity import AGREEMENT, Own, disagreements, misfits, own_fits
 from estimators.checks.identifiability import Doubt, identifiability, is_driven, untold
 from estimators.checks.physical import driving_friction
 from estimators.checks.remedies import wrong_columns
@@ -325,7 +325,7 @@ def _lacking(results: Sequence[Identified], fits: Sequence[Own]) -> list[str]:
     """
     times = max((fit.times for fit in fits), default=0.0)
     apart, name = max(_gaps(results), default=(0.0, ""))
-    found = [f"what these terms leave is {times:.2g} times what noise gives"] if times > MISFITS else []
+    found = [f"what these terms leave is {times:.2g} times what noise gives"] if times > AGREEMENT.misfits else []
     found += [f"the schemes differ by up to {apart:.2g} of their standard errors ({name})"] if apart > APART else []
     return [f"{listing(found)}: something is missing, run diagnose"] if found else []
 
