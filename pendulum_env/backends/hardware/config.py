@@ -12,7 +12,6 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from pendulum_env.files import write_whole
@@ -151,12 +150,15 @@ class Plant:
 
 
 Link = SerialSettings | CanSettings | DaqSettings
-LINKS: Mapping[str, type[Link]] = MappingProxyType(  # each with module and class of its drive, and what that imports
-    {"serial": SerialSettings, "canopen402": CanSettings, "nidaq": DaqSettings}
-)
-TABLES: Mapping[str, type[Any]] = MappingProxyType(
-    {"encoder": EncoderSettings, "limits": Limits, "fault": OnFault, "rest": Rest, "plant": Plant}
-)
+# each with module and class of its drive, and what that imports
+LINKS: Mapping[str, type[Link]] = {"serial": SerialSettings, "canopen402": CanSettings, "nidaq": DaqSettings}
+TABLES: Mapping[str, type[Any]] = {
+    "encoder": EncoderSettings,
+    "limits": Limits,
+    "fault": OnFault,
+    "rest": Rest,
+    "plant": Plant,
+}
 
 
 @dataclass(frozen=True)
