@@ -41,14 +41,13 @@ from workbench.export.request import Request
 from workbench.inputs import check_outputs, given, read_all, sources_of, write_json, write_model, wrote
 from workbench.mistakes import InputError
 from workbench.robot import RobotFile, held_text, loaded_text, looked_for, meaning, straying
-from workbench.story import ALL, Story, parameters_line
+from workbench.story import ALL, Story, parameters_line, tell
 from workbench.terminal import Terminal
 
 SAVED = "filtered_dynamic"  # whose model is written, or the base model
 TIMES = "errors, times the least"  # a row that tells which schemes to trust
 TRUST = f"{TIMES}: how large a scheme's standard errors are beside the smallest, trust those near 1"
 STEP_RATE = 1000.0  # [Hz], of the simulator's steps at least
-BOTH = ("before", "after")
 
 
 def record(
@@ -122,15 +121,17 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     for parameter in body.base:
         if len(parameter.parts) > 1:
             terminal.say(f"  {parameter.name} stands for {parameter.text}")
-    terminal.heading("Estimates ± standard errors")
-    terminal.table(*schemes_table(found))
-    if len(found.schemes) > 1:
-        terminal.say(TRUST)
-    for doubt in found.doubts:
-        terminal.say(f"warning: {doubt.text}", style="yellow")
     chosen = found.schemes.get(SAVED, next(iter(found.schemes.values())))
     nearest = nearest_body(chosen.model)
-    terminal.say(f"{chosen.scheme}: {nearest.text}")
+    warnings = [f"warning: {doubt.text}" for doubt in found.doubts]
+    trust = [TRUST] * (len(found.schemes) > 1)
+    told: list[Table | str | tuple[str, ...]] = [
+        schemes_table(found),
+        *trust,
+        *warnings,
+        f"{chosen.scheme}: {nearest.text}",
+    ]
+    tell([Part("Estimates ± standard errors", told)], terminal)
     write_json(arguments.json, found.json() | {"nearest_body": nearest.json()})
     write_model(chosen.model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
@@ -158,11 +159,10 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
         with terminal.progress("writing the report"):
             write_whole(arguments.report, render_arm(recordings, [ArmStep(None, model, {"holdout": errors})]))
-    terminal.heading("Torque errors, clear of stick and reversals")
-    terminal.table(*errors_table([errors], ("torque error",)))
     content: JSON = {"schema": "pendulum-ident/arm-comparison@1", "joints": [error.json() for error in errors]}
+    tell([Part("Torque errors, clear of stick and reversals", [errors_table([errors], ("torque error",))])], terminal)
     if carried is not None and arguments.payload is not None:
-        _tell_payload(carried, asked.body, terminal)
+        tell(of_payload(carried, asked.body), terminal)
         content["payload"] = carried.json()
     elif carried is not None and carried.stands_out:
         mass = carried.estimates["m"].text
@@ -171,19 +171,21 @@ def compare(arguments: argparse.Namespace, terminal: Terminal) -> None:
     wrote(outputs, terminal)
 
 
-def _tell_payload(found: Payload, body: Body, terminal: Terminal) -> None:
-    """Print what an arm carries, and what it explains."""
-    terminal.heading(f"Payload at the link behind {found.joint}, in that joint's frame")
+def of_payload(found: Payload, body: Body) -> list[Part]:
+    """What an arm carries, and what it explains."""
     rows = [(name, one.text, one.unit) for name, one in found.estimates.items()]
     rows += [(f"centre {axis}", one.text, one.unit) for axis, one in zip("xyz", found.center or (), strict=False)]
-    terminal.table(("parameter", "estimate", "unit"), rows, left=("unit",))
+    told: list[Table | str] = [Table(("parameter", "estimate", "unit"), rows, left=("unit",))]
     if found.hidden:
-        terminal.say(f"{listing(found.hidden)}: no motion of the joints shows them")
+        told.append(f"{listing(found.hidden)}: no motion of the joints shows them")
     if found.exists is False:
-        terminal.say("no body has these moments: something else changed as well, or the motion says too little")
-    terminal.heading("Torque left, friction fitted anew")
+        told.append("no body has these moments: something else changed as well, or the motion says too little")
     left = [(at, f"{old:.4g}", f"{new:.4g}", body.said(at, NEWTON_METRE)) for at, (old, new) in found.left.items()]
-    terminal.table(("joint", "without payload", "with it", "unit"), left, left=("unit",))
+    explained = Table(("joint", "without payload", "with it", "unit"), left, left=("unit",))
+    return [
+        Part(f"Payload at the link behind {found.joint}, in that joint's frame", told),
+        Part("Torque left, friction fitted anew", [explained]),
+    ]
 
 
 def diagnose(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -220,13 +222,13 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
         added = add_arm(model, arguments.effect, asked.recordings, asked.held, progress)
     after = added.after.model
     write_model(after, arguments.output, asked.fitted, terminal)
-    for part, what in (("train", "fitted"), ("holdout", "held-out")):
-        terminal.heading(f"Torque errors on {what} data, the model refitted without and with the effect")
-        terminal.table(*errors_table([step.errors[part] for step in (added.before, added.after)], BOTH))
-    for text in filter(None, (added.text, added.looks_like)):
-        terminal.say(text)
-    terminal.heading("Parameters")
-    terminal.table(*parameters_table(after))
+    fitted, unseen = (
+        errors_table([step.errors[part] for step in (added.before, added.after)]) for part in ("train", "holdout")
+    )
+    where = "Torque errors on {} data, the model refitted without and with the effect".format
+    said = [text for text in (added.text, added.looks_like) if text is not None]
+    parts = [Part(where("fitted"), [fitted]), Part(where("held-out"), [unseen, *said])]
+    tell([*parts, Part("Parameters", [parameters_table(after)])], terminal)
     wrote(outputs, terminal)
 
 
@@ -260,7 +262,7 @@ def schemes_table(found: ArmIdentification) -> Table:
     return Table(("parameter", *found.schemes, "unit"), rows, left=("unit",))
 
 
-def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str] = BOTH) -> Table:
+def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str] = ("before", "after")) -> Table:
     """A row a joint: torque errors of one or more models, and the share of the torque that the last one leaves."""
     rows = [
         (
