@@ -125,13 +125,13 @@ def identify(arguments: argparse.Namespace, terminal: Terminal) -> None:
     nearest = nearest_body(chosen.model)
     warnings = [f"warning: {doubt.text}" for doubt in found.doubts]
     trust = [TRUST] * (len(found.schemes) > 1)
-    told: list[Table | str | tuple[str, ...]] = [
+    content: list[Table | str | tuple[str, ...]] = [
         schemes_table(found),
         *trust,
         *warnings,
         f"{chosen.scheme}: {nearest.text}",
     ]
-    tell([Part("Estimates ± standard errors", told)], terminal)
+    tell([Part("Estimates ± standard errors", content)], terminal)
     write_json(arguments.json, found.json() | {"nearest_body": nearest.json()})
     write_model(chosen.model, arguments.output, asked.fitted, terminal)
     wrote(outputs, terminal)
@@ -175,15 +175,15 @@ def of_payload(found: Payload, body: Body) -> list[Part]:
     """What an arm carries, and what it explains."""
     rows = [(name, one.text, one.unit) for name, one in found.estimates.items()]
     rows += [(f"centre {axis}", one.text, one.unit) for axis, one in zip("xyz", found.center or (), strict=False)]
-    told: list[Table | str] = [Table(("parameter", "estimate", "unit"), rows, left=("unit",))]
+    content: list[Table | str] = [Table(("parameter", "estimate", "unit"), rows, left=("unit",))]
     if found.hidden:
-        told.append(f"{listing(found.hidden)}: no motion of the joints shows them")
+        content.append(f"{listing(found.hidden)}: no motion of the joints shows them")
     if found.exists is False:
-        told.append("no body has these moments: something else changed as well, or the motion says too little")
-    left = [(at, f"{old:.4g}", f"{new:.4g}", body.said(at, NEWTON_METRE)) for at, (old, new) in found.left.items()]
+        content.append("no body has these moments: something else changed as well, or the motion says too little")
+    left = [(at, f"{old:.4g}", f"{new:.4g}", body.worded(at, NEWTON_METRE)) for at, (old, new) in found.left.items()]
     explained = Table(("joint", "without payload", "with it", "unit"), left, left=("unit",))
     return [
-        Part(f"Payload at the link behind {found.joint}, in that joint's frame", told),
+        Part(f"Payload at the link behind {found.joint}, in that joint's frame", content),
         Part("Torque left, friction fitted anew", [explained]),
     ]
 
@@ -226,8 +226,8 @@ def add(arguments: argparse.Namespace, terminal: Terminal) -> None:
         errors_table([step.errors[part] for step in (added.before, added.after)]) for part in ("train", "holdout")
     )
     where = "Torque errors on {} data, the model refitted without and with the effect".format
-    said = [text for text in (added.text, added.looks_like) if text is not None]
-    parts = [Part(where("fitted"), [fitted]), Part(where("held-out"), [unseen, *said])]
+    remarks = [text for text in (added.text, added.looks_like) if text is not None]
+    parts = [Part(where("fitted"), [fitted]), Part(where("held-out"), [unseen, *remarks])]
     tell([*parts, Part("Parameters", [parameters_table(after)])], terminal)
     wrote(outputs, terminal)
 
@@ -238,8 +238,8 @@ def export(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.to not in FORMATS:
         raise InputError(f"an arm is exported to {listing(list(FORMATS))}, not to {arguments.to}")
     check_outputs([arguments.output], [arguments.model, arguments.robot])
-    told = Asked.of_model(arguments.model)
-    body = _robot(arguments, replace(told, joints=arguments.joints or told.joints)).body(told.held)
+    made = Asked.of_model(arguments.model)
+    body = _robot(arguments, replace(made, joints=arguments.joints or made.joints)).body(made.held)
     found = FORMATS[arguments.to](ArmModel.load(arguments.model, body), Request(arguments.approximate, arguments.step))
     if arguments.output is None:
         sys.stdout.write(found.content)
@@ -278,7 +278,7 @@ def errors_table(columns: Sequence[Sequence[JointError]], headers: Sequence[str]
 
 def story(found: ArmDiagnosis, every: bool = False) -> Story:
     """A diagnosis of an arm, with the candidates that matter or every one."""
-    errors, said = [step.errors["holdout"] for step in (found.before, found.after)], found.model.body.said
+    errors, in_units = [step.errors["holdout"] for step in (found.before, found.after)], found.model.body.worded
     falls = ", ".join(
         f"{before.joint} {f'{before.torque_rms:.4g} -> ' if found.selected else ''}{after.torque_rms:.4g} {after.unit}"
         for before, after in zip(*errors, strict=True)
@@ -286,8 +286,8 @@ def story(found: ArmDiagnosis, every: bool = False) -> Story:
     lines = [f"{own.id}: {own.law}" for own in found.model.terms if own.id in found.selected]
     lines += [f"error held out: {falls}", *parameters_line(found.parameters, bool(found.unexplained))]
     for joint, size in found.unexplained.items():
-        where = f"; {said(joint, found.regions[joint].text)}" if joint in found.regions else ""
-        lines.append(f"left: {size:.2g} {said(joint, NEWTON_METRE)} at {joint}{where}")
+        where = f"; {in_units(joint, found.regions[joint].text)}" if joint in found.regions else ""
+        lines.append(f"left: {size:.2g} {in_units(joint, NEWTON_METRE)} at {joint}{where}")
     parts = [
         Part("Torque errors on held-out data, clear of stick and reversals", [errors_table(errors)]),
         Part("Parameters", [parameters_table(found.model)]),
@@ -313,20 +313,20 @@ def _given(
     _refuse(arguments)
     asked = given(arguments)
     check_outputs(outputs, [*asked.files, arguments.robot])
-    told = Asked.of_model(model) if model else Asked()
-    asked = asked.read_as(told.log_format, model or "")
+    made = Asked.of_model(model) if model else Asked()
+    asked = asked.read_as(made.log_format, model or "")
     sources = (*asked.fitted, *asked.held_out)
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
-    robot = _robot(arguments, replace(told, joints=named.pop() if named else told.joints))
-    robot.body()  # what is wrong with it is told first
+    robot = _robot(arguments, replace(made, joints=named.pop() if named else made.joints))
+    robot.body()  # what is wrong with it comes first
     recordings = read_all(sources, terminal, robot.read)
-    body = robot.body(told.held) if told.held else robot.holding(recordings)
+    body = robot.body(made.held) if made.held else robot.holding(recordings)
     _tell_held(body, recordings, terminal)
     torques = in_torque(recordings, body)
     for joint, gain in torques.gains.items():
-        size = f"{plus_minus(gain.value, gain.std)} {body.said(joint, gain.unit)}"
+        size = f"{plus_minus(gain.value, gain.std)} {body.worded(joint, gain.unit)}"
         terminal.say(f"torque gain of {joint}: {size}, as known loads tell it")
     for text in meaning(torques.recordings, body):
         terminal.say(f"warning: {text}", style="yellow")
@@ -338,17 +338,17 @@ def _given(
 
 
 def _with_gains(source: Source, gains: Mapping[str, TorqueConstant]) -> Source:
-    """A source read with the gains of currents that known weights told, as the next log of the arm has to be."""
+    """A source read with the gains of currents that known weights gave, as the next log of the arm has to be."""
     found = {f"torque_{joint}": f"{gain.value:.6g}" for joint, gain in gains.items()}
     columns = {name: text.replace("?", found.get(name, "?")) for name, text in source.columns.items()}
     return replace(source, columns=columns)
 
 
-def _robot(arguments: argparse.Namespace, told: Asked) -> RobotFile:
+def _robot(arguments: argparse.Namespace, made: Asked) -> RobotFile:
     """The robot as the arguments, or else a model or a study, ask for it."""
-    rotors = True if arguments.rotors else told.rotors
-    light = arguments.no_gravity or told.weightless
-    return RobotFile(Path(arguments.robot), told.joints, arguments.base is not None, rotors, light)
+    rotors = True if arguments.rotors else made.rotors
+    light = arguments.no_gravity or made.weightless
+    return RobotFile(Path(arguments.robot), made.joints, arguments.base is not None, rotors, light)
 
 
 def _tell_held(body: Body, recordings: Sequence[ArmRecording], terminal: Terminal) -> None:

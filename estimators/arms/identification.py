@@ -137,8 +137,8 @@ def identify_arm(
     alike = {name for doubt in doubts for name in doubt.withheld}
     unknown = {id: untold(one.model, *seen) for id, one in results.items()}
     if alone := sorted(frozenset.intersection(*unknown.values()) - alike):  # by no scheme; others show no number for it
-        told = f"{listing(alone)} cannot be told: these data hardly depend on {'it' if len(alone) == 1 else 'them'}"
-        doubts.append(Doubt(f"{told}, move all joints faster, wider and together", tuple(alone)))
+        text = f"{listing(alone)} cannot be told: these data hardly depend on {'it' if len(alone) == 1 else 'them'}"
+        doubts.append(Doubt(f"{text}, move all joints faster, wider and together", tuple(alone)))
     results = {id: replace(one, model=one.model.withholding(unknown[id] | alike)) for id, one in results.items()}
     return ArmIdentification(results, tuple(doubts), names)
 
@@ -202,7 +202,9 @@ def _fit(scheme: Scheme, data: Stack, terms: tuple[Term, ...], lender: ArmModel 
         residual_rms=fit.rms,
         unit=scheme.unit,
         residuals=tuple((1.0 / weights).tolist()),
-        units=(scheme.unit,) if VIEWS[scheme.view].adds_up else tuple(body.said(at, scheme.unit) for at in body.joints),
+        units=(scheme.unit,)
+        if VIEWS[scheme.view].adds_up
+        else tuple(body.worded(at, scheme.unit) for at in body.joints),
         condition=fit.condition,
         used=(int(use.sum()), len(use)),
     )
@@ -270,7 +272,7 @@ def compare_arm(model: ArmModel, recordings: ArmRecording | Sequence[ArmRecordin
                 f"{recordings[0].name}: joint '{joint}' is never clear of stick and reversals: its error cannot be told"
             )
         rms, size = (float(np.sqrt(np.mean(values[own] ** 2))) for values in (left, torque))
-        found.append(JointError(joint, rms, rms / size if size else None, model.body.said(joint, NEWTON_METRE)))
+        found.append(JointError(joint, rms, rms / size if size else None, model.body.worded(joint, NEWTON_METRE)))
     return tuple(found)
 
 
