@@ -28,13 +28,22 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Estimate
 from pendulum_env.words import along
 
-LENGTH = 0.5  # [s] of a cluster, longer than residuals stay correlated
-SURE = 5.0  # standard errors of a play,
-WORSE = 1.1  # and times the residual that is left without it, from which there is one
-SEEN = 3.0  # times the noise of both encoders, which a deflection has to be to be seen
-FEWEST = 100  # samples
-PLAYS, TURNS = np.linspace(0.05, 0.95, 13), 60  # quantiles of the deflection from which a play is searched, and steps
-STEP = 1e-3  # of the deflection, for slopes by middle and play
+
+@dataclass(frozen=True)
+class TransmissionSettings:
+    """Numbers of the search for a transmission; chosen on simulated joints."""
+
+    length: float = 0.5  # [s] of a cluster, longer than residuals stay correlated
+    errors: float = 5.0  # standard errors of a play or a stiffness that make it significant
+    worse: float = 1.1  # times the residual that is left without a play, from which there is one
+    seen: float = 3.0  # times the noise of both encoders, from which a deflection is seen
+    fewest: int = 100  # samples
+    starts: tuple[float, ...] = tuple(np.linspace(0.05, 0.95, 13).tolist())  # quantiles of the deflection, as plays
+    turns: int = 60  # of the search
+    step: float = 1e-3  # of the deflection, for slopes by middle and play
+
+
+ELASTIC = TransmissionSettings()
 
 
 @dataclass(frozen=True)
@@ -116,7 +125,7 @@ class _Rows:
             motion = (m.acceleration, m.velocity, np.sign(m.velocity), deflection, rate, m.torque)
             harmonics = (function(order * m.position) for order in (1, 2) for function in (np.sin, np.cos))
             parts.append(np.column_stack([*motion, m.position, *harmonics])[use])
-            names, own = np.unique(m.time[use] // LENGTH, return_inverse=True)
+            names, own = np.unique(m.time[use] // ELASTIC.length, return_inverse=True)
             clusters.append(first + own)
             first += len(names)
             noise.append(np.hypot(white_noise(motor.position), white_noise(link.position)))
@@ -134,7 +143,7 @@ class _Rows:
         """Whether the deflection surely explains more of the torque than the angle does."""
         phi = np.column_stack([self.columns(middle, play), self.angle])
         fit = solve(Equations(phi, self.torque), np.ones(len(phi)), self.clusters)
-        return bool(fit.theta[3] > SURE * fit.std[3])
+        return bool(fit.theta[3] > ELASTIC.errors * fit.std[3])
 
     def residual(self, shape: Array) -> Array:
         """Torque (R,) that is left with a middle and a play."""
@@ -143,7 +152,7 @@ class _Rows:
 
     def fit(self, middle: float, play: float) -> tuple[Fit, Array]:
         """The fit with a middle and a play, and the standard errors of all parameters, of these two last (7,)."""
-        phi, moved = self.columns(middle, play), STEP * float(np.std(self.deflection))
+        phi, moved = self.columns(middle, play), ELASTIC.step * float(np.std(self.deflection))
         theta = least_squares(phi, self.torque)
         slopes = [
             (self.columns(middle + a, play + b) - self.columns(middle - a, play - b)) @ theta / (2 * moved)
@@ -157,23 +166,28 @@ class _Rows:
 def _between(recordings: Sequence[ArmRecording], k: int, slides: bool) -> Transmission:
     """The transmission of a joint: elastic, or loose as well where a play surely leaves less."""
     joint, rows = recordings[0].names[k], _Rows.of(recordings, k)
-    if len(rows.torque) < FEWEST:
+    if len(rows.torque) < ELASTIC.fewest:
         hindrance = f"{joint} is hardly ever clear of stick and reversals: its transmission needs wider motion"
         return Transmission(joint, None, None, None, float("nan"), hindrance)
     size, unit_of = float(np.std(rows.deflection)), along if slides else str
-    if size < SEEN * rows.noise or size == 0:
+    if size < ELASTIC.seen * rows.noise or size == 0:
         left = rows.torque - rows.motor @ least_squares(rows.motor, rows.torque)
         return Transmission(joint, None, None, None, float(np.sqrt(np.mean(left**2))))
     rigid = np.column_stack([rows.columns(0.0, 0.0), np.ones(len(rows.torque))])
     theta = least_squares(rigid, rows.torque)
     middle = -float(theta[-1] / theta[3]) if theta[3] else 0.0
     off = np.abs(rows.deflection - np.median(rows.deflection))
-    starts = [(float(np.median(rows.deflection)), play) for play in np.quantile(off, PLAYS).tolist()]
+    plays = np.quantile(off, ELASTIC.starts).tolist()
+    starts = [(float(np.median(rows.deflection)), play) for play in plays]
     best = min(starts, key=lambda shape: float(np.sum(rows.residual(np.array(shape)) ** 2)))
-    found = search(rows.residual, best, x_scale=size, diff_step=1e-3, max_nfev=TURNS).x
+    found = search(rows.residual, best, x_scale=size, diff_step=1e-3, max_nfev=ELASTIC.turns).x
     (elastic, std), (loose, wide) = rows.fit(middle, 0.0), rows.fit(float(found[0]), float(abs(found[1])))
     play = Estimate(float(abs(found[1])), float(wide[-1]), unit_of("rad"))
-    is_loose = play.value > SURE * play.std and elastic.rms > WORSE * loose.rms and loose.theta[3] > SURE * wide[3]
+    is_loose = (
+        play.value > ELASTIC.errors * play.std
+        and elastic.rms > ELASTIC.worse * loose.rms
+        and loose.theta[3] > ELASTIC.errors * wide[3]
+    )
     fit, errors = (loose, wide) if is_loose else (elastic, std)
     if not rows.is_elastic(*((float(found[0]), play.value) if is_loose else (middle, 0.0))):
         return Transmission(joint, None, None, None, fit.rms)
