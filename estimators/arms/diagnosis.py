@@ -101,7 +101,8 @@ class ArmDiagnosis:
             reveal = kind_at(group[-1], self.model.body).reveal
             return f"{listing(group)} look the same in these data; to tell them apart: {reveal}"
         if self.tables:
-            return f"{KEPT.format(table=self.tables[0])}{also(self.tables[1:])}"
+            first, *others = self.tables
+            return KEPT.format(table=first) + (f" (so would {listing(others)})" if others else "")
         return UNNAMED if self.unexplained else SETTLED
 
     @property
@@ -126,11 +127,6 @@ class ArmDiagnosis:
             "heavier": dict(self.heavier),
             "model": self.model.json(),
         }
-
-
-def also(ids: Sequence[str]) -> str:
-    """What else is to be done so."""
-    return f" (so would {listing(list(ids))})" if ids else ""
 
 
 def where_it_stands_out(models: Models, terms: Terms, joints: Sequence[str]) -> dict[str, Region]:

@@ -73,12 +73,8 @@ def planar_links(body: Body) -> tuple[Link, ...]:
                 inertia=inertia,
                 viscous=viscous,
                 coulomb=coulomb,
-                aside=float(_cross(along, to_center)),
+                aside=float(along[0] * to_center[1] - along[1] * to_center[0]),
                 angle=float(np.arctan2(along[0], -along[1])),
             )
         )
     return tuple(links)
-
-
-def _cross(one: Array, other: Array) -> float:
-    return float(one[0] * other[1] - one[1] * other[0])
