@@ -23,7 +23,7 @@ PERIOD = 10.0  # [s]
 
 @dataclass(frozen=True)
 class DesignSettings:
-    """Numbers of the design; steps of the evolution strategy by Beyer and Schwefel, the others by simulated arms."""
+    """Numbers of the design and of its evolution strategy."""
 
     points: int = 120  # instants at which a series is judged
     angle: float = np.pi  # [rad] to either side, where the file has no limits

@@ -31,7 +31,7 @@ from pendulum_env.words import along
 
 @dataclass(frozen=True)
 class TransmissionSettings:
-    """Numbers of the search for a transmission; chosen on simulated joints."""
+    """Numbers of the search for a transmission."""
 
     length: float = 0.5  # [s] of a cluster, longer than residuals stay correlated
     errors: float = 5.0  # standard errors of a play or a stiffness that make it significant

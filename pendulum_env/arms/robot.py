@@ -108,7 +108,7 @@ def _fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float],
 
 
 def _bound(tree: ElementTree.Element) -> None:
-    """Have joints of URDF that turn without end turn within bounds beyond all numbers, by an angle as others do."""
+    """Make continuous joints of URDF revolute ones without end: Pinocchio has a cosine and a sine of the former."""
     for joint in tree.iterfind("joint[@type='continuous']"):
         joint.set("type", "revolute")
         limit = joint.find("limit")
