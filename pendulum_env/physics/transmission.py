@@ -10,7 +10,7 @@ damping c = d / J and g = mgl / J,
 
     ql'' = a(q - ql, q' - ql') - g sin ql,     a = w^2 s + c s'
 
-where s is the stretch of the transmission. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
+where s is the extension of the transmission. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class Transmission(Term):
 
     def _pull(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
         """Acceleration that the transmission gives the link [rad/s^2]."""
-        stretch = twist - np.minimum(np.maximum(twist, -self.play), self.play)
-        return stiffness * stretch + damping * speed * (stretch != 0)
+        extension = twist - np.minimum(np.maximum(twist, -self.play), self.play)
+        return stiffness * extension + damping * speed * (extension != 0)
 
     def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
         return {
@@ -74,7 +74,7 @@ class Transmission(Term):
         return self._hang(x, self.resonance**2)
 
     def _hang(self, x: Samples, stiffness: ArrayLike) -> Memory:
-        """Link at the stretch that carries its weight, moving with the motor."""
+        """Link at the extension that carries its weight, moving with the motor."""
         weight = self.gravity * np.sin(x.position)
         return x.position - weight / stiffness - self.play * np.sign(weight), x.velocity + 0.0 * weight
 

@@ -29,7 +29,7 @@ UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what
 
 
 class DriveError(Mistake):
-    """A drive cannot be as it is said to be; the message is one sentence with what is wrong and what to do."""
+    """A drive that makes no sense; the message says what is wrong and what to do."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class Drive:
     def __post_init__(self) -> None:
         for name, known in (("control", Control), ("output", Output)):
             if getattr(self, name) not in get_args(known):
-                told = " or ".join(get_args(known))
-                raise DriveError(f"{name} is {shown(getattr(self, name))}: it should be {told}")
+                choices = " or ".join(get_args(known))
+                raise DriveError(f"{name} is {shown(getattr(self, name))}: it should be {choices}")
         for name in ("kp", "ki", "kd", "delay"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise DriveError(f"{name} is {getattr(self, name):g}: it should be 0 or a positive number")
@@ -106,15 +106,15 @@ class Drive:
         return self.control == "velocity"
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> Self:
+    def of(cls, given: Mapping[str, Any]) -> Self:
         """A drive as a study says it: a preset, in whose units gains are, or plain numbers.
 
         Raises:
             DriveError: if the preset is unknown, or numbers are out of their range.
         """
-        known = find("preset", str(told["preset"]), PRESETS) if "preset" in told else Preset({})
+        known = find("preset", str(given["preset"]), PRESETS) if "preset" in given else Preset({})
         values: dict[str, Any] = dict(known.base)
-        for name, value in told.items():
+        for name, value in given.items():
             if name in ("control", "output"):
                 values[name] = value
             elif find("key of a drive", name, KEYS) and name != "preset":
