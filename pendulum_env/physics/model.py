@@ -347,11 +347,9 @@ class Model:
             ModelError: if the file is missing, is no JSON or is no model; the message names the file.
         """
         try:
-            data = read_json(path, "a model file is what `identify -o` or `diagnose -o` writes")
+            return cls.from_json(read_json(path, "a model file is what `identify -o` or `diagnose -o` writes"))
         except Unreadable as error:
             raise ModelError(str(error)) from None
-        try:
-            return cls.from_json(data)
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
 
