@@ -56,7 +56,7 @@ class Fitted:
 def fit_arm(
     body: Body, train: tuple[ArmRecording, ...], holdout: tuple[ArmRecording, ...], terms: tuple[Term, ...]
 ) -> Fitted:
-    """The base model of an arm, with friction at each joint or with terms that are told.
+    """The base model of an arm, with friction at each joint or with given terms.
 
     Raises:
         IdentificationError: if there is too little motion.
@@ -82,12 +82,12 @@ class ArmState(State):
 
     @property
     def start(self) -> tuple[Term, ...]:
-        """Terms that a base model has unless told."""
+        """Terms that a base model has by default."""
         return ()
 
     @property
     def joints(self) -> tuple[str, ...] | None:
-        """Those that move, if that is told."""
+        """Those that move, if that is known."""
         return self.robot.joints
 
     @property
