@@ -10,7 +10,7 @@ import numpy as np
 from estimators.arms.diagnosis import models_of_arm, of_arm, parted
 from estimators.arms.identification import JointError, compare_arm
 from estimators.checks.physical import objection
-from estimators.diagnosis.added import CHANCE, looks
+from estimators.diagnosis.result import CHANCE, looks
 from estimators.progress import Progress, no_progress
 from estimators.regression.equations import IdentificationError
 from estimators.selection.criterion import Criterion

@@ -12,19 +12,17 @@ from typing import cast
 
 import numpy as np
 
-from estimators.checks.physical import objection
 from estimators.checks.remedies import remedies
 from estimators.checks.residual import Region
 from estimators.checks.torque_constant import Calibrated, widened
-from estimators.diagnosis.added import CHANCE, Addition
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import UNNAMED, Diagnosis
 from estimators.diagnosis.setting import HELD_OUT, Setting
-from estimators.in_loop.evidence import InLoop
 from estimators.in_loop.rollouts import FINE, Rollouts, with_gain
+from estimators.in_loop.screen import InLoop
 from estimators.selection.data import Evidence, Step, fit_terms
 from estimators.selection.models import Models
-from estimators.selection.moves import best, ids, loosened, settle
+from estimators.selection.moves import ids
 from estimators.selection.search import Selection, select
 from estimators.simulation.output_error import Point
 from estimators.weak_form.windows import WHOLE
@@ -152,28 +150,6 @@ def _timed(model: Model, servos: InLoop) -> Model:
         for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True)
     }
     return replace(model, estimates={**model.estimates, **wider}).correlated(names, covariance)
-
-
-def add_in_loop(
-    kind: type[Term], recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting
-) -> Addition:
-    """Fit the base of a setting in the loop, then with an effect; see `estimators.add`.
-
-    Raises:
-        IdentificationError: if the recordings hold too little motion to begin with.
-    """
-    servos = Looped.of(recordings, holdout, setting)
-    models, progress = servos.models, setting.progress
-    before = models.report(None, settle(models, models.base))
-    progress(f"searching {kind.id}", 0.3)
-    trial = best(models, before.model.terms, kind)
-    progress(f"fitting with {kind.id}", 0.8)
-    terms = settle(models, loosened(models, trial.terms)) if trial else (*before.model.terms, kind())
-    shown, after = servos.sharpened(before), servos.sharpened(models.report(kind.id, terms))
-    against = objection(after, shown, models.train.motions)
-    if against is None and trial is not None and not models.is_sure(terms, before.model.terms):
-        against = CHANCE
-    return Addition(shown, after, servos.floor(after), against, servos.calibrated.doubt)
 
 
 def _calibrated(recordings: Sequence[Recording], holdout: Sequence[Recording]) -> Calibrated:

@@ -18,7 +18,7 @@ from estimators.selection.data import Evidence, Step, fit_terms
 from estimators.selection.left import Left, Terms, drifting_in
 from estimators.selection.score import STRETCH, Bootstrap, Gain, Stretches, cross_validated, predicted
 from estimators.simulation import output_error
-from estimators.simulation.link_segments import has_link
+from estimators.simulation.multiple_shooting import has_link
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Model, Term, effects
 from pendulum_env.physics.table import COMPETING, ByTime

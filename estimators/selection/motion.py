@@ -16,7 +16,7 @@ from estimators.selection.moves import best, has_bristles
 from estimators.selection.search import Selection
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import Segments, choose_segments, position_noise
-from estimators.simulation.link_segments import has_link
+from estimators.simulation.multiple_shooting import has_link
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, Term
 
@@ -59,7 +59,7 @@ def is_misfit(models: Models, step: Step) -> bool:
     if step.errors["train"].position_rms <= misfit * max(least, position_noise(segments, point.terms, point.theta)):
         return False
     noise = max(least, output_error.noise(segments, point))
-    return output_error.rms(segments, point, output_error.evenly(segments)) > misfit * noise
+    return output_error.rms(segments, point) > misfit * noise
 
 
 def refit(selection: Selection, start: Model | None = None) -> Selection:
@@ -92,8 +92,8 @@ def _likeliest(models: Models, last: Step) -> Step:
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
     found = models.with_errors(last.added, output_error.likeliest(segments, start))
-    filters, evenly = output_error.innovations(checks, start), output_error.evenly(checks)
-    old, new = (output_error.rms(checks, point, evenly, filters) for point in (start, _point(found.model)))
+    filters = output_error.innovations(checks, start)
+    old, new = (output_error.rms(checks, point, filters=filters) for point in (start, _point(found.model)))
     return found if new <= old and _is_surer(found, last) else last
 
 
@@ -154,7 +154,7 @@ def _best_simulated(models: Models, last: Step) -> Step | None:
     segments = models.train.segments
     before = models.in_motion(last)
     start = _point(before.model)
-    weights = output_error.weigh(segments, start)
+    weights = output_error.trust(output_error.sizes(segments, start))
     ranked = []
     for point in _starts(models, last, start):
         ranked.append((output_error.promise(segments, point, weights), complexity(point.terms[-1]), point))

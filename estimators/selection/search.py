@@ -29,7 +29,7 @@ from estimators.selection.moves import (
     table_of,
 )
 from estimators.simulation import multiple_shooting
-from estimators.simulation.link_segments import has_link
+from estimators.simulation.multiple_shooting import has_link
 from pendulum_env.physics import Term
 from pendulum_env.physics.table import ByTime, Table
 from pendulum_env.physics.term import loads

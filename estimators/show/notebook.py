@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.comparison import Comparison
-from estimators.diagnosis.added import Addition
-from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.schemes.identification import Identification, Identified
 from estimators.show.tables import (
     SCORE,

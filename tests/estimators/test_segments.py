@@ -9,7 +9,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Diagnosis, compare, identify
 from estimators.selection.data import Evidence, fit_terms
 from estimators.simulation.free_running import choose_segments
-from estimators.simulation.link_segments import consecutive
+from estimators.simulation.multiple_shooting import consecutive
 from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE
 from pendulum_env.physics.actuation import ActuatorLag

@@ -25,9 +25,10 @@ def recorded(seeds: range, counts: int = 1_024_000) -> list[Evidence]:
 def test_at_the_true_parameters_innovations_are_as_large_as_expected_and_unrelated(counts: int):
     (evidence,) = recorded(range(5, 6), counts)
     segments = [choose_segments(windows, 0.5) for windows in evidence.data.windows]
-    (new,) = output_error.residuals(segments, [AT], output_error.innovations(segments, AT))
-    (plain,) = output_error.residuals(segments, [AT])
-    new, plain = new[:, :, 0], plain[:, :, 0]
+    filters = output_error.innovations(segments, AT)
+    new, plain = (
+        output_error.errors(segments, [AT], used)[0].reshape(len(segments[0].first), -1) for used in (filters, ())
+    )
     assert np.median(np.sqrt(np.mean(new**2, axis=1))) == pytest.approx(1.0, abs=0.25)
 
     def relation(errors: np.ndarray) -> float:
