@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from estimators.checks.homogeneity import disagreements, own_fits
 from estimators.checks.identifiability import identifiability, untold
 from estimators.checks.physical import impossible
 from estimators.checks.remedies import remedies, turned_round
-from estimators.checks.residual import Region, stand_out
+from estimators.checks.residual import Region, everywhere, stand_out
 from estimators.checks.torque_constant import Calibrated, of_the_drive, told
 from estimators.diagnosis.experiment import USUAL, Limits, questions, suggest
 from estimators.diagnosis.judge import doubted, judge
@@ -79,19 +80,15 @@ def _gather(recordings: Sequence[Recording], holdout: Sequence[Recording], short
     widths = [shorter * choose_half_width(recording) for recording in recordings]
     if holdout:
         return Evidence.of(recordings, widths), Evidence.of(holdout, [shorter * choose_half_width(r) for r in holdout])
+
+    def split(share: float) -> tuple[Evidence, Evidence]:
+        return Evidence.of(recordings, widths, (0.0, share)), Evidence.of(recordings, widths, (share, 1.0))
+
     motion = np.concatenate([w.centers / len(w.recording) for w in prepare(recordings, widths).windows])
-    time, moved = 1 - HELD_OUT, float(np.quantile(motion, 1 - HELD_OUT))
-    if np.mean(motion < time) < MOTION:  # the joint hardly moves before: then the motion is split, not the time
-        return _split(recordings, widths, moved)
-    try:
-        return _split(recordings, widths, time)
-    except IdentificationError:  # perhaps the end is at rest
-        return _split(recordings, widths, moved)
-
-
-def _split(recordings: Sequence[Recording], widths: Sequence[float], share: float) -> tuple[Evidence, Evidence]:
-    """Evidence of recordings up to a share of each, and from there on."""
-    return Evidence.of(recordings, widths, (0.0, share)), Evidence.of(recordings, widths, (share, 1.0))
+    if np.mean(motion < 1 - HELD_OUT) >= MOTION:
+        with suppress(IdentificationError):  # the end may be at rest
+            return split(1 - HELD_OUT)
+    return split(float(np.quantile(motion, 1 - HELD_OUT)))  # of the motion, not of the time
 
 
 def diagnose(
@@ -397,7 +394,7 @@ def unexplained(found: Selection) -> list[Region]:
             f"the best fit has {listing(wrong)}, which no body has: check the signs of torque and position, "
             "or record a motion of more than one frequency"
         )
-        return [Region("velocity", -np.inf, np.inf, 0.0, 0.0, text)]
+        return [everywhere(text)]
     left = models.train.watching(last.model).residual(last.model.terms, last.model.theta)
     is_noise = found.table is None and models.left.is_noise(models.train, left)
     regions = [] if is_noise else stand_out(models.train.samples, left, models.left.floor)
@@ -405,8 +402,7 @@ def unexplained(found: Selection) -> list[Region]:
         place = next((own for own in regions if own.axis == found.table.axis), None)
         text = f"{found.table.told} would explain most of it, and no effect of the library is such a law"
         if place is None:
-            fast = float(np.abs(models.train.samples.velocity).max())
-            return [Region("velocity", -fast, fast, 0.0, 0.0, text), *regions]
+            return [everywhere(text, models.train.samples), *regions]
         return [replace(place, text=f"{text}; {place.text}"), *(own for own in regions if own is not place)]
     if not is_noise:
         return regions or _nowhere(models, models.train, left)
@@ -435,9 +431,8 @@ def _nowhere(models: Models, part: Evidence, left: Array) -> list[Region]:
     size, floor = float(np.sqrt(np.mean(left**2))), models.left.noise_of(part)
     if size <= models.criterion.misfit * floor:
         return []
-    fast = float(np.abs(part.samples.velocity).max())
     text = (
         f"{size:.2g} N m of torque are left, {size / floor:.2g} times what the sensors' noise gives, at no one speed, "
         "angle or time: something faster than can be resolved here, or now and then"
     )
-    return [Region("velocity", -fast, fast, size, size / floor, text)]
+    return [everywhere(text, part.samples, size, floor)]

@@ -13,7 +13,7 @@ from typing import cast
 import numpy as np
 
 from estimators.checks.remedies import remedies
-from estimators.checks.residual import Region
+from estimators.checks.residual import Region, everywhere
 from estimators.checks.torque_constant import Calibrated, widened
 from estimators.diagnosis.judge import judge
 from estimators.diagnosis.result import UNNAMED, Diagnosis
@@ -197,9 +197,9 @@ def unexplained(found: Selection, train: InLoop) -> list[Region]:
     if models.left.is_noise(models.train, left):
         return []
     sizes = np.array([np.mean(np.abs(left[data.recording_of == k])) for k in range(len(data.recordings))])
-    worst, fast = int(np.argmax(sizes)), float(np.abs(models.train.samples.velocity).max())
+    worst = int(np.argmax(sizes))
     error, floor = float(np.mean(np.abs(left))), models.left.floor
     most = f", most of it in {data.recordings[worst].name} ({sizes[worst]:.2g} rad)" if len(sizes) > 1 else ""
     times = f"{error / floor:.2g} times the encoder's noise"
     text = f"simulated from its goal, the servo is off by {error:.2g} rad, {times}{most}"
-    return [Region("velocity", -fast, fast, error, error / floor, text)]
+    return [everywhere(text, models.train.samples, error, floor)]

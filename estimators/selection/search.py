@@ -85,9 +85,10 @@ def select(models: Models) -> Selection:
 
 
 def pruned(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms without effects that explain less than is left unexplained: they may belong to that residual."""
-    while not models.left.fits(terms):
-        withouts = [tuple(t for t in terms if t is not term) for term in terms[len(base) :]]
+    """The terms without effects that explain less than is left unexplained, or that their table makes unnecessary."""
+    while named(models, terms) != terms or not models.left.fits(terms):
+        effects = named(models, terms)[len(base) :]
+        withouts = [settle(models, tuple(t for t in terms if t is not term)) for term in effects]
         idle = [without for without in withouts if not is_needed(models, terms, without)]
         if not idle:
             break
@@ -237,18 +238,7 @@ def with_tables(models: Models, base: Terms, terms: Terms) -> Iterator[Terms]:
         for others in dict.fromkeys((base, terms)):
             trial = best(models, others, table)
             if trial is not None:
-                yield beside(models, base, trial.terms)
-
-
-def beside(models: Models, base: Terms, terms: Terms) -> Terms:
-    """The terms without effects that their table makes unnecessary."""
-    while True:
-        effects = named(models, terms)[len(base) :]
-        withouts = [settle(models, tuple(t for t in terms if t is not term)) for term in effects]
-        idle = [without for without in withouts if not is_needed(models, terms, without)]
-        if not idle:
-            return terms
-        terms = min(idle, key=models.promise)
+                yield pruned(models, base, trial.terms)
 
 
 def are_confirmed(models: Models, steps: Sequence[Step]) -> bool:

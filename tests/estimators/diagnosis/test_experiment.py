@@ -119,14 +119,6 @@ def test_a_suggestion_says_what_to_expect_and_survives_json(first):
 
 
 @pytest.mark.slow
-def test_the_suggested_torque_stays_within_what_the_motor_gives(first):
-    recording, _ = first("a spring at small angles")
-    suggestion = suggested(diagnosed([recording], **FREELY, max_torque=2.5))
-    assert suggestion.peak_torque <= 2.5
-    assert np.abs(suggestion.signal.signal(np.linspace(0, suggestion.seconds, 9999))).max() <= 2.5
-
-
-@pytest.mark.slow
 def test_the_suggested_motion_stays_within_what_the_rig_bears(first):
     name = "a spring at small angles"
     recording, _ = first(name)

@@ -6,11 +6,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Addition, Diagnosis, add, diagnose
 from estimators.diagnosis.likeness import likenesses
-from estimators.diagnosis.run import gather
-from estimators.selection.models import Models
-from estimators.selection.moves import named
-from pendulum_env.physics import BASE
-from pendulum_env.physics.table import Curve, Extent, FrictionByAngle, FrictionBySpeed, TorqueByAngle
+from pendulum_env.physics.table import Curve, Extent, FrictionBySpeed, TorqueByAngle
 from pendulum_env.recording import Recording
 from tests.once import once
 
@@ -127,11 +123,3 @@ def test_noise_looks_like_nothing():
     table = TorqueByAngle.over(Extent(-3.0, 3.0, 48))()
     curve = table.curve(np.random.default_rng(3).normal(size=len(table.columns)))
     assert not likenesses(table, curve)
-
-
-def test_a_table_that_the_model_has_does_not_compete_with_effects():
-    fitted, unseen = recordings("nothing")
-    table = FrictionByAngle.over(Extent(-1.0, 1.0, 6))()
-    models = Models(*gather([fitted], [unseen]), base=(*BASE, table))
-    assert table.id not in {kind.id for kind in models.tables}
-    assert named(models, models.base) == models.base

@@ -77,10 +77,6 @@ def unpredicted(balance: Balance, theta: np.ndarray) -> np.ndarray:
     return (balance.recorded or balance).error(theta)
 
 
-def test_laws_of_the_torque_are_those_that_it_goes_through():
-    assert LAWS.keys() >= {"actuator_lag", "torque_saturation", "torque_ripple", "load_dependent_friction"}
-
-
 @pytest.mark.parametrize("id", LAWS)
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
 def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(screen: Screen, id: str, share: float):

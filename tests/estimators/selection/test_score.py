@@ -86,16 +86,6 @@ def test_a_law_that_only_makes_torque_smaller_gains_nothing(share):
     assert cross_validated(linear(phi, balance.y), where).sum() - plain > 200.0 * (share < 1)  # were it all
 
 
-@pytest.mark.parametrize("limit", [1.0, 2.0])
-def test_a_drive_that_clips_is_told_however_far_its_command_goes(limit):
-    where, rng = stretches(1, 20, 30), np.random.default_rng(5)
-    phi = rng.uniform(-1.0, 1.0, (600, 1))
-    acting = np.clip(phi[:, 0] + 0.01 * rng.standard_normal(600), -0.995 * limit, 0.995 * limit)
-    torque = limit * np.arctanh(acting / limit)
-    gain = cross_validated(clipped(phi, torque, limit), where) - cross_validated(linear(phi, torque), where)
-    assert gain.sum() > 100.0
-
-
 def test_a_column_of_noise_predicts_no_better_and_a_true_one_does():
     rng = np.random.default_rng(3)
     useless, useful = 0, 0
@@ -109,14 +99,6 @@ def test_a_column_of_noise_predicts_no_better_and_a_true_one_does():
         useful += bootstrap.gain(full, cross_validated(linear(phi[:, :2], y), where), 3.0).chance < 0.05
     assert useless == 0
     assert useful == 20
-
-
-def test_a_law_that_bends_nothing_is_as_likely_as_none_however_much_is_left():
-    where = stretches(1, 20, 30)
-    plain = linear(*data(4, where))
-    pushes = np.tile(0.01 * np.linspace(-2, 2, 21), (len(plain.y), 1))  # small beside what is left
-    straight = replace(plain, response=pushes, pushes=pushes)
-    np.testing.assert_allclose(cross_validated(straight, where), cross_validated(plain, where), rtol=1e-6)
 
 
 def test_noise_that_a_model_takes_out_counts_as_error_all_the_same():

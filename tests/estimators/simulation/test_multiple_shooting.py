@@ -44,10 +44,6 @@ def test_a_link_that_is_watched_leaves_less_unexplained_than_one_that_is_carried
     assert watched.position_rms < carried.position_rms
 
 
-def test_a_model_without_a_transmission_has_nothing_to_watch(loose: Evidence):
-    assert loose.watching(Model.build(BASE, np.array(list(BASIC.values())))) is loose
-
-
 def test_a_link_is_watched_behind_a_command_that_is_late_and_in_a_short_part(loose: Evidence):
     true = model(np.array([*BASIC.values(), LINK]), **SHAPE)
     late = Model.build((*true.terms, effect("dead_time")(dead_time=0.002)), true.theta)
