@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.selection.candidates import complexity
-from estimators.selection.data import Evidence, Step
+from estimators.selection.data import Step
 from estimators.selection.models import Models, has_transmission, held_out_cost
 from estimators.selection.moves import best, has_bristles
 from estimators.selection.search import Selection
 from estimators.simulation import multiple_shooting, output_error
-from estimators.simulation.free_running import Segments, choose_segments, position_noise
+from estimators.simulation.free_running import choose_segments, position_noise
 from estimators.simulation.multiple_shooting import has_link
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, Term
@@ -29,9 +29,9 @@ FINEST = 1e-3  # share of the motion, the accuracy of initial states and integra
 def refine(found: Selection) -> Selection:
     """The steps with the last model refined by the motion, and effects that windows do not show."""
     models, steps = found.models, found.steps
-    if is_misfit(models, steps[-1]) or any(has_bristles(term) for term in steps[-1].model.terms):
+    *others, last = steps
+    if is_misfit(models, last) or any(has_bristles(term) for term in last.model.terms):
         models.progress("fitting the segments", 0.9)
-        *others, last = steps
         flown = better(last, models.in_motion(last))
         steps = [*others, flown if not others or models.is_confirmed(flown, others[-1]) else last]
     if found.table is None and models.left.fits(steps[-1].model.terms):
@@ -88,17 +88,13 @@ def refit(selection: Selection, start: Model | None = None) -> Selection:
 def _likeliest(models: Models, last: Step) -> Step:
     """The maximum-likelihood model, if its standard errors and held-out innovations are no larger."""
     start = _point(last.model)
-    segments, checks = (_hops(part) for part in (models.train, models.holdout))
+    segments, checks = ([choose_segments(w, HOP) for w in part.data.windows] for part in models.parts)
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
     found = models.with_errors(last.added, output_error.likeliest(segments, start))
     filters = output_error.innovations(checks, start)
     old, new = (output_error.rms(checks, point, filters=filters) for point in (start, _point(found.model)))
     return found if new <= old and _is_surer(found, last) else last
-
-
-def _hops(part: Evidence) -> list[Segments]:
-    return [choose_segments(w, HOP) for w in part.data.windows]
 
 
 def _is_surer(one: Step, other: Step) -> bool:
