@@ -172,13 +172,11 @@ def diagnose(
 
 @dataclass(frozen=True)
 class Prepared:
-    """Recordings whose torque is calibrated and timed, and the evidence that they hold, fitted and held out."""
+    """Recordings whose torque is calibrated and timed, and the data prepared of them, fitted and held out."""
 
-    recordings: list[Recording]
-    holdout: list[Recording]
-    evidence: tuple[Evidence, Evidence]
     calibrated: Calibrated
     aligned: Aligned
+    evidence: tuple[Evidence, Evidence]
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], holdout: Sequence[Recording], progress: Progress) -> Prepared:
@@ -192,20 +190,19 @@ class Prepared:
     def timed(cls, calibrated: Calibrated, beside: Sequence[Term] = ()) -> Prepared:
         """Time the torque, beside effects that the joint has."""
         aligned = Aligned.of(calibrated.recordings, calibrated.holdout, beside)
-        evidence = gather(aligned.recordings, aligned.holdout)
-        return cls(list(aligned.recordings), list(aligned.holdout), evidence, calibrated, aligned)
+        return cls(calibrated, aligned, gather(aligned.recordings, aligned.holdout))
 
     @property
     def usual_torque(self) -> float:
         """Torque that an experiment may ask of the motor where no bound is given, in the unit of the recordings."""
-        largest = max(float(np.abs(recording.torque).max()) for recording in self.recordings)
+        largest = max(float(np.abs(recording.torque).max()) for recording in self.aligned.recordings)
         trusted = min(USUAL, BOLDER * largest) if self.calibrated.unit == NEWTON_METRE else 0.0
         return max(trusted, largest)
 
     def told(self, found: Diagnosis) -> Diagnosis:
         """A diagnosis with what was found of the torque channel."""
-        constant = self.calibrated.constant
-        wrong = remedies(found.model, self.recordings, found.ambiguous)
+        constant, recordings = self.calibrated.constant, self.aligned.recordings
+        wrong = remedies(found.model, recordings, found.ambiguous)
         return replace(
             found,
             torque_unit=self.calibrated.unit,
@@ -216,7 +213,7 @@ class Prepared:
                 *filter(None, [self.calibrated.doubt]),
                 *(of_the_drive(found.model, constant, self.evidence[0].data) if constant is not None else ()),
                 *_of_timing(self, found),
-                *(loop.text for loop in feedback(self.recordings)),
+                *(loop.text for loop in feedback(recordings)),
                 *(text for text in found.advice if text not in wrong),
             ),
         )
@@ -224,7 +221,7 @@ class Prepared:
 
 def _of_one_plant(given: Prepared, setting: Setting) -> Diagnosis:
     """Find the effects that the recordings of one plant call for, and which recordings are another plant's."""
-    recordings, holdout, everything = given.recordings, given.holdout, given.evidence
+    recordings, holdout, everything = given.aligned.recordings, given.aligned.holdout, given.evidence
     datasets = [part.data for part in (everything if holdout else everything[:1])]
     odd = {one.recording: one for one in disagreements(own_fits(datasets, setting.base), only_if_all_fit=True)}
     while True:
@@ -258,7 +255,7 @@ def _of_timing(given: Prepared, found: Diagnosis) -> list[str]:
     if not (found.unexplained and given.aligned.texts(False)):
         return corrected
     beside = [term for term in found.model.terms if term.id in found.selected]
-    return [*corrected, *Aligned.of(given.recordings, given.holdout, beside).texts(False)]
+    return [*corrected, *Aligned.of(given.aligned.recordings, given.aligned.holdout, beside).texts(False)]
 
 
 def agreeing(recordings: Sequence[Recording], odd: Container[int]) -> list[Recording]:
@@ -278,7 +275,7 @@ def _examine(
     wrong = turned_round(fit_terms(evidence[0], setting.base)[0], recordings)
     if wrong is not None:
         return _mislogged(models, setting.base, wrong)
-    rough, window_share, beside = _looked_closer(models, recordings, holdout, evidence, setting)
+    rough, window_share, beside = _looked_closer(models, recordings, holdout, setting)
     setting.progress("refitting", 0.93)
     found = reselect_transmission(refit(rough))
     models, steps = found.models, found.steps
@@ -332,11 +329,7 @@ def _examine(
 
 
 def _looked_closer(
-    models: Models,
-    recordings: Sequence[Recording],
-    holdout: Sequence[Recording],
-    evidence: tuple[Evidence, Evidence],
-    setting: Setting,
+    models: Models, recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting
 ) -> tuple[Selection, float, tuple[Term, ...] | None]:
     """What was found, the share of the windows' length, and the terms beside which impacts were looked at.
 
@@ -345,37 +338,30 @@ def _looked_closer(
     """
     rough, window_share, beside = refine(select(models)), 1.0, None
     if rough.models.left.are_noise(rough.terms)[0] and is_misfit(rough.models, rough.steps[-1]):
-        nearer = gather(recordings, holdout, CLOSER)
-        found = refine(select(setting.models(nearer)))
+        found = refine(select(setting.models(gather(recordings, holdout, CLOSER))))
         if len(found.steps) > 1 and held_out_cost(found.steps[-1]) < held_out_cost(rough.steps[-1]):
-            rough, window_share, evidence = found, CLOSER, nearer
-    terms = rough.terms
-    impacts = with_impacts(evidence, terms)
-    if impacts is not evidence:
+            rough, window_share = found, CLOSER
+    impacts = with_impacts(rough.models.parts, rough.terms)
+    if impacts is not rough.models.parts:
         found = refine(select(setting.models(impacts)))
         before = found.models.with_errors(None, rough.steps[-1].model)
         if len(found.steps) > 1 and found.models.is_confirmed(found.steps[-1], before):
-            rough, beside = found, terms
+            rough, beside = found, rough.terms
     return rough, window_share, beside
 
 
 def _of_little(fitted: Evidence) -> list[str]:
     """A caveat where little of the motion tells anything."""
     count = len(fitted.data.weights)
-    if count >= PLENTY:
-        return []
-    return [
-        f"only {count} stretches of motion are clear of stick and reversals: much may be missing that does not show, "
-        "record longer, faster or wider motion"
-    ]
+    text = "stretches of motion are clear of stick and reversals: much may be missing that does not show"
+    return [f"only {count} {text}, record longer, faster or wider motion"] if count < PLENTY else []
 
 
 def _of_held_out(models: Models, final: Sequence[Term]) -> str | None:
     """What is said where held-out data alone show more."""
     if models.left.are_noise(tuple(final)) != (True, False):
         return None
-    names = listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
-    return f"what was fitted is explained, and what was held out ({names}) is not: fit that, too"
+    return f"what was fitted is explained, and what was held out ({_held_out(models)}) is not: fit that, too"
 
 
 def _mislogged(models: Models, base: Sequence[Term], text: str) -> Diagnosis:
@@ -409,7 +395,9 @@ def unexplained(found: Selection) -> list[Region]:
     unseen = models.left.unseen(last.model.terms)
     if not models.left.is_noise(models.holdout, unseen):
         beyond = stand_out(models.holdout.samples, unseen, models.left.noise_of(models.holdout))
-        return _held_out(models, beyond or _nowhere(models, models.holdout, unseen))
+        unlike = f"in what was held out ({_held_out(models)})"
+        beyond = beyond or _nowhere(models, models.holdout, unseen)
+        return [replace(region, text=f"{unlike} {region.text}") for region in beyond]
     if not is_misfit(models, last):
         return []
     error = last.errors["train"].position_rms
@@ -420,10 +408,9 @@ def unexplained(found: Selection) -> list[Region]:
     return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, text)]
 
 
-def _held_out(models: Models, regions: Sequence[Region]) -> list[Region]:
-    """Regions of held-out data, told as such."""
-    names = listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
-    return [replace(region, text=f"in what was held out ({names}) {region.text}") for region in regions]
+def _held_out(models: Models) -> str:
+    """Names of the held-out recordings."""
+    return listing(list(dict.fromkeys(recording.name for recording in models.holdout.recordings)))
 
 
 def _nowhere(models: Models, part: Evidence, left: Array) -> list[Region]:

@@ -113,12 +113,12 @@ class LoopScreen:
             return self._foretold.get(terms) or likeliest(self.data, [*self._first(terms)])[0]
         parent = self._linear[parents[0]].point
         values = dict(zip((c.name for term in parent.terms for c in term.columns), parent.theta, strict=True))
-        typical = self.typical(terms)
         names = [column.name for term in terms for column in term.columns]
-        starts = []
-        for share in (0.0, 1.0, 3.0):
-            theta = np.array([values.get(name, share * size) for name, size in zip(names, typical, strict=True)])
-            starts.append(Point(terms, theta).at(Point(terms, theta).values))
+        sizes = list(zip(names, self.typical(terms), strict=True))
+        starts = [
+            Point.within(terms, np.array([values.get(name, share * size) for name, size in sizes]))
+            for share in (0.0, 1.0, 3.0)
+        ]
         if all(name in values for name in names):
             return starts[0]
         foretold = [self._foretold[terms]] if terms in self._foretold else []
@@ -129,7 +129,7 @@ class LoopScreen:
         theta, typical = self.windows.solve(terms), self.typical(terms)
         for share in (0.0, 1.0, 5.0):
             values = np.maximum(np.abs(theta), share * typical) if share else theta
-            yield Point(terms, values).at(Point(terms, values).values)
+            yield Point.within(terms, values)
 
     def likelihood(self, terms: Sequence[Term]) -> float:
         """Log density of the errors of the likeliest fit of some terms, but for a constant [nat]."""
@@ -208,8 +208,8 @@ class LoopScreen:
                 near.weights,
             )
             step = balance.solve()
-            point = Point((*near.point.terms, variant), np.r_[near.point.theta + step[:free], step[free:]])
-            self._foretold[*terms, variant] = point.at(point.values)
+            theta = np.r_[near.point.theta + step[:free], step[free:]]
+            self._foretold[*terms, variant] = Point.within((*near.point.terms, variant), theta)
             found.append((variant, left + phi @ step))
         return found
 

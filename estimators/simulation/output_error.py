@@ -44,6 +44,12 @@ class Point:
         shapes = [term.shape[shape.name] for term in self.terms for shape in continuous(term)]
         return np.concatenate([self.theta, shapes])
 
+    @classmethod
+    def within(cls, terms: Sequence[Term], theta: Array) -> Point:
+        """The point, within the bounds of its parameters."""
+        point = cls(tuple(terms), np.asarray(theta, dtype=float))
+        return point.at(point.values)
+
     def at(self, values: Array) -> Point:
         """The point with other values (P + S,)."""
         rest = list(values[len(self.theta) :])
