@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from estimators.in_loop.fit import ROUGHLY, Linear, fit, likeliest, likelihood, 
 from estimators.in_loop.rollouts import Rollouts
 from estimators.kept import kept
 from estimators.regression.least_squares import Balance, Columns
-from estimators.selection.candidates import Screen, Trial, best_of_forms, bounds, by_class
+from estimators.selection.candidates import Trial, best_of_forms, bounds, by_class
 from estimators.selection.data import Errors, Evidence
 from estimators.selection.score import FOLDS, STRETCH
 from estimators.simulation.output_error import Point
@@ -31,26 +30,65 @@ HOPELESS = 15.0  # [nat], as far as linear equations foresee it
 MOST = 24  # variants of a grid, from the best of which continuous shape parameters are fitted
 
 
-@dataclass
-class LoopScreen:
-    """Trials of term sets on rollouts; what was fitted once is kept.
+@dataclass(eq=False)
+class InLoop:
+    """Recordings of servos, to be followed in the loop, with trials of term sets; what was fitted once is kept.
 
     Attributes:
-        data: the rollouts.
+        data: their rollouts.
         windows: the same recordings as windowed equations, which tell typical sizes and where to begin.
-        guide: fits that these rollouts have to be predicted by; None where they are fitted themselves.
+        guide: the fitted recordings, by whose fit these have to be predicted; None of these themselves.
     """
 
     data: Rollouts
-    windows: Screen
-    guide: LoopScreen | None = None
-    _linear: dict[Terms, Linear] = field(default_factory=dict)
-    _ranked: dict[tuple[Terms, str], list[Trial]] = field(default_factory=dict)
-    _foretold: dict[Terms, Point] = field(default_factory=dict)  # where a linear fit has the parameters
-    _settled: set[Terms] = field(default_factory=set)
+    windows: Evidence
+    guide: InLoop | None = None
+    _linear: dict[Terms, Linear] = field(default_factory=dict, init=False)
+    _ranked: dict[tuple[Terms, str], list[Trial]] = field(default_factory=dict, init=False)
+    _foretold: dict[Terms, Point] = field(default_factory=dict, init=False)  # where a linear fit has the parameters
+    _settled: set[Terms] = field(default_factory=set, init=False)
 
-    def at(self, joint: str) -> LoopScreen:
-        """The screen of a joint: a servo has one."""
+    segments = ()
+    in_loop = True
+
+    @property
+    def screen(self) -> InLoop:
+        """Fits of models to the data."""
+        return self
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """The recordings that it is of."""
+        return self.data.recordings
+
+    @property
+    def samples(self) -> Samples:
+        """Samples of the motion."""
+        return self.windows.samples
+
+    @property
+    def motions(self) -> dict[str, Samples]:
+        """Those of each joint, by its name."""
+        return self.windows.motions
+
+    def reach_of(self, joint: str) -> tuple[float, float]:
+        """Least and largest position that was recorded [rad]."""
+        return self.windows.reach_of(joint)
+
+    def watching(self, model: Model) -> InLoop:
+        """The same: a link moves along in a simulation."""
+        return self
+
+    def misses(self, terms: Sequence[Term], theta: Array) -> Array:
+        """Measured minus simulated positions (R,) [rad]."""
+        return -self.data.misses([Point(tuple(terms), theta)])[:, 0]
+
+    def errors(self, model: Model) -> Errors:
+        """Errors of a model in the loop."""
+        return Errors(np.nan, np.nan).with_loop(self.misses(model.terms, np.asarray(model.theta)))
+
+    def at(self, joint: str) -> InLoop:
+        """The trials at a joint: a servo has one."""
         return self
 
     def near(self, terms: Sequence[Term]) -> Linear:
@@ -126,7 +164,7 @@ class LoopScreen:
 
     def _first(self, terms: Terms) -> Iterator[Point]:
         """Where the first fit may begin: where torque has the parameters, or with what a joint has at least."""
-        theta, typical = self.windows.solve(terms), self.typical(terms)
+        theta, typical = self.windows.screen.solve(terms), self.typical(terms)
         for share in (0.0, 1.0, 5.0):
             values = np.maximum(np.abs(theta), share * typical) if share else theta
             yield Point.within(terms, values)
@@ -173,13 +211,13 @@ class LoopScreen:
 
     def grid(self, terms: Sequence[Term], effect: type[Term]) -> list[Term]:
         """Variants of an effect beside the terms, from which a search starts."""
-        variants = self.windows.grid(tuple(terms), effect)
+        variants = self.windows.screen.grid(tuple(terms), effect)
         coarse = any(not shape.integer for shape in effect.shapes) and len(variants) > MOST
         return variants[:: -(-len(variants) // MOST)] if coarse else variants
 
     def looked_at(self, terms: Sequence[Term], effect: type[Term]) -> int:
         """Number of variants among which `grid` chose."""
-        return self.windows.looked_at(tuple(terms), effect)
+        return self.windows.screen.looked_at(tuple(terms), effect)
 
     def ranked(self, terms: Sequence[Term], effect: type[Term]) -> list[Trial]:
         """The terms with each variant of the grid of an effect, the smallest error as foreseen first."""
@@ -282,57 +320,3 @@ class LoopScreen:
         """Orthonormal columns (R, P) that span what the terms can do to the weighted errors."""
         near = self.near(terms)
         return np.linalg.qr(near.slopes[:, : len(near.point.theta)] * near.weights[:, None])[0]
-
-
-@dataclass(frozen=True)
-class InLoop:
-    """Recordings of servos, to be followed in the loop.
-
-    Attributes:
-        data: their rollouts.
-        windows: the same recordings as windowed equations.
-        guide: the fitted recordings, by whose fit these have to be predicted; None of these themselves.
-    """
-
-    data: Rollouts
-    windows: Evidence
-    guide: InLoop | None = None
-
-    segments = ()
-    in_loop = True
-
-    @cached_property
-    def screen(self) -> LoopScreen:
-        """Fits of models to the data."""
-        return LoopScreen(self.data, self.windows.screen, self.guide.screen if self.guide else None)
-
-    @property
-    def recordings(self) -> tuple[Recording, ...]:
-        """The recordings that it is of."""
-        return self.data.recordings
-
-    @property
-    def samples(self) -> Samples:
-        """Samples of the motion."""
-        return self.windows.samples
-
-    @property
-    def motions(self) -> dict[str, Samples]:
-        """Those of each joint, by its name."""
-        return self.windows.motions
-
-    def reach_of(self, joint: str) -> tuple[float, float]:
-        """Least and largest position that was recorded [rad]."""
-        return self.windows.reach_of(joint)
-
-    def watching(self, model: Model) -> InLoop:
-        """The same: a link moves along in a simulation."""
-        return self
-
-    def misses(self, terms: Sequence[Term], theta: Array) -> Array:
-        """Measured minus simulated positions (R,) [rad]."""
-        return -self.data.misses([Point(tuple(terms), theta)])[:, 0]
-
-    def errors(self, model: Model) -> Errors:
-        """Errors of a model in the loop."""
-        return Errors(np.nan, np.nan).with_loop(self.misses(model.terms, np.asarray(model.theta)))
