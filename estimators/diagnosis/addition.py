@@ -98,4 +98,4 @@ def _searched(models: Models, kind: type[Term]) -> tuple[Step, Step, str | None]
     if trial is None:
         return before, models.report(kind.id, (*before.model.terms, kind())), None
     terms = settle(models, loosened(models, trial.terms))
-    return before, models.report(kind.id, terms), None if models.is_sure(terms, before.model.terms) else CHANCE
+    return before, models.report(kind.id, terms), None if models.is_significant(terms, before.model.terms) else CHANCE

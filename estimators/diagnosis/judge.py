@@ -105,7 +105,7 @@ def _judge_left_out(found: Selection, longer: Terms) -> Candidate:
     gain, variants = _gained(models, longer, tuple(others))
     ratio = _held_out_rms(models, longer, term.at) / _held_out_rms(models, tuple(others), term.at)
     left_open, verdict = type(term)().beyond(*models.train.reach_of(term.at)), Verdict.NOT_EXCITED
-    if left_open and not models.is_sure(longer, tuple(others)):
+    if left_open and not models.is_significant(longer, tuple(others)):
         reason = f"{left_open}; it needs {term.reveal}"
     elif not is_excited(models, longer):
         reason = f"these data hardly depend on it; it needs {term.reveal}"
@@ -157,7 +157,7 @@ def _why_rejected(found: Selection, longer: Terms) -> str:
     where = "once the selected effects are in" if len(steps) > 1 else "beside the base model"
     if found.table is not None and longer[-1].kind == found.table.kind:
         return f"only imitates {found.table.told}, which the library does not have"
-    if not models.is_sure(longer, others):
+    if not models.is_significant(longer, others):
         return f"no more than chance may give {where}"
     if not models.left.explains(longer, others):
         share = max(0.0, models.left.explained(longer, others))

@@ -17,7 +17,7 @@ from estimators.kept import kept
 from estimators.regression.least_squares import Balance, Columns
 from estimators.selection.candidates import Trial, best_of_forms, bounds, by_class
 from estimators.selection.data import Errors, Evidence
-from estimators.selection.score import FOLDS, STRETCH
+from estimators.selection.score import BLOCK, FOLDS
 from estimators.simulation.output_error import Point
 from estimators.weak_form.shapes import continuous
 from pendulum_env._typing import Array
@@ -191,8 +191,8 @@ class InLoop:
         return self.near(terms).point.theta
 
     def solve_without(self, terms: Sequence[Term]) -> Array:
-        """Linear parameters of the terms without each fold of stretches (FOLDS, P)."""
-        return self.balance(terms).solve_without(self.data.stretches(STRETCH)[0] % FOLDS, FOLDS)
+        """Linear parameters of the terms without each fold of blocks (FOLDS, P)."""
+        return self.balance(terms).solve_without(self.data.blocks(BLOCK)[0] % FOLDS, FOLDS)
 
     def residual(self, terms: Sequence[Term]) -> Array:
         """Measured minus simulated positions of the fit (R,) [rad]."""

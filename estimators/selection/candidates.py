@@ -16,7 +16,7 @@ import numpy as np
 from estimators.kept import kept
 from estimators.regression.least_squares import Balance, Columns, Tangent
 from estimators.regression.normal import Groups, Normal, quietest_most
-from estimators.selection.score import FOLDS, STRETCH
+from estimators.selection.score import BLOCK, FOLDS
 from estimators.weak_form.dataset import Dataset
 from estimators.weak_form.shapes import Residuals, cross_entropy, gauss_newton, scan, shape_slopes
 from pendulum_env._typing import Array
@@ -136,7 +136,7 @@ class Screen:
 
     @cached_property
     def _groups(self) -> Groups:
-        return Groups.of(self.data.recording_of_window, self.data.stretches(STRETCH)[0] % FOLDS, FOLDS)
+        return Groups.of(self.data.recording_of_window, self.data.blocks(BLOCK)[0] % FOLDS, FOLDS)
 
     @cached_property
     def _by_noise(self) -> Array:
@@ -214,7 +214,7 @@ class Screen:
         return self.balance(terms).solve() if theta is None else theta
 
     def solve_without(self, terms: Sequence[Term]) -> Array:
-        """Linear parameters of the terms without each fold of stretches (FOLDS, P)."""
+        """Linear parameters of the terms without each fold of blocks (FOLDS, P)."""
         normal = self._normal(tuple(terms))
         found = None if normal is None else normal.solve_without(self._weight_of_each(terms))
         return self.balance(terms).solve_without(self._groups.fold, FOLDS) if found is None else found

@@ -20,7 +20,7 @@ from estimators.simulation.multiple_shooting import has_link
 from estimators.simulation.output_error import Point
 from pendulum_env.physics import Model, Term
 
-HOP = 0.5  # [s], segment length, short enough for errors to grow as linearised
+SEGMENT = 0.5  # [s], segment length, short enough for errors to grow as linearised
 FEWEST = 2  # segments per parameter
 SIMULATED = 6  # most promising starts, from which effects are fitted to the segments
 FINEST = 1e-3  # share of the motion, the accuracy of initial states and integration
@@ -77,7 +77,7 @@ def refit(selection: Selection, start: Model | None = None) -> Selection:
     elif has_link(last.model.terms):
         found = _with_link(models, last, start or last.model)
     elif models.left.fits(last.model.terms):
-        found = _likeliest(models, last)
+        found = _by_likelihood(models, last)
     else:
         return selection
     if others and not models.is_confirmed(found, others[-1]):
@@ -85,13 +85,13 @@ def refit(selection: Selection, start: Model | None = None) -> Selection:
     return replace(selection, steps=[*others, found])
 
 
-def _likeliest(models: Models, last: Step) -> Step:
+def _by_likelihood(models: Models, last: Step) -> Step:
     """The maximum-likelihood model, if its standard errors and held-out innovations are no larger."""
     start = _point(last.model)
-    segments, checks = ([choose_segments(w, HOP) for w in part.data.windows] for part in models.parts)
+    segments, checks = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in models.parts)
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
-    found = models.with_errors(last.added, output_error.likeliest(segments, start))
+    found = models.with_errors(last.added, output_error.maximum_likelihood(segments, start))
     filters = output_error.innovations(checks, start)
     old, new = (output_error.rms(checks, point, filters=filters) for point in (start, _point(found.model)))
     return found if new <= old and _is_surer(found, last) else last

@@ -75,7 +75,7 @@ def select(models: Models) -> Selection:
     if not models.left.fits(terms):
         begun, firsts = {term.id for term in terms}, candidates(models, start)
         for first in firsts[: models.criterion.beam]:
-            if first[-1].id not in begun and models.is_sure(first, start) and models.is_level(first, firsts[0]):
+            if first[-1].id not in begun and models.is_significant(first, start) and models.is_level(first, firsts[0]):
                 tried, other = grow(models, settle(models, first), start)
                 gain = models.bootstrap.gain(tried.density(other), models.density(terms), models.penalty(other, terms))
                 if gain.chance <= models.criterion.chance and are_confirmed(tried, ladder(tried, start, other)):
@@ -131,7 +131,7 @@ def add(models: Models, terms: Terms) -> State | None:
     for longer in sorted(candidates(models, terms) + freer(models, terms), key=models.promise)[:TRIED]:
         if confirmed and not models.is_level(longer, confirmed[0]):
             break
-        if not (models.is_sure(longer, terms) and models.left.explains(longer, terms)):
+        if not (models.is_significant(longer, terms) and models.left.explains(longer, terms)):
             continue
         longer = settle(models, longer)
         models.progress(f"confirming {', '.join(sorted(one[0] for one in forms(longer) - forms(terms)))}", 0.9)
@@ -213,7 +213,7 @@ def grown_beside(models: Models, base: Terms, terms: Terms) -> Terms:
         if longer is None:
             break
         others = [best(models, terms, table) for table in models.tables if table.id not in ids(terms)]
-        if any(trial is not None and models.is_sure(trial.terms, longer) for trial in others):
+        if any(trial is not None and models.is_significant(trial.terms, longer) for trial in others):
             break
         if any(models.is_level(finer, longer) for finer in in_other_forms(models, terms)):
             break

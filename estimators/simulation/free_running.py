@@ -63,7 +63,7 @@ def choose_segments(windows: Windows, seconds: float = SECONDS) -> Segments:
     clear = np.minimum(clear, len(windows.kernel))
     reach = round(0.2 * seconds * recording.rate)
     first = []
-    for earliest, stop in stretches(windows):
+    for earliest, stop in spans(windows):
         latest = stop - length - 1
         for nominal in range(earliest, latest + 1, length):
             low, high = max(earliest, nominal - reach // 2), min(latest, nominal + reach)
@@ -71,7 +71,7 @@ def choose_segments(windows: Windows, seconds: float = SECONDS) -> Segments:
     return cut_segments(windows, np.array(first), length)
 
 
-def stretches(windows: Windows) -> list[tuple[int, int]]:
+def spans(windows: Windows) -> list[tuple[int, int]]:
     """First sample and end of every segment, as far as it lies in the part of the recording that windows cover."""
     bounds = pairwise((*windows.recording.starts, len(windows.recording)))
     cut_off = ((max(begin, windows.first), min(end, windows.stop)) for begin, end in bounds)
@@ -80,7 +80,7 @@ def stretches(windows: Windows) -> list[tuple[int, int]]:
 
 def periods(windows: Windows, seconds: float) -> int:
     """Periods in a segment of some length [s], or in the usual segment if that is shorter."""
-    usual = int(np.median([end - begin for begin, end in stretches(windows)])) - 1
+    usual = int(np.median([end - begin for begin, end in spans(windows)])) - 1
     return min(max(1, round(seconds * windows.recording.rate)), usual)
 
 

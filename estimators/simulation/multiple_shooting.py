@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.regression.least_squares import robust_covariance
-from estimators.simulation.free_running import Segments, cut_segments, periods, simulated, start_memory, stretches
+from estimators.simulation.free_running import Segments, cut_segments, periods, simulated, spans, start_memory
 from estimators.simulation.output_error import SMALLEST, Point, grain_of, named, trust
 from estimators.weak_form.shapes import moved
 from estimators.weak_form.windows import Windows
@@ -103,7 +103,7 @@ def cut(windows: Windows, point: Point, first: Index) -> Shooting:
 def consecutive(windows: Windows) -> Index:
     """First samples of adjacent segments along a part of a recording."""
     length = periods(windows, LENGTH)
-    ends = [(begin, end - length - 1) for begin, end in stretches(windows)]
+    ends = [(begin, end - length - 1) for begin, end in spans(windows)]
     return np.concatenate([np.unique(np.append(np.arange(b, last, length), last)) for b, last in ends if last >= b])
 
 

@@ -159,7 +159,7 @@ def fit(
     return point
 
 
-def likeliest(segments: Sequence[Segments], start: Point) -> Model:
+def maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
     """The maximum-likelihood model near a point, if its residual is noise.
 
     Segments should be about half a second long: the errors of longer ones grow nonlinearly.

@@ -150,15 +150,15 @@ class Dataset:
         """Recording of each equation (R,)."""
         return np.repeat(np.arange(len(self.windows)), [len(w.centers) for w in self.windows])
 
-    def stretches(self, length: float) -> tuple[Index, Index, Index]:
+    def blocks(self, length: float) -> tuple[Index, Index, Index]:
         """Block of about `length` seconds and entry of each equation (R,); recording of each block (S,).
 
         The joints of an arm share their blocks.
         """
-        stretch, entry = _numbers(self.windows, length), self.recording_of_window
-        of_stretch = np.zeros(int(stretch.max()) + 1, dtype=np.intp)
-        of_stretch[stretch] = np.array(_runs(self.windows))[entry]
-        return stretch, entry, of_stretch
+        block, entry = _numbers(self.windows, length), self.recording_of_window
+        of_block = np.zeros(int(block.max()) + 1, dtype=np.intp)
+        of_block[block] = np.array(_runs(self.windows))[entry]
+        return block, entry, of_block
 
     def structure(self, residual: Array, inertia: float) -> Structure:
         """Structure of a residual (R,) [N m]: its covariance between adjacent windows.
@@ -167,7 +167,7 @@ class Dataset:
         the correlation, in standard errors of white noise; it is normalised block by block of one second, so that
         blocks of large and of small residuals weigh alike.
         """
-        stretch, first = _numbers(self.windows, 1.0), 0
+        block, first = _numbers(self.windows, 1.0), 0
         shared, powers, owners = [], [], []
         for w in self.windows:
             count, m = len(w.centers), len(w.kernel) // 2
@@ -175,7 +175,7 @@ class Dataset:
             beside = np.flatnonzero(np.diff(w.centers) == m)
             shared.append(own[beside] * own[beside + 1] - w.shared_noise(inertia))
             powers.append(0.5 * (own[beside] ** 2 + own[beside + 1] ** 2))
-            owners.append(stretch[first + beside])
+            owners.append(block[first + beside])
             first += count
         product, power, owner = np.concatenate(shared), np.concatenate(powers), np.concatenate(owners)
         everything = float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0

@@ -27,7 +27,7 @@ def models() -> Models:
 def test_what_is_hidden_is_the_most_promising_of_all_candidates(models):
     found = candidates(models, BASE)
     assert [term.id for term in found[0]] == [term.id for term in RIGHT]
-    assert models.is_sure(found[0], BASE) and models.left.explained(found[0], BASE) > 0.9
+    assert models.is_significant(found[0], BASE) and models.left.explained(found[0], BASE) > 0.9
     assert len(found) == len({longer[-1].id for longer in found}) <= len(EFFECTS)
 
 
@@ -57,5 +57,5 @@ def test_a_model_that_is_settled_stays_as_it_is(models):
 def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(models):
     recording = models.train.recordings[0]
     apart = Models(*gather([recording], [replace(recording, name="another")]))
-    assert len(set(apart.bootstrap.of_stretch.tolist())) == 2
-    assert len(set(models.bootstrap.of_stretch.tolist())) == 1  # the end of one recording is no other
+    assert len(set(apart.bootstrap.of_block.tolist())) == 2
+    assert len(set(models.bootstrap.of_block.tolist())) == 1  # the end of one recording is no other

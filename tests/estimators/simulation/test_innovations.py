@@ -44,7 +44,7 @@ def gain(seeds: range, counts: int = 1_024_000) -> float:
     for evidence in recorded(seeds, counts):
         start, _ = fit_terms(evidence, BASE)
         segments = [choose_segments(windows, 0.5) for windows in evidence.data.windows]
-        found = output_error.likeliest(segments, Point(BASE, start.theta))
+        found = output_error.maximum_likelihood(segments, Point(BASE, start.theta))
         errors.append(np.abs(np.array([start.theta, found.theta]) / AT.theta - 1))
     windows, innovations = np.sqrt(np.mean(np.square(errors), axis=0))
     return float(np.exp(np.mean(np.log(innovations / windows))))
