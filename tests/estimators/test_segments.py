@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
 from estimators.selection.data import Evidence, fit_terms
 from estimators.simulation.free_running import choose_segments
@@ -15,15 +15,14 @@ from pendulum_env.physics import BASE
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.friction import Presliding
 from pendulum_env.recording import Recording, read_recording
-from tests.cases import diagnosed
+from tests.cases import diagnosed, recorded
 
 
 @pytest.fixture(scope="module")
 def whole() -> Recording:
     """Ten seconds with Stribeck friction, from an independent simulator."""
     plant = Plant(effects={"stribeck": {"strib_d": 0.4, "strib_v": 0.5}})
-    run = simulate([(plant, Experiment(rate=500.0, seconds=10.0, seed=3))], workers=1)[0]
-    return Recording("whole", run.time, run.position, run.torque)
+    return recorded(plant, Experiment(rate=500.0, seconds=10.0, seed=3))[0]
 
 
 def with_gaps(recording: Recording, gaps: list[tuple[int, int]]) -> Recording:

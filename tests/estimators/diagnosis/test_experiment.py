@@ -18,7 +18,7 @@ from pendulum_env.physics import BASE, effects
 from pendulum_env.reading import Value
 from pendulum_env.recording import Recording
 from tests import slow
-from tests.cases import diagnosed, recording
+from tests.cases import diagnosed, recorded, recording
 
 RATE = 500.0
 FREELY = {"max_angle": np.inf, "max_speed": np.inf}
@@ -97,8 +97,7 @@ def test_the_suggested_experiment_settles_what_was_open(first, name, hidden, bef
 @pytest.mark.slow
 def test_what_no_torque_tells_apart_is_said_and_not_tried():
     plant = Plant(effects={"coulomb_asymmetry": {"asym_c": 0.2}})
-    (run,) = simulate([(plant, Experiment(seed=3, seconds=9.0, rate=RATE))])
-    found = diagnosed([Recording("run", run.time, run.position, run.torque)], **FREELY)
+    found = diagnosed(recorded(plant, Experiment(seed=3, seconds=9.0, rate=RATE)), **FREELY)
     assert found.ambiguous == (("torque_offset", "coulomb_asymmetry"),)
     assert found.inseparable == (("torque_offset", "coulomb_asymmetry"),)
     assert found.suggestion is None

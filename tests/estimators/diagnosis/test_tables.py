@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators import Addition, Diagnosis, add, diagnose
 from estimators.diagnosis.likeness import likenesses
 from pendulum_env.physics.table import Curve, Extent, FrictionBySpeed, TorqueByAngle
 from pendulum_env.recording import Recording
+from tests.cases import recorded
 from tests.once import once
 
 HIDDEN = {
@@ -22,11 +23,8 @@ HIDDEN = {
 @once("estimators", "pendulum_env", "benchmarks")
 def recordings(hidden: str) -> list[Recording]:
     """Two recordings of one plant."""
-    cases = [(Plant(effects=HIDDEN[hidden]), Experiment(rate=500.0, seconds=15.0, seed=seed)) for seed in (1, 2)]
-    return [
-        Recording(name, run.time, run.position, run.torque)
-        for run, name in zip(simulate(cases), ("fitted", "unseen"), strict=True)
-    ]
+    experiments = (Experiment(rate=500.0, seconds=15.0, seed=seed) for seed in (1, 2))
+    return recorded(Plant(effects=HIDDEN[hidden]), *experiments)
 
 
 @once("estimators", "pendulum_env", "benchmarks")

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.diagnosis.run import gather
 from estimators.selection.models import Models
 from estimators.selection.moves import alternatives, candidates, challenged, is_needed, revise, rivals, settle
 from pendulum_env.physics import BASE, effect
-from pendulum_env.recording import Recording
+from tests.cases import recorded
 
 EFFECTS = ("quadratic_drag", "spring", "viscous_asymmetry", "torque_offset")
 DRAG, SPRING, ASYMMETRY, OFFSET = (effect(id)() for id in EFFECTS)
@@ -19,9 +19,8 @@ RIGHT = (*BASE, DRAG)
 @pytest.fixture(scope="module")
 def models() -> Models:
     plant = Plant(effects={"quadratic_drag": {"drag": 0.05}})
-    (run,) = simulate([(plant, Experiment(rate=500.0, seconds=10.0, seed=4))], workers=1)
-    recording = Recording("run", run.time, run.position, run.torque)
-    return Models(*gather([recording]), library={id: effect(id) for id in EFFECTS})
+    recordings = recorded(plant, Experiment(rate=500.0, seconds=10.0, seed=4))
+    return Models(*gather(recordings), library={id: effect(id) for id in EFFECTS})
 
 
 def test_what_is_hidden_is_the_most_promising_of_all_candidates(models):

@@ -2,21 +2,20 @@
 
 import numpy as np
 
-from benchmarks.independent_plant import Experiment, Plant, simulate
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.selection.data import Evidence
 from estimators.simulation.free_running import simulate_all
 from estimators.weak_form.windows import trace_all
 from pendulum_env.physics import BASE, effect
-from pendulum_env.recording import Recording
+from tests.cases import recorded
 
 THETA = np.array([0.09, 2.0, 0.35, 0.8])
 
 
 def evidence(*rates: float) -> Evidence:
     """One recording at each rate."""
-    cases = [(Plant(), Experiment(rate=rate, seconds=5.0, seed=k)) for k, rate in enumerate(rates)]
-    runs = simulate(cases)
-    return Evidence.of([Recording(f"run {k}", r.time, r.position, r.torque) for k, r in enumerate(runs)])
+    experiments = (Experiment(rate=rate, seconds=5.0, seed=k) for k, rate in enumerate(rates))
+    return Evidence.of(recorded(Plant(), *experiments))
 
 
 def test_recordings_fly_together_as_they_fly_alone():
