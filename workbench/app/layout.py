@@ -9,6 +9,7 @@ from dash.dependencies import MATCH
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
+from pendulum_env.words import listing, name, number, opening
 from workbench.app import fleet
 from workbench.app.arm import ArmState
 from workbench.app.card import COLUMN
@@ -21,7 +22,6 @@ from workbench.app.state import State as Work
 from workbench.app.uploads import UPLOAD
 from workbench.report.page import shared
 from workbench.report.sections.story import changes
-from workbench.report.words import listing, name, number, opening
 
 TITLE = "pendulum-ident"
 WORTH = 1.05  # times smaller, from which an error has become smaller

@@ -10,13 +10,13 @@ from dash import Input, Output, State, html
 from dash.development.base_component import Component
 
 from estimators.online import OnlineDiagnosis
+from pendulum_env.words import listing, name, number, opening
 from workbench.app.following import Follower
 from workbench.app.parts import button, graph
 from workbench.app.session import Session
 from workbench.app.stage import Bench
 from workbench.mistakes import InputError
 from workbench.report.figure import Figure, axis, line
-from workbench.report.words import listing, name, number, opening
 
 COURSE = "live-evidence"
 LABEL = "Evidence that the model lacks something, over time, with alarms"

@@ -14,11 +14,11 @@ from estimators.progress import Progress
 from pendulum_env.excitation import EXCITATIONS
 from pendulum_env.files import write_whole
 from pendulum_env.recording import Source
+from pendulum_env.words import opening
 from workbench.app.session import Session
 from workbench.app.state import Loaded, State
 from workbench.cli import parse
 from workbench.mistakes import InputError
-from workbench.report.words import opening
 from workbench.terminal import Terminal
 
 DIAGNOSIS = "diagnosis.json"

@@ -18,7 +18,8 @@ from pendulum_env.mistake import Mistake
 from pendulum_env.reading import amount, read_archive
 from pendulum_env.recording import RecordingError, Source
 from pendulum_env.recording.record import ColumnError
-from pendulum_env.recording.study import read_sources, read_together
+from pendulum_env.recording.study import read_sources
+from pendulum_env.words import listing
 from workbench.app import saved
 from workbench.app.arm import ArmState
 from workbench.app.jobs import Job, Task, Workers
@@ -29,7 +30,6 @@ from workbench.app.uploads import safe_name, unpack
 from workbench.inputs import read_model
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.processes import Done, Failed
-from workbench.report.words import listing
 from workbench.robot import FORMATS, RobotFile
 
 MOST_RECORDINGS = 12  # in one session
@@ -222,7 +222,6 @@ class Session:
             robot = replace(state.robot, weightless=not state.robot.weightless)
             self.change("take gravity off, or back", state.anew(robot=robot))
 
-    @read_together()
     def load(self, sources: Iterable[Source], refused: Sequence[str] = ()) -> None:
         """Read recordings: those that can be read stay, and those whose columns are not clear wait: see `cards`.
 

@@ -21,7 +21,6 @@ from estimators.diagnosis.addition import add, fit
 from estimators.diagnosis.result import Addition, Diagnosis
 from estimators.diagnosis.run import diagnose, gather
 from estimators.regression.equations import IdentificationError
-from estimators.schemes.identification import Identification
 from estimators.selection.criterion import Criterion
 from estimators.selection.data import Evidence, Step
 from estimators.signals.measurements import measure_segments
@@ -32,15 +31,14 @@ from pendulum_env.physics.library import addition
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.record import by_torque
 from pendulum_env.recording.study import named_twice
+from pendulum_env.words import name
 from workbench.app.asked import NOTHING, Asked
 from workbench.app.brushing import Points
 from workbench.app.jobs import Task
 from workbench.app.uploads import UNPACKED, safe_name
-from workbench.commands.identify import six_schemes
 from workbench.mistakes import InputError
 from workbench.report import render
 from workbench.report.case import Case
-from workbench.report.words import name
 
 NO_RECORDING = "load a recording first"
 
@@ -333,11 +331,6 @@ class State:
         return disagreements(own_fits([part.data for part in parts], self.model.terms), only_if_all_fit=True)
 
     @cached_property
-    def identification(self) -> Identification | None:
-        """The six schemes with the model's terms, None where the recordings are too poor for them."""
-        return six_schemes(self.train, self.model.terms)
-
-    @cached_property
     def told(self) -> Diagnosis:
         """What the report tells: the diagnosis as far as the ladder goes with it, or the ladder itself."""
         if self.diagnosis is None:
@@ -355,7 +348,7 @@ class State:
 
     def report(self) -> str:
         """HTML of the report."""
-        return render(self.train, self.holdout, self.told, self.identification)
+        return render(self.train, self.holdout, self.told)
 
     @cached_property
     def case(self) -> Case:

@@ -16,6 +16,7 @@ from estimators.checks.residual import AXES, Region, profiles, stand_out
 from pendulum_env._typing import JSON, Mask
 from pendulum_env.physics import effect
 from pendulum_env.recording import Recording
+from pendulum_env.words import number, opening
 from workbench.app.arm import ArmState
 from workbench.app.brushing import MAP, PHASE, TIME, VIEWS, Points, figures, inside, lit, within
 from workbench.app.parts import LINKED, button, dropdown, effects_to_choose, graph, labelled, panel
@@ -26,7 +27,6 @@ from workbench.app.state import State as Work
 from workbench.report.case import Case
 from workbench.report.gallery import picture
 from workbench.report.sections.comparison import position_figure
-from workbench.report.words import number, opening
 
 GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
 HINT = "Drag a box in any of the plots, or choose a region: the same moments light up in all."

@@ -9,6 +9,7 @@ from dash import Input, State, dcc, html
 from dash.development.base_component import Component
 
 from estimators.diagnosis.result import Diagnosis
+from pendulum_env.words import listing
 from workbench import inputs
 from workbench.app import recorder
 from workbench.app.asked import NOTHING, Asked
@@ -20,7 +21,6 @@ from workbench.app.stages.data import timing
 from workbench.app.state import State as Work
 from workbench.report.sections.candidates import candidates
 from workbench.report.sections.story import story
-from workbench.report.words import listing
 
 
 def show(session: Session) -> list[Component]:
