@@ -11,8 +11,7 @@ import numpy as np
 from estimators.checks.homogeneity import Disagreement
 from estimators.checks.residual import SYMBOLS, Profile
 from estimators.comparison import Comparison
-from estimators.diagnosis.added import Addition
-from estimators.diagnosis.result import Candidate, Detectable, Diagnosis, Verdict
+from estimators.diagnosis.result import Addition, Candidate, Detectable, Diagnosis, Verdict
 from estimators.schemes.identification import Identification
 from estimators.selection.data import Step
 from pendulum_env.physics import Model
