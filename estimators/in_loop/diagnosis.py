@@ -84,7 +84,7 @@ class Looped:
     def sharpened(self, step: Step) -> Step:
         """A step fitted anew, and compared, with shorter steps of the integrator, from where it was."""
         fine, unseen = (replace(part, data=replace(part.data, steps=FINE)) for part in (self.train, self.check))
-        fine.screen.begin_at(Point(step.model.terms, np.asarray(step.model.theta)))
+        fine.screen.begin_at(Point.of(step.model))
         model = self._in_unit(_timed(fit_terms(cast(Evidence, fine), step.model.terms)[0], fine))
         return Step(step.added, model, {"train": fine.errors(model), "holdout": unseen.errors(model)})
 
@@ -136,7 +136,7 @@ def diagnose_in_loop(recordings: Sequence[Recording], holdout: Sequence[Recordin
 
 def _timed(model: Model, servos: InLoop) -> Model:
     """A fitted model whose standard errors count that a log's clock is off by a share of a sample."""
-    point = Point(model.terms, np.asarray(model.theta))
+    point = Point.of(model)
     near, weights = servos.screen.near(model.terms), servos.screen.weights(model.terms)[:, None]
     by_shapes, shapes = servos.screen.shape_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_shapes])

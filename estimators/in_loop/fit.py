@@ -174,7 +174,7 @@ def _around(near: Linear, typical: Array) -> list[Array]:
 
 def likelier(model: Model, recordings: Sequence[Recording]) -> tuple[Rollouts, Array]:
     """Rollouts whose goals are held, or run on, as the model has it likelier; and what it misses them by (R,) [rad]."""
-    point = Point(model.terms, np.asarray(model.theta))
+    point = Point.of(model)
     known = tuple(with_gain(recording) for recording in recordings)
     ways = [(one, one.misses([point])) for one in (Rollouts(known, FINE, held) for held in (True, False))]
     rollouts, missed = max(ways, key=lambda way: float(likelihood(*way)[0]))

@@ -191,7 +191,7 @@ class Models:
         their ratio; noise is added to both, since errors below it carry no information.
         """
         parts = (self.train.segments, self.holdout.segments)
-        points = [output_error.Point(model.terms, model.theta) for model in (after, before)]
+        points = [output_error.Point.of(model) for model in (after, before)]
         new, old = (np.concatenate([output_error.sizes(part, one) ** 2 for part in parts]) for one in points)
         counts = [sum(len(segment.first) for segment in part) for part in parts]
         owner = np.repeat(np.arange(2), counts)

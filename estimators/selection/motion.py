@@ -53,7 +53,7 @@ def is_misfit(models: Models, step: Step) -> bool:
         return False  # its impacts are too sharp to simulate as closely, and other effects would only imitate them
     if not models.train.segments:
         return False
-    segments, point = models.train.segments, _point(step.model)
+    segments, point = models.train.segments, Point.of(step.model)
     motion = np.concatenate([segment.position.ravel() for segment in segments])
     least, misfit = FINEST * float(np.std(motion)), models.criterion.misfit
     if step.errors["train"].position_rms <= misfit * max(least, position_noise(segments, point.terms, point.theta)):
@@ -87,13 +87,13 @@ def refit(selection: Selection, start: Model | None = None) -> Selection:
 
 def _by_likelihood(models: Models, last: Step) -> Step:
     """The maximum-likelihood model, if its standard errors and held-out innovations are no larger."""
-    start = _point(last.model)
+    start = Point.of(last.model)
     segments, checks = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in models.parts)
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
     found = models.with_errors(last.added, output_error.maximum_likelihood(segments, start))
     filters = output_error.innovations(checks, start)
-    old, new = (output_error.rms(checks, point, filters=filters) for point in (start, _point(found.model)))
+    old, new = (output_error.rms(checks, point, filters=filters) for point in (start, Point.of(found.model)))
     return found if new <= old and _is_surer(found, last) else last
 
 
@@ -149,7 +149,7 @@ def _best_simulated(models: Models, last: Step) -> Step | None:
     """The step to the effect with the smallest segment errors; it has to beat the model refitted in the same way."""
     segments = models.train.segments
     before = models.in_motion(last)
-    start = _point(before.model)
+    start = Point.of(before.model)
     weights = output_error.trust(output_error.sizes(segments, start))
     ranked = []
     for point in _starts(models, last, start):
@@ -186,7 +186,3 @@ def _starts(models: Models, last: Step, start: Point) -> list[Point]:
             variants += list(kind.grid(models.train.samples, models.screen.residual(terms)))[::2]
         points += [Point((*start.terms, v), np.append(start.theta, np.zeros(len(v.columns)))) for v in variants]
     return points
-
-
-def _point(model: Model) -> Point:
-    return Point(model.terms, np.asarray(model.theta, dtype=float))

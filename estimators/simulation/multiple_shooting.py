@@ -181,7 +181,7 @@ def initialise(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
 
 def watch(windows: Windows, model: Model) -> Samples:
     """Samples of a recording with the motion of motor and link simulated in adjacent segments."""
-    point, term = Point(model.terms, model.theta), link_of(model.terms)
+    point, term = Point.of(model), link_of(model.terms)
     x = windows.trace([term])[0]
     shooting, _ = initialise(cut(windows, point, consecutive(windows)), point)
     seen: list[Memory] = []
@@ -318,7 +318,7 @@ def estimate(every: Sequence[Windows], model: Model) -> Model:
         every: recording's windows.
         model: initial guess; one of its terms has a link. It is returned unchanged if segments are too few.
     """
-    point = Point(model.terms, model.theta)
+    point = Point.of(model)
     first = [consecutive(windows) for windows in every]
     if sum(len(one) for one in first) < FEWEST * len(point.values):
         return model

@@ -45,6 +45,11 @@ class Point:
         return np.concatenate([self.theta, shapes])
 
     @classmethod
+    def of(cls, model: Model) -> Point:
+        """Where a model is."""
+        return cls(model.terms, np.asarray(model.theta, dtype=float))
+
+    @classmethod
     def within(cls, terms: Sequence[Term], theta: Array) -> Point:
         """The point, within the bounds of its parameters."""
         point = cls(tuple(terms), np.asarray(theta, dtype=float))

@@ -84,7 +84,7 @@ class Dataset:
     @cached_property
     def _parts(self) -> dict[str, tuple[slice, Dataset]]:
         found, first = {}, 0
-        for joint in self.joints:
+        for joint in self.joints if len(self.joints) > 1 else ():
             own = tuple(w for w in self.windows if w.at == joint)
             here = slice(first, first := first + sum(len(w.centers) for w in own))
             clusters = np.unique(self.clusters[here], return_inverse=True)[1]
@@ -93,11 +93,11 @@ class Dataset:
 
     def where(self, at: str) -> slice:
         """Rows of a joint; all rows for terms at no single joint."""
-        return self._parts[at][0] if at in self._parts and len(self.joints) > 1 else slice(None)
+        return self._parts[at][0] if at in self._parts else slice(None)
 
     def part(self, at: str) -> Dataset:
         """The data of a joint; all data for terms at no single joint."""
-        return self._parts[at][1] if at in self._parts and len(self.joints) > 1 else self
+        return self._parts[at][1] if at in self._parts else self
 
     @cached_property
     def samples(self) -> Samples:
