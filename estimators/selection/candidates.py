@@ -105,10 +105,6 @@ class Screen:
     def _perturbed(self) -> Dataset:
         return self.data.with_more_torque(perturbation_of(self.data.torque()))
 
-    def rates(self, terms: Sequence[Term]) -> Array:
-        """Time derivatives of the linear columns of some terms (R, P)."""
-        return self.placed(terms, [self._rates(term) for term in terms])
-
     @kept
     def _rates(self, term: Term) -> Array:
         return self.data.rates(term)
@@ -192,8 +188,8 @@ class Screen:
                 response[here] -= own
             balance = replace(balance, response=response, pushes=self._pushes)
         if lead.any():
-            ahead = balance.phi + lead[:, None] * self.rates(terms)
-            balance = replace(balance, recorded=replace(balance, phi=ahead, y=loaded - lead * self._load_rates))
+            ahead = balance.phi + lead[:, None] * self.placed(terms, [self._rates(term) for term in terms])
+            balance = replace(balance, recorded=replace(balance, phi=ahead, y=loaded - lead * self.data.load_rates))
         return balance if (passed == 1.0).all() else replace(balance, passed=passed)
 
     @cached_property
@@ -201,10 +197,6 @@ class Screen:
         """Pushes of the torque in each equation (R, J) [N m]."""
         joints = [self.data.part(at) for at in self.data.joints]
         return np.concatenate([np.tile(pushes_of(own.torque()), (len(own.weights), 1)) for own in joints])
-
-    @cached_property
-    def _load_rates(self) -> Array:
-        return self.data.load_rates()
 
     @kept
     def solve(self, terms: Sequence[Term]) -> Array:

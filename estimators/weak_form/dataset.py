@@ -141,6 +141,7 @@ class Dataset:
         columns = [own._rates.column(column, x) for column in term.columns]
         return np.column_stack(columns) if columns else np.empty((len(own.weights), 0))
 
+    @cached_property
     def load_rates(self) -> Array:
         """Time derivative of the torque of known loads (R,) [N m/s]."""
         return self._rates.column(LOAD, self.rows.samples)
