@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
-from typing import NamedTuple
 
 from estimators.selection.data import Step
 from estimators.selection.left import Terms
@@ -58,13 +57,6 @@ class Selection:
         return self.steps[-1].model.terms
 
 
-class State(NamedTuple):
-    """State of a search: prepared data, and the terms of the model."""
-
-    models: Models
-    terms: Terms
-
-
 def select(models: Models) -> Selection:
     """The effects that the base model lacks.
 
@@ -104,7 +96,7 @@ def confirmed(models: Models, base: Terms, terms: Terms) -> list[Step]:
     return steps
 
 
-def grow(models: Models, terms: Terms, base: Terms) -> State:
+def grow(models: Models, terms: Terms, base: Terms) -> tuple[Models, Terms]:
     """Add effects while they gain; after each, swap and drop."""
     seen = {forms(terms)}
     while len(terms) - len(base) < models.criterion.most:
@@ -120,10 +112,10 @@ def grow(models: Models, terms: Terms, base: Terms) -> State:
         if forms(terms) in seen:
             break
         seen.add(forms(terms))
-    return State(models, terms)
+    return models, terms
 
 
-def add(models: Models, terms: Terms) -> State | None:
+def add(models: Models, terms: Terms) -> tuple[Models, Terms] | None:
     """The terms with one more effect: the simplest of those that are confirmed and predict alike."""
     if not models.left.shows(terms):
         return None  # white noise holds no information
@@ -141,7 +133,7 @@ def add(models: Models, terms: Terms) -> State | None:
                 return watched
         elif models.lowers_errors(longer, terms) or refines(models, longer, terms):
             confirmed.append(longer)
-    return State(models, min(confirmed, key=parameters)) if confirmed else None  # the simplest of several
+    return (models, min(confirmed, key=parameters)) if confirmed else None  # the simplest of several
 
 
 def refines(models: Models, longer: Terms, terms: Terms) -> bool:
@@ -156,7 +148,7 @@ def refines(models: Models, longer: Terms, terms: Terms) -> bool:
     return after < before and models.lowers_errors(longer, tuple(term for term in longer if term.id not in changed))
 
 
-def watch(models: Models, longer: Terms, terms: Terms) -> State | None:
+def watch(models: Models, longer: Terms, terms: Terms) -> tuple[Models, Terms] | None:
     """A model with a link, fitted together with the link's states; None if it is not confirmed."""
     step, before = models.step(longer[-1].id, longer), models.step(None, terms)
     models.progress(f"watching the link of {step.added}", 0.9)
@@ -165,7 +157,7 @@ def watch(models: Models, longer: Terms, terms: Terms) -> State | None:
     if not found or not models.is_confirmed(found[0], models.in_motion(before)):
         return None
     linked = min(found, key=held_out_cost)
-    return State(models.watching(linked), linked.model.terms)
+    return models.watching(linked), linked.model.terms
 
 
 def owned(models: Models, base: Terms, terms: Terms) -> tuple[Terms, Table | None]:
