@@ -63,7 +63,7 @@ def test_known_effect_is_recovered_by_all_schemes(id, runs):
     known = {f"{id}.{shape.name}": known[shape.follows] for shape in kind.shapes if shape.follows} | dict(known)
     term = kind(**{shape.name: known.get(f"{id}.{shape.name}", shape.usual) for shape in kind.shapes})
     theta = [known[column.name] for own in (*BASE, term) for column in own.columns]
-    found = identify([Recording(id, run.time, run.position, run.torque)], (*BASE, term), points=2)
+    found = identify([Recording(id, run.time, run.position, run.torque)], (*BASE, term))
     for scheme in SCHEMES:
         np.testing.assert_allclose(
             found[scheme.id].model.theta, theta, rtol=LOOSE.get(id, TOLERANCE), err_msg=scheme.id
