@@ -20,7 +20,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         type=argument(addition),
         metavar="EFFECT",
-        help="tell how this one shows, and what tells it",
+        help="describe how this one shows, and what reveals it",
     )
 
 

@@ -50,31 +50,34 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "recordings",
         metavar="FOLDER|STUDY.toml|TABLE.csv",
         nargs="+",
-        help="recordings, each diagnosed by itself; a table has a column file and perhaps robot, joint, date and kind",
+        help="recordings, each diagnosed separately; a table has a column file, and perhaps robot, joint, date and kind",
     )
-    parser.add_argument("-o", "--output", metavar="FOLDER", required=True, help="dataset, gone on with if it is there")
-    parser.add_argument("--report", metavar="FLEET.html", help="write a page on all cases of the dataset")
+    parser.add_argument(
+        "-o", "--output", metavar="FOLDER", required=True, help="folder of the dataset, continued if it exists"
+    )
+    parser.add_argument("--report", metavar="FLEET.html", help="write a page about all cases of the dataset")
     parser.add_argument(
         "--reports",
         choices=tuple(PAGES),
         default="none",
-        help="cases that get a page of their own below FOLDER, 2 MB each: none, those where something is found, or all "
-        "(default none)",
+        help="cases with a page of their own below FOLDER, 2 MB each: none, those with a finding, or all (default none)",
     )
     parser.add_argument(
         "--names",
         metavar="PATTERN",
-        help="what names of files mean, as '{robot}/{joint}_{date}', * for anything; by default folders tell robot and "
-        "joint, and a date in the name when",
+        help="how paths are to be read, as '{robot}/{joint}_{date}', * for anything (default: folders are robot and "
+        "joint)",
     )
     parser.add_argument("--model", metavar="MODEL.json", help="start from its terms (default: the paper's four)")
-    parser.add_argument("--only", metavar="ID,...", type=ids, help="look for these effects alone")
+    parser.add_argument("--only", metavar="ID,...", type=ids, help="look for these effects only")
     parser.add_argument("--without", metavar="ID,...", type=ids, default=[], help="do not look for these effects")
     take(parser, *LIMITS)
-    parser.add_argument("--workers", type=whole(1, 1000), default=2, help="processes here (default 2)")
-    parser.add_argument("--memory", type=number(100, 1e6), metavar="MB", help="of each (default: equal shares)")
+    parser.add_argument("--workers", type=whole(1, 1000), default=2, help="processes on this computer (default 2)")
     parser.add_argument(
-        "--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to work on instead, as tcp://host:8786; its "
+        "--memory", type=number(100, 1e6), metavar="MB", help="memory of each process (default: equal shares)"
+    )
+    parser.add_argument(
+        "--dask", metavar="ADDRESS", help="scheduler of a Dask cluster to use instead, as tcp://host:8786; its "
         "workers see the same files"
     )  # fmt: skip
     take_reading(parser)
