@@ -39,7 +39,7 @@ Number = TypeVar("Number", int, float)
 Logged = TypeVar("Logged", bound=Recording)
 COUPLING = "coupling"  # of two joints: no effect of a pendulum
 FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
-KINDS = f"{FORMATS}, or a study.toml that names several, and known loads"  # of recordings
+KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
 
 
 def argument(convert: Callable[[str], T]) -> Callable[[str], T]:

@@ -50,7 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "recordings",
         metavar="FOLDER|STUDY.toml|TABLE.csv",
         nargs="+",
-        help="recordings, each diagnosed separately; a table has a column file, and perhaps robot, joint, date and kind",
+        help="recordings, each diagnosed separately; a table has columns file and perhaps robot, joint, date, kind",
     )
     parser.add_argument(
         "-o", "--output", metavar="FOLDER", required=True, help="folder of the dataset, continued if it exists"
