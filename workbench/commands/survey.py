@@ -60,7 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--reports",
         choices=tuple(PAGES),
         default="none",
-        help="cases with a page of their own below FOLDER, 2 MB each: none, those with a finding, or all (default none)",
+        help="cases with a page of their own below FOLDER, 2 MB each: none (default), those with a finding, or all",
     )
     parser.add_argument(
         "--names",
