@@ -41,7 +41,7 @@ TABLES = (  # with what is said where there is no row
     ("Joints that differ from their siblings", odd_table, None),
     ("Weak in each, present in all", pooled_table, None),
 )
-LISTED = 20  # cases that could not be diagnosed, told by name
+LISTED = 20  # cases that could not be diagnosed, listed by name
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -97,12 +97,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         def connect() -> Client:
             return stack.enter_context(connected(arguments.dask, arguments.workers, arguments.memory))
 
-        def told(tally: Tally) -> None:
+        def show(tally: Tally) -> None:
             trouble = tally.new["refused"] + tally.new["failed"]
             tell(tally.through, tally.total, f"{trouble} could not be" if trouble else "")
 
         try:
-            tally = survey(cases, dataset, connect, settings, tell=told)
+            tally = survey(cases, dataset, connect, settings, tell=show)
         except KeyboardInterrupt:
             raise Interrupted(f"what is done is kept in {dataset.folder}: run again to go on") from None
     _say(tally, terminal)

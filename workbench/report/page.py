@@ -139,5 +139,5 @@ def _case(compared: Comparison, recordings: Recordings) -> Case:
     together = joined([Evidence.of([recording]) for recording in own])
     errors = compared.joint.errors
     step = Step(None, compared.model, {"train": errors, "holdout": errors})
-    told = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, ())
-    return Case(own, own, False, told, gathered=(together, together), first="model")  # nothing is added to it
+    found = Diagnosis((step,), (), (), compared.regions, compared.joint.noise_floor, ())
+    return Case(own, own, False, found, gathered=(together, together), first="model")  # nothing is added to it
