@@ -28,10 +28,11 @@ from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
 from pendulum_env.arms.joints import kind_at
 from pendulum_env.arms.model import ArmModel, Asked
 from pendulum_env.arms.plane import planar_links
-from pendulum_env.arms.recording import ArmRecording, write_arm_recording
+from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.excitation import MOST_TORQUE
 from pendulum_env.files import write_whole
 from pendulum_env.reading import LARGE
+from pendulum_env.recording import write_recording
 from pendulum_env.recording.record import NEWTON_METRE, TorqueConstant
 from pendulum_env.recording.study import Source, read_as
 from pendulum_env.words import Table, listing, parameters_table, plus_minus
@@ -73,7 +74,7 @@ def record(
         recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
     if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
         raise InputError(f"the joints turn by more than {LARGE:g} rad: hide less, or allow less torque")
-    write_arm_recording(recording, arguments.output)
+    write_recording(recording, arguments.output)
     terminal.say(recording.summary)
     terminal.say(
         f"the joints follow a multisine of {motion.period:g} s, condition of the base regressor {motion.condition:.3g}"
