@@ -92,14 +92,15 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     settings = _settings(arguments)
     cases = find_cases(arguments.recordings, arguments, arguments.names)
     terminal.say(f"recordings: {len(cases)}, joints: {joints(cases)}")
-    with ExitStack() as stack, terminal.counting("diagnosing") as tell:
+    with ExitStack() as stack, terminal.progress("diagnosing", timed=True) as tell:
 
         def connect() -> Client:
             return stack.enter_context(connected(arguments.dask, arguments.workers, arguments.memory))
 
         def show(tally: Tally) -> None:
             trouble = tally.new["refused"] + tally.new["failed"]
-            tell(tally.through, tally.total, f"{trouble} could not be" if trouble else "")
+            failed = f", {trouble} could not be" if trouble else ""
+            tell(f"{tally.through} of {tally.total}{failed}", tally.through / tally.total)
 
         try:
             tally = survey(cases, dataset, connect, settings, tell=show)
