@@ -39,8 +39,8 @@ class Here:
     def take(self, samples: Sequence[Sample]) -> bool:
         """Take in samples; whether a verdict stands."""
         for time, position, torque in samples:
-            (said,) = self._diagnoser.take(*(np.array([value]) for value in (time, position, torque)))
-            leader = said.group[0] if said.kind == "missing" else ""
+            (found,) = self._diagnoser.take(*(np.array([value]) for value in (time, position, torque)))
+            leader = found.group[0] if found.kind == "missing" else ""
             if leader != self._leader:
                 self._leader, self._since = leader, time if leader else np.inf
         return bool(samples and time - self._since >= STANDS)
@@ -91,8 +91,8 @@ class Apart:
         self._worker.end()
         if isinstance(word, Failed):
             raise OSError(f"what was measured has no verdict: {word.why}")
-        said: OnlineDiagnosis = word.result
-        return said
+        found: OnlineDiagnosis = word.result
+        return found
 
 
 def _judge(rate: float, smoothing: Smoothing, connection: Connection[Any, Any]) -> OnlineDiagnosis:
@@ -105,16 +105,16 @@ def _judge(rate: float, smoothing: Smoothing, connection: Connection[Any, Any]) 
     return judge.close()
 
 
-def told(said: OnlineDiagnosis, stood: bool) -> str:
+def verdict_text(found: OnlineDiagnosis, stands: bool) -> str:
     """The verdict in words, and what was not tried, which may look like what was."""
-    after = f"after {said.motion:.1f} s of motion"
-    if said.kind == "calibrating":
+    after = f"after {found.motion:.1f} s of motion"
+    if found.kind == "calibrating":
         return "too short to tell what is missing: record some seconds more of motion"
     verdict = f"nothing is surely missing {after}"
-    if said.kind == "missing":
-        surely = "the verdict stands" if stood else "the verdict does not stand yet"
-        verdict = f"missing: {listing([name(id) for id in said.group], 'or')} ({surely}, {after})"
-    if not said.not_run:
+    if found.kind == "missing":
+        standing = "the verdict stands" if stands else "the verdict does not stand yet"
+        verdict = f"missing: {listing([name(id) for id in found.group], 'or')} ({standing}, {after})"
+    if not found.not_run:
         return verdict
-    others = listing([name(id) for id in said.not_run], "and")
+    others = listing([name(id) for id in found.not_run], "and")
     return f"{verdict}\nnot tried, as only `diagnose` on the recording does: {others}"

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs([arguments.output, arguments.log])
     rate = arguments.rate or RATES[arguments.kind]
 
-    def said(text: str) -> None:
+    def report(text: str) -> None:
         terminal.say(text)
         if text.startswith("ready"):
             terminal.say(
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         Path(arguments.output),
         rate,
         {"limits": limits},
-        said,
+        report,
         first=arguments.first_count,
         realtime=arguments.realtime,
         log=None if arguments.log is None else Path(arguments.log),

@@ -40,7 +40,7 @@ from workbench.inputs import (
 from workbench.mistakes import InputError
 from workbench.rig import configured, controller, describe, record_rig
 from workbench.terminal import Terminal
-from workbench.until import DIAGNOSED, LONGEST, Here, told
+from workbench.until import DIAGNOSED, LONGEST, Here, verdict_text
 
 MOST = 5_000_000  # samples; simulating them takes some minutes
 BACKENDS = (
@@ -241,7 +241,7 @@ def _run(
             until=None if judge is None else judge.stands,
         )
     if judge is not None:
-        terminal.say(told(judge.close(), len(recording) < steps))
+        terminal.say(verdict_text(judge.close(), len(recording) < steps))
     return recording
 
 

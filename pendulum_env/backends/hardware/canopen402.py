@@ -15,7 +15,7 @@ import can
 
 from pendulum_env.backends.hardware import cia402
 from pendulum_env.backends.hardware.config import CanSettings, RigConfig
-from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
+from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware.measuring import DriveClock
 
 SWITCHING = 2.0  # [s] that a drive may take to switch on
@@ -47,7 +47,7 @@ class Canopen402:
         link = self._link
         own = [cia402.TPDO1 + link.node, cia402.TPDO2 + link.node, cia402.ANSWER + link.node]
         remedy = "check canopen402.interface and channel"
-        with said(f"the CAN bus {link.interface} {link.channel} cannot be opened", remedy):
+        with driver_errors(f"the CAN bus {link.interface} {link.channel} cannot be opened", remedy):
             self._bus = can.Bus(
                 interface=link.interface,
                 channel=link.channel,
@@ -197,7 +197,7 @@ class Canopen402:
         """The bus, as long as it is there."""
         if self._bus is None:
             raise DriveError("the CAN bus is not open")
-        with said(f"the CAN bus {self._link.channel} was lost", "check its plug"):
+        with driver_errors(f"the CAN bus {self._link.channel} was lost", "check its plug"):
             yield self._bus
 
     def _post(self, id: int, data: bytes) -> None:

@@ -44,8 +44,8 @@ class Rig:
         """Those of the configuration; counts, as far as their steps can be told from the uncertainty of time."""
         counts = self.config.encoder.counts
         blur = SPEED * self.guard.drive.noise * math.sqrt(12.0)  # [rad], step of an encoder that is as uncertain
-        told = min(counts, int(2 * math.pi / blur)) if blur else counts
-        return Traits(self.config.rate, told, self.config.max_torque)
+        resolved = min(counts, int(2 * math.pi / blur)) if blur else counts
+        return Traits(self.config.rate, resolved, self.config.max_torque)
 
     def open(self) -> None:
         """Own the rig and connect; the motor has no power.

@@ -10,7 +10,7 @@ import serial
 
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
-from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, said
+from pendulum_env.backends.hardware.drive import OPENING, STILL_ON, DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware.measuring import DriveClock
 
 REFUSED = 5  # torques in a row that are not set: more than damaged frames
@@ -35,7 +35,7 @@ class SerialDrive:
         """Open the port, wait for a board that starts anew with that, and set the watchdog."""
         link, self._on = self._link, False
         self._sequence, self._clock, self._splitter = 0, DriveClock(), frames.Splitter()
-        with said(f"serial port {link.port} cannot be opened", "check serial.port"):
+        with driver_errors(f"serial port {link.port} cannot be opened", "check serial.port"):
             self._port = serial.Serial(
                 link.port,
                 link.baud,
@@ -127,7 +127,7 @@ class SerialDrive:
         """The port, as long as it is there."""
         if self._port is None:
             raise DriveError("the serial port is not open")
-        with said(f"serial port {self._link.port} was lost", "check its plug"):
+        with driver_errors(f"serial port {self._link.port} was lost", "check its plug"):
             yield self._port
 
 
