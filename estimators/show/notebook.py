@@ -144,7 +144,8 @@ def show_diagnosis(found: Diagnosis) -> str:
 def show_addition(found: Addition) -> str:
     """Errors before and after, what follows from them, and the parameters."""
     noise = note(f"{opening(noise_text(found.noise_floor))}.")
-    return per(card(found.text, noise, *_parts(of_addition(found))), found.after.model.torque_unit)
+    title = f"The model with {found.after.added}"
+    return per(card(title, noise, *_parts(of_addition(found))), found.after.model.torque_unit)
 
 
 def show_estimates(found: Mapping[str, SchemeEstimate]) -> str:
