@@ -143,7 +143,7 @@ def show_diagnosis(found: Diagnosis) -> str:
 @shown.register
 def show_addition(found: Addition) -> str:
     """Errors before and after, what follows from them, and the parameters."""
-    noise = note(f"{opening(noise_text(found.noise_floor))}.")
+    noise = note(noise_text(found.noise_floor))
     title = f"The model with {found.after.added}"
     return per(card(title, noise, *_parts(of_addition(found))), found.after.model.torque_unit)
 
@@ -177,7 +177,7 @@ def _parts(parts: Sequence[Part]) -> Iterator[Html]:
         content = [
             table(item)
             if isinstance(item, Table)
-            else note(f"{opening(item)}.")
+            else note(item)
             if isinstance(item, str)
             else bullets(map(opening, item))
             for item in part.content
