@@ -15,8 +15,8 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from agents.baselines import rows
 from agents.design_env import RATE, ExcitationDesignVector
-from agents.foresight import rows
 from agents.knowledge import COUNT, NOMINAL, log_det
 from agents.observer import TICK
 from estimators.online import OnlineEstimator

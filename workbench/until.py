@@ -16,16 +16,15 @@ from pendulum_env.words import listing, name
 from workbench.processes import Done, Failed, Worker, attend
 
 DIAGNOSED = "diagnosed"  # what a recording may go on until
-TOGETHER = 50  # samples that are sent at once
-READY = 60.0  # [s] in which the process has to be there
 LONGEST = 20.0  # [s] of a run without a verdict
-STANDS = 2.0  # [s], after which a verdict that has not changed stands
 
 Sample = tuple[float, float, float]  # time [s], position [rad], torque over the period that ends with it [N m]
 
 
 class Here:
-    """Diagnoses sample by sample, as the run waits; a verdict stands once its first effect has led for `STANDS`."""
+    """Diagnoses sample by sample, as the run waits; a verdict stands once its first effect has led for a while."""
+
+    steady = 2.0  # [s]
 
     def __init__(self, rate: float, smoothing: Smoothing) -> None:
         """Take the samples per second [Hz], and the smoothing of the measurement."""
@@ -43,7 +42,7 @@ class Here:
             leader = found.group[0] if found.kind == "missing" else ""
             if leader != self._leader:
                 self._leader, self._since = leader, time if leader else np.inf
-        return bool(samples and time - self._since >= STANDS)
+        return bool(samples and time - self._since >= self.steady)
 
     def close(self) -> OnlineDiagnosis:
         """What was said in the end."""
@@ -53,6 +52,9 @@ class Here:
 class Apart:
     """Diagnoses in a process of its own: a motor does not wait for a grid that is refined."""
 
+    together = 50  # samples that are sent at once
+    ready = 60.0  # [s] in which the process has to be there
+
     def __init__(self, rate: float, smoothing: Smoothing) -> None:
         """Start the process; takes what `Here` does.
 
@@ -61,7 +63,7 @@ class Apart:
         """
         self._worker = Worker("diagnosis")
         self._worker.begin(partial(_judge, rate, smoothing))
-        if not self._worker.connection.poll(READY) or isinstance(self._worker.hear(), Failed):
+        if not self._worker.connection.poll(self.ready) or isinstance(self._worker.hear(), Failed):
             self._worker.end()
             raise OSError("the process that diagnoses did not start: try again on a machine that does less")
         self._waiting: list[Sample] = []
@@ -70,7 +72,7 @@ class Apart:
     def stands(self, info: dict[str, Any]) -> bool:
         """Take in a sample; whether a verdict stood some samples ago."""
         self._waiting.append((info["time"], info["position"], info["torque"]))
-        if len(self._waiting) >= TOGETHER and not self._stands:
+        if len(self._waiting) >= self.together and not self._stands:
             self._worker.send(self._waiting)
             self._waiting = []
             while self._worker.connection.poll():

@@ -136,11 +136,7 @@ def _number(value: float | None) -> str:
 
 @contextmanager
 def _workers(arguments: argparse.Namespace) -> Iterator[Executor | None]:
-    """Where the work is done: here, in processes, or on a cluster.
-
-    Raises:
-        InputError: if there is no such cluster, Dask is not installed, or a worker has died.
-    """
+    """Where the work is done: here, in processes, or on a cluster."""
     if arguments.dask is None and arguments.workers == 1:
         yield None
         return
