@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 from estimators.arguments import chosen_effects, within_limits
@@ -28,11 +28,10 @@ class Asked:
     bound: str = ""
 
     @classmethod
-    def of(cls, values: Sequence[Any]) -> Asked:
-        """What the fields of a form hold, in order: ids in a list, or text."""
-        return cls(
-            *(",".join(map(str, value)) if isinstance(value, list) else str(value or "").strip() for value in values)
-        )
+    def of(cls, form: Mapping[str, Any]) -> Asked:
+        """What the fields `ask-only` and so on of a form hold: ids in a list, or text."""
+        values = (form.get(f"ask-{field.name}") or "" for field in fields(cls))
+        return cls(*(",".join(map(str, value)) if isinstance(value, list) else str(value).strip() for value in values))
 
     @property
     def effects(self) -> dict[str, Any]:

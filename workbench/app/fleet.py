@@ -14,12 +14,14 @@ PAGE, HOME = "/fleet/", "/"
 APART = "sandbox allow-scripts allow-downloads"  # a case's page is a file, perhaps not ours: it may not ask for a thing
 
 
-def serve(server: flask.Flask, survey: Path) -> None:
-    """Answer for a survey's page, which tells what its dataset holds by then, and for the pages that its cases have.
+def serve(server: flask.Flask, survey: Path) -> str:
+    """Answer for a survey's page, which tells what its dataset holds by then, and for those of its cases.
 
     Args:
         server: of the app, which is for this computer alone.
         survey: the folder, as the server's user named it.
+
+    Returns the page's address.
     """
     dataset = Dataset(survey.resolve())
 
@@ -32,6 +34,8 @@ def serve(server: flask.Flask, survey: Path) -> None:
         response = flask.send_from_directory(dataset.folder / "reports", name, mimetype="text/html")
         response.headers.add("Content-Security-Policy", APART)
         return response
+
+    return PAGE
 
 
 @lru_cache(maxsize=1)

@@ -17,8 +17,7 @@ from werkzeug.serving import WSGIRequestHandler, make_server
 
 from pendulum_env.recording import Source
 from workbench.app import fleet, layout
-from workbench.app.sessions import Sessions
-from workbench.app.stage import Bench
+from workbench.app.session import Sessions
 from workbench.app.uploads import UPLOAD
 from workbench.mistakes import MISTAKES, InputError, sentence
 from workbench.report.page import plotly
@@ -40,8 +39,8 @@ def make_app(
     rig: Path | None = None,
     survey: Path | None = None,
     robot: RobotFile | None = None,
-) -> Bench:
-    """The app with its sessions and workers; close it in the end.
+) -> tuple[Dash, Sessions]:
+    """The app, and its sessions with their workers; close them in the end.
 
     Args:
         recordings: what every session begins with.
@@ -62,13 +61,12 @@ def make_app(
         add_log_handler=False,
         on_error=_excuse,
     )
-    app.layout = layout.page(survey is not None)
-    bench = Bench(app, Sessions(recordings, rig, robot), survey)
-    layout.connect(bench)
-    if survey is not None:
-        fleet.serve(app.server, survey)
+    address = None if survey is None else fleet.serve(app.server, survey)
+    sessions = Sessions(recordings, rig, robot)
+    app.layout = layout.page(address)
+    layout.connect(app, sessions, address)
     _guard(app.server)
-    return bench
+    return app, sessions
 
 
 def _excuse(error: Exception) -> None:
@@ -142,20 +140,20 @@ class Server:
         except OSError:
             raise InputError(f"port {port} is taken: name another with --port, or 0 for any that is free") from None
         with listening:
-            self.bench = make_app(recordings, rig, survey, robot)
+            app, self.sessions = make_app(recordings, rig, survey, robot)
             number = listening.getsockname()[1]
             self._server = make_server(
-                HOST, number, self.bench.app.server, threaded=True, request_handler=_Silent, fd=listening.fileno()
+                HOST, number, app.server, threaded=True, request_handler=_Silent, fd=listening.fileno()
             )
         self.address = f"http://{HOST}:{number}/"
 
     def serve(self) -> None:
         """Answer until an interrupt comes."""
-        self.bench.sessions.workers.warm()
+        self.sessions.workers.warm()
         Thread(target=plotly, daemon=True).start()  # packing it takes a moment, and is done once
         self._server.serve_forever()
 
     def close(self) -> None:
         """End everything, once it does not serve any more."""
         self._server.server_close()
-        self.bench.sessions.close()
+        self.sessions.close()

@@ -1,4 +1,4 @@
-"""A session: what one browser tab works on, in a folder of its own."""
+"""Sessions: what each browser tab works on, apart from all others, in a folder of its own."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from secrets import token_hex
 from threading import RLock
 from typing import Any
 
@@ -21,9 +22,9 @@ from pendulum_env.recording.record import ColumnError
 from pendulum_env.recording.study import read_sources, read_together
 from workbench.app import saved
 from workbench.app.arm import ArmState
+from workbench.app.card import Card
 from workbench.app.jobs import Job, Task, Workers
 from workbench.app.live import Run
-from workbench.app.mapping import Card
 from workbench.app.state import Loaded, State
 from workbench.app.uploads import safe_name, unpack
 from workbench.inputs import read_model
@@ -38,6 +39,9 @@ MOST_SAMPLES = 20_000_000  # of all recordings of a state, and of all past state
 SPACE = 300_000_000  # bytes of its files
 GRACE = 1.0  # [s] that an end waits for an answer that is being made
 SPARE = 100_000_000  # bytes that are left to the disk
+ID = re.compile(r"[0-9a-f]{32}")  # of a session: random, drawn by the page; never part of a path
+MOST_SESSIONS = 16  # the one that was used least recently gives way
+IDLE = 12 * 3600.0  # [s] after which a session that nobody has asked for ends
 
 
 class Session:
@@ -59,7 +63,18 @@ class Session:
         self.asked = time.monotonic()  # when somebody asked for the session last
         self.job: Job | None = None
         self.run: Run | None = None
-        self._over = False
+        self._begun = self._over = False
+
+    def begin(self, sources: Sequence[Source], robot: RobotFile | None) -> None:
+        """Take in what every session begins with, once; who asks meanwhile waits."""
+        if self._begun:
+            return
+        with self.lock:
+            if not self._begun and robot is not None:
+                self.act(lambda: self.take_robot(robot))
+            if not self._begun and sources:
+                self.act(lambda: self.load(sources))
+            self._begun = True
 
     # ---------------------------------------------------------------------------------------------- changes
 
@@ -172,23 +187,22 @@ class Session:
             InputError: naming those that cannot be read, in the words of the command line.
         """
         place = self.place(sum(len(content) * 3 // 4 for _, content in coming))
-        files, told, robots, refused = list[Path](), list[Source](), list[Path](), list[str]()
+        files, told, refused = list[Path](), list[Source](), list[str]()
         for name, content in coming:
             try:
                 file = unpack(place, name, content)
                 if file.suffix == ".toml":
                     told += [replace(one, file=place / safe_name(one.file.name)) for one in read_sources(file)]
                 else:
-                    (robots if file.suffix.lower() in FORMATS else files).append(file)
+                    files.append(file)
             except MISTAKES as mistake:
                 refused.append(sentence(mistake))
         for name in {one.file.name for one in told if one.file not in files}:
             refused.append(f"{saved.STUDY}: names {name}: drop both here together")
-        sources = [
-            source
-            for file in files
-            for source in [one for one in told if one.file == file] or [Source(file, unwrap=unwrap)]
-        ]
+        robots = [file for file in files if file.suffix.lower() in FORMATS]
+        recordings = [file for file in files if file not in robots]
+        named = {file: [one for one in told if one.file == file] for file in recordings}
+        sources = [one for file in recordings for one in named[file] or [Source(file, unwrap=unwrap)]]
         if robots:
             joints = next((source.joints for source in sources), None)
             self.take_robot(RobotFile(robots[-1], joints, bolted=True))
@@ -373,3 +387,50 @@ class Session:
             finally:
                 self.lock.release()
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+class Sessions:
+    """All sessions of a server by the id that each page holds, and the workers that they share."""
+
+    def __init__(
+        self, recordings: Sequence[Source] = (), rig: Path | None = None, robot: RobotFile | None = None
+    ) -> None:
+        """Make a folder for their folders; every session begins with the recordings, and may run the rig."""
+        self._recordings, self._rig, self._robot = tuple(recordings), rig, robot
+        self.workers = Workers()
+        self._root = tempfile.TemporaryDirectory(prefix="pendulum-ident-", ignore_cleanup_errors=True)
+        self._all: dict[str, Session] = {}  # the one used last is last
+        self._lock = RLock()
+
+    def of(self, id: object) -> Session:
+        """Session of an id, a new one if there is none.
+
+        Raises:
+            InputError: if it is no id.
+        """
+        if not isinstance(id, str) or ID.fullmatch(id) is None:
+            raise InputError("this page has no session: load it again")
+        now = time.monotonic()
+        with self._lock:
+            session = self._all.pop(id, None) or Session(Path(self._root.name) / token_hex(8), self.workers, self._rig)
+            late = [k for k, other in self._all.items() if now - other.asked > IDLE and not other.busy()]
+            late += list(self._all)[: max(0, len(self._all) + 1 - MOST_SESSIONS)]
+            ended = [self._all.pop(k) for k in dict.fromkeys(late)]
+            session.asked = now
+            self._all[id] = session
+        session.begin(self._recordings, self._robot)  # no other session waits for it
+        for other in ended:
+            other.end()
+        return session
+
+    def close(self) -> None:
+        """End all sessions, motors first, and the workers."""
+        with self._lock:
+            for session in self._all.values():
+                if session.run is not None:
+                    session.run.stop()
+            for session in self._all.values():
+                session.end()
+            self._all.clear()
+            self._root.cleanup()
+        self.workers.close()

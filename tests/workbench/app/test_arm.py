@@ -24,7 +24,8 @@ from workbench.cli import main
 pytest.importorskip("dash")
 
 from workbench.app.arm import ArmState
-from workbench.app.mapping import Choice
+from workbench.app.asked import Asked
+from workbench.app.card import Choice
 from workbench.app.saved import CONTENTS, STUDY, opened, pack, study
 from workbench.app.session import Session
 from workbench.app.stages import arm
@@ -69,7 +70,7 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     state = session.state
     assert session.notice == "" and isinstance(state, ArmState) and not state.trouble
     assert arm.told(state)[1].startswith("The torque of elbow is") and "torque_offset@elbow" in state.addable
-    session.act(lambda: diagnose.start(session, ["torque_offset", "spring@elbow"], [], "", ""))
+    session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow")))
     work(session)
     assert session.state.found == ("torque_offset@elbow",)
     assert arm.told(session.state)[1] == "Missing: torque_offset@elbow"
@@ -246,7 +247,7 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path, 
     file, run = two_link(tmp_path)
     session.act(lambda: session.take_robot(RobotFile(file, bolted=True, rotors=True, weightless=True)))
     drop(session, run)
-    session.act(lambda: diagnose.start(session, ["torque_offset", "spring@elbow"], ["torque_offset@shoulder"], "", ""))
+    session.act(lambda: diagnose.start(session, Asked("torque_offset,spring@elbow", "torque_offset@shoulder")))
     work(session)
     found = same_by_lines(session.state, tmp_path, monkeypatch)
     assert {one.effect for one in found.candidates} == {one.effect for one in session.state.diagnosis.candidates}

@@ -39,8 +39,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) -
 
 @pytest.mark.slow
 def test_what_is_asked_for_gives_what_the_command_line_gives(session: Session) -> None:
-    values = (ASKED.only.split(","), ASKED.without.split(","), ASKED.fix, ASKED.bound)
-    for start in (lambda: diagnose.start(session, *values), lambda: add.start(session, "stribeck")):
+    for start in (lambda: diagnose.start(session, ASKED), lambda: add.start(session, "stribeck")):
         session.act(start)
         assert session.job is not None and session.job.over.wait(PATIENCE) and session.notice == ""
     base = session.state.ladder[0].model.estimates["gravity"]
@@ -80,4 +79,5 @@ def test_a_mistake_is_told_in_the_words_of_the_command_line(
 
 
 def test_fields_of_the_form_become_options() -> None:
-    assert Asked.of([["stribeck", "cogging"], None, " gravity=2 ", ""]) == Asked("stribeck,cogging", "", "gravity=2")
+    form = {"ask-only": ["stribeck", "cogging"], "ask-without": None, "ask-fix": " gravity=2 ", "ask-bound": ""}
+    assert Asked.of(form) == Asked("stribeck,cogging", "", "gravity=2")

@@ -26,9 +26,9 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture
 def client(survey: Dataset):
-    bench = make_app(survey=survey.folder)
-    yield bench.app.server.test_client()
-    bench.sessions.close()
+    app, sessions = make_app(survey=survey.folder)
+    yield app.server.test_client()
+    sessions.close()
 
 
 def links(text: str) -> list[str]:
@@ -74,11 +74,11 @@ def test_nothing_but_the_pages_of_cases_is_given(client, survey, name):
 
 
 def test_a_server_without_a_survey_has_no_such_page(survey):
-    bench = make_app()
-    client = bench.app.server.test_client()
+    app, sessions = make_app()
+    client = app.server.test_client()
     assert "Survey of" not in client.get("/fleet/").text
     assert "to-fleet" not in client.get("/_dash-layout").text
-    bench.sessions.close()
+    sessions.close()
 
 
 def test_a_folder_that_is_no_survey_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

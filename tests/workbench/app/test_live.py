@@ -16,20 +16,18 @@ from pendulum_env.words import name
 from tests import slow
 from tests.patience import PATIENCE, wait_until
 from tests.pendulum_env.rigs import Disturbed, EmulatedRig, Host
-from tests.workbench.app.plants import recorded, written
-from workbench.app import live, missing
-from workbench.app.following import Follower
-from workbench.app.live import Run
-from workbench.app.session import Session
-from workbench.app.sessions import Sessions
-from workbench.app.stages.live import RATE, options
+from tests.workbench.app.plants import live_form, recorded, written
+from workbench.app import live
+from workbench.app.live import Follower, Run
+from workbench.app.session import Session, Sessions
+from workbench.app.stages.live import RATE, course, options, told
 from workbench.mistakes import InputError
 from workbench.processes import Worker
 
 LIMITS = {"torque": 4.0, "reply": 1.0, "gap": 2.0, "watchdog": 3.0}  # [N m], [s]; a busy machine is no fault here
 SERVER = """
 import sys, time
-from workbench.app.live import Run
+from workbench.app.live import Follower, Run
 from workbench.processes import Worker
 run = Run(["--backend=dm1015b", f"--config={sys.argv[1]}", "--seconds=60"], Worker("rig"))
 while run.time < 0.3:
@@ -107,7 +105,9 @@ def rig(tmp_path: Path) -> Iterator[EmulatedRig]:
 
 def driving(session: Session, torque: str = "paper") -> Run:
     """A run of the session that moves its motor."""
-    session.run = run = begun(*options(session, "dm1015b", None, torque, 60.0, "stribeck", None, 1))
+    session.run = run = begun(
+        *options(session, live_form("dm1015b", excitation=torque, seconds=60.0, effect="stribeck"))
+    )
     wait_until(lambda: watched(run).time > 0.3 or not run.running)
     if not run.running:
         raise Disturbed(run.trouble)
@@ -162,6 +162,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
         looked.wait()
 
     run.follower.take = long  # type: ignore[method-assign]
+    Thread(target=run.watch, daemon=True).start()
     assert looking.wait(PATIENCE)
     stopping = Thread(target=session.halt)
     stopping.start()
@@ -180,7 +181,7 @@ def test_the_rig_stops_at_once_even_while_what_it_measured_is_looked_at(rig: Emu
 def test_the_rig_has_no_torque_after_its_session_and_then_belongs_to_another(
     rig: EmulatedRig, sessions: Sessions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("workbench.app.sessions.MOST_SESSIONS", 1)
+    monkeypatch.setattr("workbench.app.session.MOST_SESSIONS", 1)
     first = sessions.of(ID)
     driving(first)
     second = sessions.of(OTHER)
@@ -247,17 +248,17 @@ def test_what_is_missing_is_alarmed_about_added_and_taken_out() -> None:
     said = follower.said
     assert said.kind == "missing" and "torque_offset" in said.group
     assert follower.events[0].alarm and follower.course[-1][1] > said.threshold
-    figure = missing.course(follower, 8.0)
+    figure = course(follower, 8.0)
     low, high = figure.layout["yaxis"]["range"]
     assert all(low <= value <= high for value in figure.data[0]["y"]) and len(follower.course) >= 3
     assert figure.layout["annotations"][0]["text"].startswith("missing: ")
     with pytest.raises(ValueError, match="effect that is run"):
         follower.add("<script>")
     leader, other = said.group[0], next(one.effect for one in said.ranking if one.effect != said.group[0])
-    assert missing.told(said, True)[2:4] == (f"Add {name(leader)}", leader)
+    assert told(said, True)[2:4] == (f"Add {name(leader)}", leader)
     follower.add(other)  # what the page has shown before another led
     assert follower.said.added == (other,)
-    verdict, _, _, _, no_add, no_undo = missing.told(follower.said, True)
+    verdict, _, _, _, no_add, no_undo = told(follower.said, True)
     assert "base + " in verdict and no_add and not no_undo
     follower.undo()
     assert follower.said.added == ()

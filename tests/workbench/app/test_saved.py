@@ -21,7 +21,7 @@ pytest.importorskip("dash")
 from workbench.app import session as session_module
 from workbench.app import uploads
 from workbench.app.asked import Asked
-from workbench.app.mapping import Choice
+from workbench.app.card import Choice
 from workbench.app.saved import CONTENTS, STUDY, _plain, _typed, pack, study
 from workbench.app.session import Session
 from workbench.app.stages.diagnose import look_for

@@ -23,7 +23,17 @@ from pendulum_env.recording.study import read_sources
 from tests import slow
 from tests.cases import diagnosed
 from tests.patience import PATIENCE
-from tests.workbench.app.plants import comes_to_the_same, files_of, loaded, recorded, upload, url, written
+from tests.workbench.app.plants import (
+    comes_to_the_same,
+    files_of,
+    live_form,
+    loaded,
+    recorded,
+    run_form,
+    upload,
+    url,
+    written,
+)
 
 pytest.importorskip("dash")
 
@@ -33,13 +43,12 @@ from plotly.utils import PlotlyJSONEncoder
 from workbench.app import state as state_module
 from workbench.app import uploads
 from workbench.app.brushing import MAP, PHASE, TIME, inside, lit, within
-from workbench.app.mapping import Choice, understood
+from workbench.app.card import Choice, understood
 from workbench.app.parts import UNWRAP
 from workbench.app.recorder import options
 from workbench.app.saved import study
 from workbench.app.server import make_app
-from workbench.app.session import Session
-from workbench.app.sessions import Sessions
+from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as adding
 from workbench.app.stages import compare, data, export, live
 from workbench.app.stages.export import commands
@@ -358,7 +367,7 @@ def test_a_session_that_is_still_reading_its_recordings_holds_up_no_other(monkey
         self.notice = "read"
 
     monkeypatch.setattr(Session, "load", slow)
-    sessions._initial = (Source(Path("swing.csv")),)
+    sessions._recordings = (Source(Path("swing.csv")),)
     with ThreadPoolExecutor(2) as pool:
         first = pool.submit(sessions.of, IDS[1])
         assert reading.wait(PATIENCE)
@@ -389,8 +398,8 @@ def test_only_ids_open_sessions(id: object) -> None:
 
 
 def test_only_this_computer_is_answered() -> None:
-    bench = make_app()
-    client = bench.app.server.test_client()
+    app, sessions = make_app()
+    client = app.server.test_client()
     assert client.get("/").status_code == 200
     assert client.get("/", headers={"Host": "localhost:8050"}).status_code == 200
     assert client.get("/", headers={"Host": "rebound.example"}).status_code == 403
@@ -403,7 +412,7 @@ def test_only_this_computer_is_answered() -> None:
     assert "https://" not in page.text and "http://" not in page.text.replace("http://www.w3.org", "")
     assert client.get("/assets/../server.py").status_code == 404
     assert client.get("/assets/%2e%2e/server.py").status_code == 404
-    bench.sessions.close()
+    sessions.close()
 
 
 def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path: Path) -> None:
@@ -413,7 +422,7 @@ def test_a_rig_is_offered_only_where_the_command_line_named_it(tmp_path: Path) -
     named, plain = Session(tmp_path, rig=tmp_path / "rig.toml"), Session(tmp_path)
     assert '"dm1015b"' in offered(named) and '"dm1015b"' not in offered(plain)
     with pytest.raises(InputError, match="there is no rig here"):
-        live.options(plain, "dm1015b", str(tmp_path / "rig.toml"), "paper", 10.0, "", None, 1)
+        live.options(plain, live_form("dm1015b"))
 
 
 def test_a_rig_that_is_not_described_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -423,15 +432,15 @@ def test_a_rig_that_is_not_described_is_one_line(tmp_path: Path, capsys: pytest.
 
 
 def test_a_form_becomes_options_and_cannot_pass_for_others() -> None:
-    assert {"--excitation=rl", "--policy=rms"} <= set(options("rl-rms", 10, "", None, 0))
-    assert "--excitation=rl-/tmp/own.npz" in options("rl-/tmp/own.npz", 10, "", None, 0)  # which knows no such name
-    words = options("paper", 20, "stribeck=0.4 --output=elsewhere.csv", None, 3)
+    assert {"--excitation=rl", "--policy=rms"} <= set(options(run_form("rl-rms"), "", 0))
+    assert "--excitation=rl-/tmp/own.npz" in options(run_form("rl-/tmp/own.npz"), "", 0)  # which knows no such name
+    words = options(run_form(effect="stribeck=0.4 --output=elsewhere.csv"), "", 3)
     assert all(word.count("--") <= 1 or word.startswith("--effect=") for word in words)
     assert words[-1] == "--seed=3"
     with pytest.raises(InputError, match="lasts from 1"):
-        options("paper", None, "", None, 0)
+        options(run_form(seconds=None), "", 0)
     with pytest.raises(InputError, match="bound of its own"):
-        options("rl-rms", 10, "", 3.0, 0)
+        options(run_form("rl-rms", amplitude=3.0), "", 0)
 
 
 # ------------------------------------------------------------------------------------------------ states

@@ -8,7 +8,7 @@ from typing import Any
 
 import dash
 import numpy as np
-from dash import ALL, Input, Output, State, dcc, html
+from dash import ALL, Dash, Input, Output, State, dcc, html
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
@@ -18,9 +18,9 @@ from pendulum_env.physics import effect
 from pendulum_env.recording import Recording
 from workbench.app.arm import ArmState
 from workbench.app.brushing import MAP, PHASE, TIME, VIEWS, Points, figures, inside, lit, within
-from workbench.app.parts import LINKED, button, dropdown, effects_to_choose, graph, labelled, panel
-from workbench.app.session import Session
-from workbench.app.stage import Bench, Stage
+from workbench.app.parts import LINKED, dropdown, effects_to_choose, field, graph, labelled, panel
+from workbench.app.session import Session, Sessions
+from workbench.app.stage import Stage
 from workbench.app.stages.arm import views
 from workbench.app.state import State as Work
 from workbench.report.case import Case
@@ -41,7 +41,7 @@ def show(session: Session) -> list[Component]:
     controls = [
         labelled("Recording", dropdown("shown", names, names[0]["value"], searchable=False)),
         labelled("Residual of the", dcc.RadioItems(models, last, id="of", inline=True, className="pair")),
-        button("Clear selection", "clear"),
+        html.Button("Clear selection", id="clear", type="button", n_clicks=0, className="action"),
     ]
     return [
         html.Div(controls, className="fields wide"),
@@ -81,7 +81,7 @@ def _flown(case: Case, recording: Recording) -> Component:
 
 def _regions(points: Points, shown: int) -> Component:
     rows = [
-        html.Button(opening(region.text), id={"do": "region", "of": k}, n_clicks=0, type="button", className="link")
+        html.Button(opening(region.text), id={"region": k}, n_clicks=0, type="button", className="link")
         if region.axis != "frequency"
         else opening(region.text)
         for k, region in enumerate(_standing_out(points, shown))
@@ -148,31 +148,31 @@ def say(points: Points, selected: Mask, shown: int) -> str:
     )
 
 
-def connect(bench: Bench) -> None:
+def connect(app: Dash, sessions: Sessions) -> None:
     """Wire the choice of what is shown, and the brushing."""
 
-    @bench.app.callback(
+    @app.callback(
         Output("views", "children"),
         Output("lit", "data", allow_duplicate=True),
         Output("selected", "children", allow_duplicate=True),
-        Input("shown", "value"),
+        Input(field("shown"), "value"),
         Input("of", "value"),
         State("session", "data"),
         prevent_initial_call=True,
     )
     def choose(recording: str, shown: int, id: str) -> tuple[list[Component], None, str]:
-        state = bench.sessions.of(id).state
+        state = sessions.of(id).state
         if isinstance(state, ArmState):
             return views(state, recording), None, ""
         return _views(state, recording, shown), None, HINT
 
-    @bench.app.callback(
+    @app.callback(
         Output("lit", "data"),
         Output("selected", "children"),
         *(Input({"kind": LINKED, "of": view}, "selectedData") for view in VIEWS),
-        Input({"do": "region", "of": ALL}, "n_clicks"),
+        Input({"region": ALL}, "n_clicks"),
         Input("clear", "n_clicks"),
-        State("shown", "value"),
+        State(field("shown"), "value"),
         State("of", "value"),
         State("session", "data"),
         prevent_initial_call=True,
@@ -184,9 +184,9 @@ def connect(bench: Bench) -> None:
             raise PreventUpdate
         if cause == "clear":
             return None, HINT
-        points, source = _points(bench.sessions.of(id).state, recording), None
-        if cause.get("do") == "region":
-            selected = within(points, _standing_out(points, shown)[cause["of"]])
+        points, source = _points(sessions.of(id).state, recording), None
+        if "region" in cause:
+            selected = within(points, _standing_out(points, shown)[cause["region"]])
         elif "range" in value:
             source = cause["of"]
             selected = inside(points, source, value["range"])
@@ -195,4 +195,4 @@ def connect(bench: Bench) -> None:
         return {"source": source, "traces": lit(points, selected, shown)}, say(points, selected, shown)
 
 
-STAGE = Stage("compare", "Compare", show, connect)
+STAGE = Stage("compare", "Compare", show, connect=connect)

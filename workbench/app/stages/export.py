@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 import dash
-from dash import ALL, Input, Output, dcc, html
+from dash import ALL, Dash, Input, Output, dcc, html
 from dash import State as Value
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
@@ -21,8 +21,8 @@ from pendulum_env.recording.study import format_of
 from workbench.app.parts import panel, saves
 from workbench.app.recorder import DIAGNOSIS
 from workbench.app.saved import STUDY, pack, study
-from workbench.app.session import Session
-from workbench.app.stage import Bench, Stage
+from workbench.app.session import Session, Sessions
+from workbench.app.stage import Stage
 from workbench.app.state import State, ids
 from workbench.mistakes import InputError
 
@@ -186,10 +186,10 @@ FILES: dict[str, Callable[[State, str], tuple[str, str | bytes]]] = {  # name an
 }
 
 
-def connect(bench: Bench) -> None:
+def connect(app: Dash, sessions: Sessions) -> None:
     """Wire the files."""
 
-    @bench.app.callback(
+    @app.callback(
         Output("download", "data"),
         Input({"save": ALL, "of": ALL}, "n_clicks"),
         Value("session", "data"),
@@ -199,9 +199,9 @@ def connect(bench: Bench) -> None:
         if not any(entry["value"] for entry in dash.ctx.triggered):
             raise PreventUpdate
         asked = dash.ctx.triggered_id
-        name, content = find("file", asked["save"], FILES)(bench.sessions.of(id).state, asked["of"])
+        name, content = find("file", asked["save"], FILES)(sessions.of(id).state, asked["of"])
         content = content.encode() if isinstance(content, str) else content
         return {"filename": name, "content": b64encode(content).decode(), "base64": True}
 
 
-STAGE = Stage("export", "Export", show, connect)
+STAGE = Stage("export", "Export", show, connect=connect)
